@@ -226,7 +226,7 @@ class FakeViewProvider:
         camera = spec.camera
         rgb = np.full((camera.height_px, camera.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
         bound = self.error_bound(request.camera)
-        bounds = bound.as_dict() if bound else None
+        bounds = bound.numbers_by_name() if bound else None
         return make_rendered_view(RenderedImage(rgb, image.stage_ms), request, bounds=bounds)
 
     def error_bound(self, camera: CameraSpec) -> ErrorBound | None:

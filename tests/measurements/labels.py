@@ -30,7 +30,7 @@ from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.trace_renderer import TraceOmniView
+from catoptra_server.render.trace.trace_renderer import TraceView
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
@@ -73,7 +73,7 @@ def main() -> None:
         drawn = LabelledImage(camera, CAMERA_STATE, samples=2)
 
         def draw_labelled(
-            channels: tuple[str, ...], view: TraceOmniView = view, drawn: LabelledImage = drawn
+            channels: tuple[str, ...], view: TraceView = view, drawn: LabelledImage = drawn
         ) -> None:
             request = labels.request(drawn, channels)
             found = view.render_with_labels(CAMERA_STATE, (), NO_THRESHOLDS, request)[1]

@@ -198,7 +198,7 @@ def test_joints_when_listed_are_the_hinges_with_the_robots_motor(tmp_path: Path)
     (link,) = parts.links
     assert (link.name, link.parent, link.position_m) == ("FR", -1, (0.2, 0.1, 0.0))
     assert (link.max_speed_rad_s, link.max_torque) == (0.5, 7.0)
-    assert link.clamp(99.0) == 99.0
+    assert link.limit_angle(99.0) == 99.0
 
 
 def test_joint_when_turned_goes_about_its_axis(tmp_path: Path) -> None:
@@ -279,7 +279,7 @@ def test_package_when_its_section_lists_links_has_those(tmp_path: Path) -> None:
     links = '[USARMisPkg.Arm]\nLinks=(Name="Elbow",Parent=-1,MaxSpeed=2,MinRange=-1,MaxRange=1)\n'
     (package,) = read_packages(tmp_path, HEAD.format("Arm") + links)
     (link,) = package.links
-    assert (link.name, link.max_speed_rad_s, link.clamp(9.0)) == ("Elbow", 2.0, 1.0)
+    assert (link.name, link.max_speed_rad_s, link.limit_angle(9.0)) == ("Elbow", 2.0, 1.0)
 
 
 def test_package_when_without_joints_is_left_out(tmp_path: Path) -> None:

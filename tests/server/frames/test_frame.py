@@ -1,10 +1,4 @@
-"""Payloads of a frame: each encoding computed once, whatever the number of connections.
-
-Differences in grey levels, beside the picture.
-
-Channels: equal by value, and which of them show a variant.
-
-Labels of a frame: the other hand, objects in view, payloads."""
+"""Frames: channels by value, payloads encoded once, labels, differences."""
 
 from __future__ import annotations
 

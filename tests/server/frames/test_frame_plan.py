@@ -13,22 +13,19 @@ import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.mirrors import SphericalMirror
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.plan.candidates import generate_calibration_plans
-from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
-from catoptra_server.frames.renderers import RendererChoice, RendererPool
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
+from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera
@@ -47,27 +44,9 @@ class FarScene:
         return 1e-6
 
 
-class Renderer:
-    """A renderer that is described, and draws nothing."""
-
-    def describe(self) -> str:
-        return "test renderer"
-
-    def close(self) -> None:
-        pass
-
-
 def make_plans(published: ErrorBoundTable | None = None) -> FramePlanner:
     """Plans by a renderer that was measured at 1 ms a sample."""
-
-    def measure(
-        renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
-    ) -> list[PlanTiming]:
-        plans = generate_calibration_plans(kind, camera, surface)
-        return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
-
-    choice = RendererChoice(Renderer(), RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
-    planner = RenderPlanner(RendererPool(choice), measure=measure)
+    planner = RenderPlanner(make_pool(), measure=measure_per_sample())
     scene: Any = FarScene()
     # The clock stands still: a frame takes the time of its drawing.
     return FramePlanner(planner, scene, error_bounds=published, clock=lambda: 0.0)
@@ -238,7 +217,7 @@ def test_text_and_bounds_follow_the_choice() -> None:
     assert planned.view_key == (SMALL, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
     assert second.bound is not None
-    assert planned.bounds == second.bound.as_dict()
+    assert planned.bounds == second.bound.numbers_by_name()
 
 
 def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
@@ -252,7 +231,7 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
         scene_px = planned.bounds["scene_px"]
         assert scene_px == pytest.approx(angle_rad * compute_image_scale(SMALL).max_px_per_rad)
         for name in ("max_px", "outline_px", "marker_px"):
-            plan_px = choice.bound.as_dict()[name]
+            plan_px = choice.bound.numbers_by_name()[name]
             assert planned.bounds[name] == pytest.approx(plan_px + scene_px)
         assert planned.bounds["max_deg"] >= math.degrees(angle_rad)
 

@@ -1,6 +1,4 @@
-"""State of a camera on a robot: pose, motion, objects and noise, for frames and tools alike.
-
-The image port: viewports of one robot, or a tile for each camera of all robots."""
+"""Cameras on robots, and their tiles and viewports in the image port."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The slot between render thread and event loop: the newest frame, fresh or requested.
-
-Capture times: one frame in rendering a channel, intervals, channels apart."""
+"""Capture times of channels, and the slot of the newest frame, fresh or requested."""
 
 from __future__ import annotations
 

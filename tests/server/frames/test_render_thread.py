@@ -1,8 +1,4 @@
-"""Requests become frames in another thread: in order, composed; a failure ends one channel.
-
-Pauses of channels whose frames fail.
-
-Frames composed of one view or several, with their times, bounds and decisions."""
+"""Requests become frames in another thread; a failure pauses one channel alone."""
 
 from __future__ import annotations
 
@@ -463,7 +459,7 @@ def test_bounds_of_several_views_are_the_largest_of_each() -> None:
     frame = render_frame(make_request(*requests, layout=layout), views, monotonic=lambda: 0.0)
     coarse = views.error_bound(specs[1])
     assert coarse is not None
-    assert frame.error_bounds == coarse.as_dict()
+    assert frame.error_bounds == coarse.numbers_by_name()
 
 
 def test_frame_with_a_reference_shows_the_difference_and_has_the_view_s_own_numbers() -> None:

@@ -39,8 +39,6 @@ from catoptra_server.frames import views as views_module
 from catoptra_server.frames.frame import CameraChannel, FrameLabels, ViewRequest
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.plan.candidates import generate_calibration_plans
-from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings
 from catoptra_server.frames.renderers import (
@@ -63,6 +61,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import make_effect
+from helpers.invented_costs import measure_per_sample
 from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
 from helpers.mirror_checks import make_camera
 from helpers.opengl import device_or_skip
@@ -184,7 +183,10 @@ class Fakes:
         pool = RendererPool(choice, may_replace=may_replace)
         scene: Any = self.scene
         self.views = ViewCache(
-            RenderPlanner(pool, measure=_measure), scene, clock=lambda: self.now_s, **limits
+            RenderPlanner(pool, measure=measure_per_sample()),
+            scene,
+            clock=lambda: self.now_s,
+            **limits,
         )
         self.faults.extend(faults)
 
@@ -204,14 +206,6 @@ class Fakes:
     @property
     def open_bytes(self) -> int:
         return sum(self.prepared) - sum(self.closed)
-
-
-def _measure(
-    renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
-) -> list[PlanTiming]:
-    """Costs of 1 ms a sample."""
-    plans = generate_calibration_plans(kind, camera, surface)
-    return [PlanTiming(plan, {kind.value: 1.0 * plan.samples**2}) for plan in plans]
 
 
 def lens(width_px: int = 20, *effects: ImageEffect) -> PerspectiveCameraSpec:
@@ -416,7 +410,7 @@ def test_bound_of_a_prepared_view_is_published() -> None:
     rendered = fakes.render(MIRROR)
     bound = published.get(MIRROR)
     assert bound is not None
-    assert rendered.frame_plan.bounds == bound.as_dict()
+    assert rendered.frame_plan.bounds == bound.numbers_by_name()
 
 
 def test_hundred_tolerances_need_a_view_for_each_of_a_few_plans() -> None:

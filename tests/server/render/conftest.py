@@ -7,13 +7,12 @@ from contextlib import ExitStack
 
 import pytest
 
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
-from helpers.opengl import device_or_skip
+from helpers.opengl import device_or_skip, make_raster
 from helpers.renderers import RendererFactory
 
 
@@ -34,8 +33,7 @@ def make_renderer(request: pytest.FixtureRequest) -> Iterator[RendererFactory]:
             stack.callback(renderer.close)
             return renderer
 
-        def make_raster(world: World) -> Renderer:
-            device = request.getfixturevalue("device")
-            return RasterRenderer(build_scene(world), world, device=device)
+        def make_rastered(world: World) -> Renderer:
+            return make_raster(request.getfixturevalue("device"), world)
 
-        yield make_trace if request.param == "trace" else make_raster
+        yield make_trace if request.param == "trace" else make_rastered

@@ -39,6 +39,7 @@ from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.opengl import make_raster
 from helpers.standing_things import bake_scene
 from helpers.worlds import (
     CAMERA_STATE,
@@ -218,7 +219,7 @@ def marker_errors(
     pose = CAMERA_STATE.world_from_mirror
     world = marker_world(directions, world_from_mirror=pose)
     plan = make_plan(camera, surface, samples=4, face_size_px=768, face_samples=4)
-    view = RasterRenderer(build_scene(world), world, device=device).prepare(camera, plan)
+    view = make_raster(device, world).prepare(camera, plan)
     image = view.render(CAMERA_STATE).rgb
     view.close()
     positions, seen = pixel_from_direction(camera, directions)

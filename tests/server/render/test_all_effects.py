@@ -26,6 +26,7 @@ from catoptra_server.world.camera_state import FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import DRIVING_STATE, make_effect
 from helpers.image_comparison import level_differences, mask_away_from_edges
+from helpers.opengl import make_raster
 from helpers.worlds import make_omni_camera, make_plan, make_test_world
 
 CAMERA = make_omni_camera(width_px=240)
@@ -100,8 +101,7 @@ def test_frame_when_rendered_again_has_the_same_bytes(device: GlDevice) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_effect_when_it_runs_adds_passes_of_ranges_alone(device: GlDevice, name: str) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     view = renderer.prepare(CAMERA, PLAN)
     view.render(DRIVING_STATE)
     view.render_linear(DRIVING_STATE)

@@ -30,6 +30,7 @@ from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.image_changers import open_changer_or_skip
 from helpers.image_comparison import level_differences, mask_away_from_edges
+from helpers.opengl import make_raster
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -135,7 +136,7 @@ def prepare_trace(world: World, device: GlDevice) -> View:
 
 
 def prepare_raster(world: World, device: GlDevice) -> View:
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device, world)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
 

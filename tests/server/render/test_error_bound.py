@@ -30,7 +30,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.faces import texel_footprint
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import Image, Renderer, RenderPlan
@@ -49,6 +48,7 @@ from helpers.displacement_targets import (
 )
 from helpers.long_cases import quick_cases
 from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.opengl import make_raster
 from helpers.ray_grids import grid_directions, grid_validity
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 
@@ -280,9 +280,7 @@ def max_measured_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, coun
     worst_px = 0.0
     for targets, camera_state in iterate_targets(camera, plan, count=count):
         world = targets.build_world(camera_state.world_from_mirror)
-        image = render_frame(
-            RasterRenderer(build_scene(world), world, device=device), camera, plan, camera_state
-        )
+        image = render_frame(make_raster(device, world), camera, plan, camera_state)
         worst_px = max(worst_px, max_displacement_px(camera, image, targets))
     return worst_px
 
@@ -369,7 +367,7 @@ def test_markers_in_rastered_frames_are_measured_within_the_bound(device: GlDevi
     world = marker_world(
         directions, world_from_mirror=CAMERA_STATE.world_from_mirror, diameter_rad=math.radians(3.0)
     )
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device, world)
     image = render_frame(renderer, camera, plan, CAMERA_STATE)
     positions, _ = pixel_from_direction(camera, directions)
     errors_px = [np.hypot(*(marker_centroid(image, at, window_px=7.0) - at)) for at in positions]

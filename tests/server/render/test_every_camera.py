@@ -19,7 +19,6 @@ from catoptra_server.config.camera_file import CameraFile, carry_camera, read_ca
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import choose_by_settings, plan_from_settings
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer
@@ -29,6 +28,7 @@ from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, World
 from helpers.long_cases import quick_cases
 from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.opengl import make_raster
 from helpers.worlds import CAMERA_STATE
 
 FILES = read_camera_files(())
@@ -172,7 +172,7 @@ def test_markers_are_rastered_at_the_pixels_of_the_model(
         # Texels next to the antipode would be displaced over the whole of its circle.
         assert not camera.is_central or camera.rim_rad == math.pi
         return
-    raster = RasterRenderer(build_scene(world), world, device=device)
+    raster = make_raster(device, world)
     errors_px, bound_px = marker_errors_px(raster, RendererKind.RASTER, camera, directions)
     assert errors_px.max() < 0.1
     assert errors_px.max() <= bound_px

@@ -1,6 +1,4 @@
-"""Effects by their own formulas: stages, changes and encoding.
-
-The table of sRGB greys against the formula in float64."""
+"""Effects by their own formulas, and the table of sRGB greys against float64."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences
 from helpers.markers import marker_centroid, marker_world
+from helpers.opengl import make_raster
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -90,8 +91,7 @@ def test_face_ahead_is_a_square_camera_of_90_degrees(device: GlDevice, kind: str
 
 
 def test_raster_renders_one_viewport_and_no_mirror(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     view = renderer.prepare_perspective(CAMERA, 2)
     assert view.pass_names == ("faces", "average")
     assert view.face_counts.num_cells == 1
@@ -101,8 +101,7 @@ def test_raster_renders_one_viewport_and_no_mirror(device: GlDevice) -> None:
 
 
 def test_zoom_compiles_no_program_and_renders_nothing_in_advance(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     renderer.prepare_perspective(CAMERA, 2).close()
     built = renderer.program_names
     zoomed = renderer.prepare_perspective(PerspectiveCamera(320, 240, 0.5), 2)
@@ -112,7 +111,6 @@ def test_zoom_compiles_no_program_and_renders_nothing_in_advance(device: GlDevic
 
 
 def test_image_beyond_the_device_is_rejected(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     with pytest.raises(DomainError, match="too many"):
         renderer.prepare_perspective(PerspectiveCamera(100_000, 10, 1.0), 4)

@@ -1,4 +1,4 @@
-""""""
+"""Accuracy targets of a camera."""
 
 from __future__ import annotations
 

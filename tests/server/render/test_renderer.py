@@ -1,8 +1,4 @@
-"""The parts of the renderer protocol that need no renderer.
-
-Sizes of face regions in texels.
-
-Validity of plans, and their description."""
+"""What needs no renderer: plans and their regions, stages, time samples."""
 
 from __future__ import annotations
 

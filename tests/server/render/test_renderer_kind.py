@@ -1,6 +1,4 @@
-"""Names of renderers, as options of the command lines.
-
-Without embreex raster renders, and what casts rays is refused by the package's name."""
+"""Names of renderers; without embreex raster renders, and rays are refused by its name."""
 
 from __future__ import annotations
 

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import Image, Renderer
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
-from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, MeshFile, World
 from helpers.image_comparison import level_differences
+from helpers.opengl import make_raster
 from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import (
     CAMERA_STATE,
@@ -55,7 +55,7 @@ def render_world(request: pytest.FixtureRequest) -> Iterator[Draw]:
             plan = make_plan(camera, tessellation) if tessellation else make_plan(camera)
             if request.param == "raster":
                 device = request.getfixturevalue("device")
-                renderer: Renderer = RasterRenderer(build_scene(world), world, device=device)
+                renderer: Renderer = make_raster(device, world)
             else:
                 renderer = stack.enter_context(open_renderer(request.param, world, threads=2))
             view = renderer.prepare(camera, plan)
@@ -125,20 +125,29 @@ def test_triangles_when_thin_as_hairs_are_rendered_or_not_but_harm_nothing(
     assert (level_differences(with_hairs, empty) > 0).mean() < 0.02
 
 
+# Poses themselves are rounded to 2e-10 m at 2000 km.
+@pytest.mark.parametrize(
+    ("away", "different"),
+    [(TEN_KM, 1e-3), ((1e5, -1e5, 5e4), 2e-3), ((2e6, -1e6, 300.0), 2e-3)],
+    ids=["10 km", "100 km", "2000 km"],
+)
 @pytest.mark.parametrize(
     "lights",
     [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
     ids=["directional light", "point light"],
 )
-def test_world_when_ten_kilometres_from_the_origin_has_the_same_image(
-    render_world: Draw, lights: tuple[object, ...]
+def test_world_when_far_from_the_origin_has_the_same_image(
+    render_world: Draw,
+    lights: tuple[object, ...],
+    away: tuple[float, float, float],
+    different: float,
 ) -> None:
     camera = make_omni_camera(width_px=96)
-    offset = Pose.from_rpy(TEN_KM)
+    offset = Pose.from_rpy(away)
     near = make_test_world(lights=lights)  # type: ignore[arg-type]
-    far = translate_world(near, TEN_KM)
+    far = translate_world(near, away)
     shifted = tuple(
-        replace(light, position_m=tuple(np.add(light.position_m, TEN_KM)))
+        replace(light, position_m=tuple(np.add(light.position_m, away)))
         if light is POINT_LIGHT
         else light
         for light in near.lights
@@ -147,9 +156,9 @@ def test_world_when_ten_kilometres_from_the_origin_has_the_same_image(
     there = render_world(
         replace(far, lights=shifted), camera, offset @ CAMERA_STATE.world_from_mirror
     )
-    # Float64 keeps positions to 2e-12 m there, and all float32 is relative to the world's centre:
+    # Float64 keeps positions to 2e-12 m at 10 km, all float32 is relative to the world's centre:
     # only samples whose ray passes an edge within 1e-6 m may show its other side.
-    assert (level_differences(here, there) > 1).mean() < 1e-3
+    assert (level_differences(here, there) > 1).mean() < different
 
 
 @pytest.mark.parametrize("c_m", [1e-3, 1e3])
@@ -218,7 +227,11 @@ def test_rim_when_next_to_the_asymptote_of_nearly_a_plane_is_rendered(render_wor
     assert (image[1:-1, 32] > 0).any(axis=-1).all()
 
 
-def test_world_when_empty_is_its_background(render_world: Draw) -> None:
-    image = render_world(World("empty", (), background=BLUE), make_omni_camera(width_px=33))
-    assert image[16, 16].tolist() == [0, 0, 255]
-    assert image[0, 0].tolist() == [0, 0, 0]
+def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it(
+    render_world: Draw,
+) -> None:
+    camera = make_omni_camera(width_px=33)
+    image = render_world(World("empty", (), background=(1.0, 0.0, 0.2159)), camera)
+    _, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    np.testing.assert_array_equal(image[~seen], 0)
+    np.testing.assert_array_equal(image[seen], np.tile([255, 0, 128], (seen.sum(), 1)))

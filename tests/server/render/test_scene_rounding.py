@@ -238,4 +238,4 @@ def test_shipped_scale_costs_thousandths_of_a_pixel() -> None:
         summarizer = SceneSummarizer(build_scene(world), world)
         angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(CAMERA, plan))
         bound = add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad)
-        assert 0.0 < bound.as_dict()["scene_px"] < most_px
+        assert 0.0 < bound.numbers_by_name()["scene_px"] < most_px

@@ -17,21 +17,20 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
-from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
 from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import make_any_effect
-from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
-from helpers.worlds import make_plan, make_test_world
-from server.render.test_perspective_effects import NAMES, STATE, STRONG
+from helpers.worlds import make_plan
+from server.render.test_perspective_effects import (
+    NAMES,
+    STRONG,
+    compare_renderers,
+    find_chain,
+    plan_always,
+)
 
 STILL = CameraState(Pose.identity())
 # So few pixels across 220 degrees need a lens of 41 mm for discs of some pixels.
@@ -57,45 +56,24 @@ def make_fisheye(
 CAMERA = make_fisheye()
 
 
-def plan_always(world: World, camera_state: CameraState, *effects: Effect) -> EffectPlan:
-    settings = EffectSettings(tuple(EffectSetting(one, EffectMode.ALWAYS) for one in effects))
-    summary = SceneSummarizer(build_scene(world), world).summarize(camera_state, CAMERA)
-    return plan_effects(settings, summary, CAMERA)
-
-
-def find_chain(name: str) -> tuple[Effect, ...]:
-    """An effect, behind another one where no light of the world calls for it."""
-    names = ("Exposure", name) if name == "Blooming" else (name,)
-    return tuple(make_any_effect(each, STRONGER.get(each)) for each in names)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_renderers_with_an_effect_agree(device: GlDevice, name: str) -> None:
-    world = make_test_world()
-    scene = build_scene(world)
-    plan = plan_always(world, STATE, *find_chain(name))
-    staged = apply_scene_effects(STATE, plan)
-    trace = TraceRenderer(scene, world, threads=2)
-    traced_view = trace.prepare(CAMERA, make_plan(CAMERA, samples=2))
-    before = plan_always(world, STATE, *find_chain(name)[:-1])
-    calm = traced_view.render(STATE, before.image_effects).rgb
-    traced = traced_view.render(staged, plan.image_effects).rgb
-    trace.close()
     raster_plan = make_plan(CAMERA, samples=2, face_size_px=320, face_samples=2)
-    view = RasterRenderer(scene, world, device=device).prepare(CAMERA, raster_plan)
-    rastered = view.render(staged, plan.image_effects).rgb
-    view.close()
-    assert (level_differences(calm, traced) > 0).mean() > 1e-3, "the effect shows"
-    difference = level_differences(rastered, traced)
-    smooth = mask_away_from_edges(calm) & mask_away_from_edges(traced)
-    assert (difference[smooth] > 2).mean() < 5e-3
-    assert (difference > 2).mean() < 0.12
+    smooth, everywhere = compare_renderers(
+        device,
+        CAMERA,
+        find_chain(name, STRONGER),
+        prepare_traced=lambda renderer: renderer.prepare(CAMERA, make_plan(CAMERA, samples=2)),
+        prepare_rastered=lambda renderer: renderer.prepare(CAMERA, raster_plan),
+    )
+    assert smooth < 5e-3
+    assert everywhere < 0.12
 
 
 def test_vignetting_is_the_solid_angle_of_each_pixel(make_renderer: RendererFactory) -> None:
     world = World("flat", (), background=(0.5, 0.5, 0.5))
     view = make_renderer(world).prepare(CAMERA, make_plan(CAMERA, samples=1, face_size_px=64))
-    plan = plan_always(world, STILL, make_any_effect("Vignetting"))
+    plan = plan_always(world, STILL, CAMERA, make_any_effect("Vignetting"))
     image = view.render_linear(STILL, plan.image_effects)[..., 1]
     view.close()
     direction, valid = CAMERA.direction_from_pixel(pixel_sample_positions(CAMERA)[:, :, 0])

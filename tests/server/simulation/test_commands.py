@@ -1,10 +1,4 @@
-"""SET: results OK and Failed.
-
-GETCONF and GETGEO of every bundled robot: no or an empty reply stalls real clients.
-
-Commands that need power, on a robot by itself.
-
-Driving the robots of others: only shared ones, and none rolls on without its driver."""
+"""SET, GETCONF and GETGEO, commands that need power, and driving the robots of others."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Wheel spin to travel to pose: directions, limits, slip, and the hard cases of the arc.
-
-A robot's base at walls."""
+"""Wheel spin to travel to pose: directions, limits, slip, arcs; a base at walls."""
 
 from __future__ import annotations
 
@@ -42,7 +40,7 @@ ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 def test_spin_when_limited_saturates_each_side(
     left: float, right: float, expected: tuple[float, float]
 ) -> None:
-    assert WheelSpin(left, right).clamp(5.0) == WheelSpin(*expected)
+    assert WheelSpin(left, right).limit_to(5.0) == WheelSpin(*expected)
 
 
 def test_travel_with_equal_spins_is_straight() -> None:

@@ -29,6 +29,7 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
+from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.sensor import EmptyScene, Triangles
@@ -283,3 +284,17 @@ def test_frame_of_a_robot_without_a_camera_is_black() -> None:
     frame = render_channel(fleet)
     assert (frame.metadata.camera, frame.rgb.any()) == ("", False)
     assert execute(fleet, client, GetConf("Camera")) == [Configuration("Camera")]
+
+
+@pytest.mark.parametrize(("camera", "is_found"), [("", True), ("OMNICAM", True), ("Other", False)])
+def test_accuracy_target_when_the_camera_is_named_in_any_case_is_set(
+    camera: str, is_found: bool
+) -> None:
+    fleet, client = make_fleet(), FakeClient()
+    event = AccuracyTargetChanged(client, camera, 2.5, None, lambda *reply: None)
+    assert fleet.set_accuracy_target(event) == (None, camera)
+    fleet.execute(client, INIT, 0.0)
+    spec, _ = fleet.set_accuracy_target(event)
+    assert (spec is not None) is is_found
+    if spec is not None:
+        assert spec.render_settings.accuracy_target.max_error_px == 2.5

@@ -1,10 +1,9 @@
-"""Environments: the other robots as boxes, and their names.
-
-Queries of a channel: the camera that it names, at the robot's present pose.
-
-Cameras of several robots: which one a channel shows, its tile, and what it can see."""
+"""Environments, cameras of channels, and queries about what a camera sees."""
 
 from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,12 +20,9 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, ReferenceKind
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.fleet_cameras import (
-    CameraQueries,
     FleetCameras,
     FleetEnvironment,
-    set_accuracy_target,
 )
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
@@ -37,7 +33,7 @@ from catoptra_server.simulation.robot_description import (
 )
 from catoptra_server.simulation.sensors.sensor import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
-from helpers.robots import FakeClient, make_p2at, make_walled_world
+from helpers.robots import make_p2at, make_walled_world
 
 WORLD = make_walled_world()
 SCENE = build_scene(WORLD)
@@ -51,9 +47,10 @@ def make_robots(*names: str) -> list[Robot]:
     ]
 
 
-def make_environment(robots: list[Robot]) -> FleetEnvironment:
+def make_environment(robots: Collection[Robot]) -> FleetEnvironment:
     index = CollisionIndex(SCENE, [make_p2at()])
-    return FleetEnvironment(robots, WORLD, SCENE, EmptyScene(), index)
+    world = replace(WORLD, landmarks=(BEACON,))
+    return FleetEnvironment(robots, world, SCENE, EmptyScene(), index)
 
 
 def test_robot_when_it_senses_meets_the_others_and_not_itself() -> None:
@@ -72,7 +69,7 @@ def test_robot_when_removed_is_not_sensed_any_more() -> None:
 
 def test_robot_when_in_view_of_another_has_its_name() -> None:
     robots = make_robots("A", "B")
-    things = make_environment(robots).name_things(robots[0])
+    things = make_environment(robots).name_objects(robots[0])
     distance_m, name = things.find_first(np.array([0.0, 0.0, -0.1]), np.array([1.0, 0.0, 0.0]))
     assert name == "B"
     assert 1.0 < distance_m < 2.0
@@ -81,13 +78,8 @@ def test_robot_when_in_view_of_another_has_its_name() -> None:
 BEACON = Landmark("b", "beacon", 2.0, 0.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 
 
-def make_queries(*robots: Robot) -> CameraQueries:
-    world = make_walled_world()
-    scene, classes = build_scene(world), [make_p2at()]
-    index = CollisionIndex(scene, classes)
-    environment = FleetEnvironment(robots, world, scene, EmptyScene(), index)
-    cameras = FleetCameras(robots, classes, None)
-    return CameraQueries(cameras, environment, (BEACON,), lambda camera: None)
+def make_queries(*robots: Robot) -> FleetCameras:
+    return FleetCameras(robots, [make_p2at()], make_environment(robots))
 
 
 def make_robot(name: str, x_m: float) -> Robot:
@@ -128,7 +120,10 @@ class Cameras:
     ) -> None:
         self.robots: dict[str, Robot] = {}
         self._description = description or make_p2at()
-        self.cameras = FleetCameras(self.robots.values(), [self._description], multi_view)
+        robots = self.robots.values()
+        self.cameras = FleetCameras(
+            robots, [self._description], make_environment(robots), multi_view=multi_view
+        )
 
     def spawn(self, *names: str) -> None:
         for name in names:
@@ -232,17 +227,3 @@ def test_variant_of_a_perspective_camera_is_refused() -> None:
     cameras.spawn("A")
     with pytest.raises(DomainError, match="only omnidirectional cameras have variants"):
         cameras.compose(CameraChannel("A", "", CameraVariant()))
-
-
-@pytest.mark.parametrize(("camera", "is_found"), [("", True), ("OMNICAM", True), ("Other", False)])
-def test_accuracy_target_when_the_camera_is_named_in_any_case_is_set(
-    camera: str, is_found: bool
-) -> None:
-    cameras = Cameras()
-    cameras.spawn("R")
-    event = AccuracyTargetChanged(FakeClient(), camera, 2.5, None, lambda reply: None)
-    spec, _ = set_accuracy_target(cameras.robots["R"], event)
-    assert (spec is not None) is is_found
-    if spec is not None:
-        assert spec.render_settings.accuracy_target.max_error_px == 2.5
-    assert set_accuracy_target(None, event) == (None, camera)

@@ -1,8 +1,4 @@
-"""One robot: commands, reports and replies.
-
-Due times of reports.
-
-State of a fleet for viewers: all robots, readings and notes of one."""
+"""One robot: commands, reports and their times; the state of a fleet for viewers."""
 
 from __future__ import annotations
 
@@ -223,7 +219,7 @@ def test_configuration_when_of_the_robot_names_the_model() -> None:
 
 @pytest.mark.parametrize("type_", ["Odometry", "odometry"])
 def test_part_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
-    (part,) = spawn().find_parts(type_)
+    (part,) = spawn().find_parts_of_type(type_)
     assert (part.type, part.name) == ("Odometry", "Odometry")
 
 
@@ -258,7 +254,7 @@ def test_flippers_when_driven_are_reported_by_status_and_encoders() -> None:
 
 
 def test_flippers_are_no_mission_package() -> None:
-    assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts("MisPkg") == []
+    assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts_of_type("MisPkg") == []
 
 
 @pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])
@@ -344,7 +340,7 @@ def make_fleet() -> Fleet:
     return Fleet([make_p2at()], world, build_scene(world), seed=1)
 
 
-def spawn_of_robot_state(fleet: Fleet, name: str, x_m: float = 0.0) -> FakeClient:
+def spawn_in(fleet: Fleet, name: str, x_m: float = 0.0) -> FakeClient:
     client = FakeClient()
     fleet.execute(client, Init("OmniP2AT", name=name, location_m=(x_m, 0.0, 0.0)), 0.0)
     return client
@@ -357,8 +353,8 @@ def test_state_of_an_empty_fleet_is_empty() -> None:
 
 def test_state_lists_all_robots_and_details_the_displayed_one() -> None:
     fleet = make_fleet()
-    first = spawn_of_robot_state(fleet, "A")
-    spawn_of_robot_state(fleet, "B", 5.0)
+    first = spawn_in(fleet, "A")
+    spawn_in(fleet, "B", 5.0)
     fleet.execute(first, Drive(1.0, 2.0), 0.0)
     fleet.execute(first, ShareControl(True), 0.0)
     state = fleet.get_state("")
@@ -371,7 +367,7 @@ def test_state_lists_all_robots_and_details_the_displayed_one() -> None:
 
 def test_state_has_the_pose_of_now_and_that_of_the_start() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A", 1.0)
+    client = spawn_in(fleet, "A", 1.0)
     fleet.execute(client, Drive(2.0, 2.0), 0.0)
     for tick in range(1, 101):
         fleet.step(0.02, 0.02 * tick)
@@ -384,14 +380,14 @@ def test_state_has_the_pose_of_now_and_that_of_the_start() -> None:
 @pytest.mark.parametrize("name", ["a", "C", "A\0"])
 def test_state_of_an_unknown_robot_has_no_details(name: str) -> None:
     fleet = make_fleet()
-    spawn_of_robot_state(fleet, "A")
+    spawn_in(fleet, "A")
     state = fleet.get_state(name)
     assert (len(state.robots), state.robot, state.reports) == (1, "", ())
 
 
 def test_state_has_the_newest_report_of_each_sensor_once() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A")
+    client = spawn_in(fleet, "A")
     for tick in range(1, 21):
         fleet.step(0.02, 0.02 * tick)
         fleet.deliver_due_reports(0.02 * tick)
@@ -403,7 +399,7 @@ def test_state_has_the_newest_report_of_each_sensor_once() -> None:
 
 def test_note_replaces_the_one_of_its_name() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A")
+    client = spawn_in(fleet, "A")
     for time_s, text in enumerate(['{"x":1}', '{"x":2}']):
         fleet.publish(client, Note("ekf", text), float(time_s))
     (published,) = fleet.get_state("A").notes
@@ -412,7 +408,7 @@ def test_note_replaces_the_one_of_its_name() -> None:
 
 def test_notes_when_flooded_are_limited_and_the_old_ones_stay() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A")
+    client = spawn_in(fleet, "A")
     for i in range(MAX_NOTES):
         fleet.publish(client, Note(f"note {i}", "{}"), 0.0)
     for i in range(MAX_NOTES, 1000):
@@ -423,7 +419,7 @@ def test_notes_when_flooded_are_limited_and_the_old_ones_stay() -> None:
 
 def test_notes_of_the_control_port_are_stored_and_limited() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A")
+    client = spawn_in(fleet, "A")
     for number in range(MAX_NOTES + 1):
         fleet.execute(client, Note(f"note {number}", "{}"), 0.0)
     assert len(fleet.get_state("A").notes) == MAX_NOTES
@@ -431,10 +427,10 @@ def test_notes_of_the_control_port_are_stored_and_limited() -> None:
 
 def test_notes_go_with_their_robot() -> None:
     fleet = make_fleet()
-    client = spawn_of_robot_state(fleet, "A")
+    client = spawn_in(fleet, "A")
     fleet.publish(client, Note("ekf", "{}"), 0.0)
     fleet.remove(client)
     with pytest.raises(RejectedError, match="this client has no robot"):
         fleet.publish(client, Note("ekf", "{}"), 0.0)
-    spawn_of_robot_state(fleet, "A")
+    spawn_in(fleet, "A")
     assert fleet.get_state("A").notes == ()

@@ -1,6 +1,4 @@
-"""Mounts.
-
-A pose on the floor as a pose in space."""
+"""Mounts and poses on the floor."""
 
 from __future__ import annotations
 

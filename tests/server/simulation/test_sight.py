@@ -1,6 +1,4 @@
-"""Landmarks in view, in rooms and behind boxes of exact geometry.
-
-Directions, ranges, names and bounds at points of an image."""
+"""Landmarks in view, and the thing at a point of an image, against exact geometry."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Class, place and name of INIT.
-
-Meshes of robots: one a class, at the pose of each robot."""
+"""Class, place and name of INIT; meshes of robots."""
 
 from __future__ import annotations
 

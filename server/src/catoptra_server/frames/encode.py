@@ -54,6 +54,21 @@ def is_quick(rgb: Image, encoding: ImageType | ImageEncoding) -> bool:
     return encoding in (ImageType.RAW, ImageEncoding.RAW) and rgb.nbytes <= _MAX_QUICK_BYTES
 
 
+def payload_of_reply(reply: Payload) -> memoryview:
+    """Payload of a reply of the image port, without a copy."""
+    return memoryview(reply)[_FRAME_HEADER_BYTES:]
+
+
+def crop(rgb: Image, x: int, y: int, width: int, height: int) -> Image:
+    """Part of an image inside a rectangle clamped to the image; at least one pixel."""
+    rows, columns = rgb.shape[:2]
+    # USARSim leaves a rectangle outside the image undefined; here its nearest pixel is returned.
+    left, top = min(x, columns - 1), min(y, rows - 1)
+    right = min(max(x + width, left + 1), columns)
+    bottom = min(max(y + height, top + 1), rows)
+    return rgb[top:bottom, left:right]
+
+
 def _encode_image(rgb: Image, encoding: ImageType | ImageEncoding) -> Payload:
     if encoding is ImageEncoding.RAW:
         return np.ascontiguousarray(rgb).data.cast("B")
@@ -68,11 +83,6 @@ def _encode_image(rgb: Image, encoding: ImageType | ImageEncoding) -> Payload:
         return _encode_file(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     file = _encode_file(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY[encoding]])
     return encode_frame_header(encoding, len(file)) + file
-
-
-def payload_of_reply(reply: Payload) -> memoryview:
-    """Payload of a reply of the image port, without a copy."""
-    return memoryview(reply)[_FRAME_HEADER_BYTES:]
 
 
 def _encode_raw(rgb: Image) -> memoryview:
@@ -97,13 +107,3 @@ def _encode_file(suffix: str, bgr: Image, options: list[int]) -> bytes:
     assert ok, "cv2 encodes every 8-bit image"
     payload: bytes = stream.tobytes()
     return payload
-
-
-def crop(rgb: Image, x: int, y: int, width: int, height: int) -> Image:
-    """Part of an image inside a rectangle clamped to the image; at least one pixel."""
-    rows, columns = rgb.shape[:2]
-    # USARSim leaves a rectangle outside the image undefined; here its nearest pixel is returned.
-    left, top = min(x, columns - 1), min(y, rows - 1)
-    right = min(max(x + width, left + 1), columns)
-    bottom = min(max(y + height, top + 1), rows)
-    return rgb[top:bottom, left:right]

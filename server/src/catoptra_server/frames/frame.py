@@ -41,46 +41,6 @@ from catoptra_server.world.camera_state import CameraState
 
 
 @dataclass(frozen=True, slots=True)
-class ImageDifference:
-    """Difference in encoded grey levels."""
-
-    reference_plan: str
-    """Plan of the reference in words."""
-    max_levels: int
-    """Largest absolute difference of a value."""
-    rms_levels: float
-    """Root mean square over all pixels and colours."""
-    changed_fraction: float
-    """Fraction of the pixels that differ in a colour."""
-
-
-def append_difference(
-    rgb: Image, reference: Image, reference_plan: str
-) -> tuple[Image, ImageDifference]:
-    """Image of twice the width, with the absolute differences to the right of the picture.
-
-    Args:
-        rgb: (h, w, 3) uint8.
-        reference: Likewise, of the same exposure.
-        reference_plan: Plan of the reference in words.
-
-    Returns:
-        The (h, 2 w, 3) image, read-only, and the difference in numbers.
-    """
-    # In uint8: the larger minus the smaller never wraps around.
-    levels = np.maximum(rgb, reference) - np.minimum(rgb, reference)
-    image = np.concatenate((rgb, levels), axis=1)
-    image.setflags(write=False)
-    squares = np.bincount(levels.ravel(), minlength=256) * np.arange(256.0) ** 2
-    return image, ImageDifference(
-        reference_plan,
-        max_levels=int(levels.max(initial=0)),
-        rms_levels=math.sqrt(float(squares.sum()) / max(1, levels.size)),
-        changed_fraction=float(levels.any(axis=2).mean()),
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class ImagePortChannel:
     """The image of the image port, or one tile of a multi-view."""
 
@@ -97,7 +57,7 @@ class CameraChannel:
     camera: str
     """Name of the camera in any case; empty for the robot's first camera."""
     variant: CameraVariant | None = None
-    """Other settings, of an omnidirectional camera; None for those of the camera."""
+    """Other settings, of an omnidirectional camera; None for the camera's own."""
 
 
 # Compared by value: channels are keys of mailboxes and of the scheduler.
@@ -167,61 +127,25 @@ class FrameRequest:
     composition: FrameComposition
 
 
-# Level 1: ranges shrink to 60 % and ids to 1 % of their bytes; higher levels take twice the time
-# for a few per cent.
-_ZLIB_LEVEL = 1
+@dataclass(frozen=True, slots=True)
+class FrameRequested:
+    """A connection waits for a frame of a channel."""
+
+    newer_than: float = math.inf
+    """Sequence number of the newest frame already at hand; a frame captured after that number and
+    still being rendered satisfies the request, infinity always has a new one captured."""
+    channel: Channel = IMAGE_PORT
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameLabels:
-    """Labels of the picture of one camera."""
+@dataclass(frozen=True, slots=True)
+class FrameRendered:
+    """A requested frame is finished: the channel may capture the next one."""
 
-    truth: GroundTruth
-    has_row_times: bool = False
-    """Whether each row of pixels has a time of its own."""
-    is_displaced: bool = False
-    """Whether the labels are of a displaced capture camera."""
-    flow_to_time_s: float | None = None
-    """Time of the frame that the flow leads to."""
-    # A frozen record with a cache: payloads follow from the channels alone.
-    _encoded: dict[ChannelEncoding, Mapping[str, Payload]] = field(default_factory=dict)
-
-    def turn(self) -> FrameLabels:
-        """Labels of the picture turned round left to right."""
-        turned = {
-            name: np.ascontiguousarray(values[:, ::-1])
-            for name, values in self.truth.channels.items()
-        }
-        if "flow" in turned:
-            turned["flow"][..., 0] *= -1.0
-        return replace(self, truth=replace(self.truth, channels=turned), _encoded={})
-
-    def objects_in_view(self) -> tuple[LabelledObject, ...]:
-        """Objects whose numbers the channel `ids` has; none without that channel."""
-        ids = self.truth.channels.get("ids")
-        if ids is None:
-            return ()
-        present = np.bincount(ids.reshape(-1), minlength=2**16) > 0
-        return tuple(one for one in self.truth.objects if present[one.number])
-
-    async def encode(self, encoding: ChannelEncoding) -> Mapping[str, Payload]:
-        """Parts of all channels by name, encoded once for all clients; on the event loop."""
-        if encoding not in self._encoded:
-            channels = self.truth.channels
-            self._encoded[encoding] = (
-                {name: values.data.cast("B") for name, values in channels.items()}
-                if encoding is ChannelEncoding.RAW
-                else await asyncio.to_thread(_compress, channels)
-            )
-        return self._encoded[encoding]
+    channel: Channel
 
 
-def _compress(channels: Channels) -> Mapping[str, Payload]:
-    return {
-        name: zlib.compress(values.data.cast("B"), _ZLIB_LEVEL) for name, values in channels.items()
-    }
-
-
+# The events of `Mailboxes`, a part of the simulation's.
+FrameEvent = FrameRequested | FrameRendered
 _Encoding = ImageType | ImageEncoding
 
 
@@ -283,22 +207,96 @@ class Frame:
         return await asyncio.shield(self._running[encoding])
 
 
+# Level 1: ranges shrink to 60 % and ids to 1 % of their bytes; higher levels take twice the time
+# for a few per cent.
+_ZLIB_LEVEL = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameLabels:
+    """Labels of the picture of one camera."""
+
+    truth: GroundTruth
+    has_row_times: bool = False
+    """Whether each row of pixels has a time of its own."""
+    is_displaced: bool = False
+    """Whether the capture camera is displaced."""
+    flow_to_time_s: float | None = None
+    """Time of the frame that the flow leads to."""
+    # A frozen record with a cache: payloads follow from the channels alone.
+    _encoded: dict[ChannelEncoding, Mapping[str, Payload]] = field(default_factory=dict)
+
+    def turn(self) -> FrameLabels:
+        """Labels of the picture turned round left to right."""
+        turned = {
+            name: np.ascontiguousarray(values[:, ::-1])
+            for name, values in self.truth.channels.items()
+        }
+        if "flow" in turned:
+            turned["flow"][..., 0] *= -1.0
+        return replace(self, truth=replace(self.truth, channels=turned), _encoded={})
+
+    def objects_in_view(self) -> tuple[LabelledObject, ...]:
+        """Objects whose numbers the channel `ids` has; none without that channel."""
+        ids = self.truth.channels.get("ids")
+        if ids is None:
+            return ()
+        present = np.bincount(ids.reshape(-1), minlength=2**16) > 0
+        return tuple(one for one in self.truth.objects if present[one.number])
+
+    async def encode(self, encoding: ChannelEncoding) -> Mapping[str, Payload]:
+        """Parts of all channels by name, encoded once for all clients; on the event loop."""
+        if encoding not in self._encoded:
+            channels = self.truth.channels
+            self._encoded[encoding] = (
+                {name: values.data.cast("B") for name, values in channels.items()}
+                if encoding is ChannelEncoding.RAW
+                else await asyncio.to_thread(_compress, channels)
+            )
+        return self._encoded[encoding]
+
+
 @dataclass(frozen=True, slots=True)
-class FrameRequested:
-    """A connection waits for a frame of a channel."""
+class ImageDifference:
+    """Difference in encoded grey levels."""
 
-    newer_than: float = math.inf
-    """Sequence number of the newest frame already at hand; a frame captured after that number and
-    still being rendered satisfies the request, infinity always has a new one captured."""
-    channel: Channel = IMAGE_PORT
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRendered:
-    """A requested frame is finished: the channel may capture the next one."""
-
-    channel: Channel
+    reference_plan: str
+    """Plan of the reference in words."""
+    max_levels: int
+    """Largest absolute difference of a value."""
+    rms_levels: float
+    """Root mean square over all pixels and colours."""
+    changed_fraction: float
+    """Fraction of the pixels that differ in a colour."""
 
 
-# The events of `Mailboxes`, a part of those of the simulation.
-FrameEvent = FrameRequested | FrameRendered
+def append_difference(
+    rgb: Image, reference: Image, reference_plan: str
+) -> tuple[Image, ImageDifference]:
+    """Image of twice the width, with the absolute differences to the right of the picture.
+
+    Args:
+        rgb: (h, w, 3) uint8.
+        reference: Likewise, of the same exposure.
+        reference_plan: Plan of the reference in words.
+
+    Returns:
+        The (h, 2 w, 3) image, read-only, and the difference in numbers.
+    """
+    # In uint8: the larger minus the smaller never wraps around.
+    levels = np.maximum(rgb, reference) - np.minimum(rgb, reference)
+    image = np.concatenate((rgb, levels), axis=1)
+    image.setflags(write=False)
+    squares = np.bincount(levels.ravel(), minlength=256) * np.arange(256.0) ** 2
+    return image, ImageDifference(
+        reference_plan,
+        max_levels=int(levels.max(initial=0)),
+        rms_levels=math.sqrt(float(squares.sum()) / max(1, levels.size)),
+        changed_fraction=float(levels.any(axis=2).mean()),
+    )
+
+
+def _compress(channels: Channels) -> Mapping[str, Payload]:
+    return {
+        name: zlib.compress(values.data.cast("B"), _ZLIB_LEVEL) for name, values in channels.items()
+    }

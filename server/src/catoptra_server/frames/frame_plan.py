@@ -13,8 +13,8 @@ error bounds may be read by any thread.
   frame is planned anew. Headroom, a more accurate plan predicted to take at most 0.85 of the
   budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
   The price of a budget: bytes depend on the machine.
-* The bound of a frame is that of its plan and what the scene's coordinates contribute: 2
-  microseconds a frame, half a millisecond in a new cell of the scene's grid.
+* The bound of a frame is the plan's and the share of the scene's coordinates: 2 microseconds a
+  frame, half a millisecond in a new cell of the scene's grid.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class CameraPlan:
         if self.choice is not None and self.choice.bound is not None:
             camera = cast(OmniCamera, self.camera.camera)
             self.coordinate_errors = coordinate_errors(camera, self.choice.plan)
-            self.bounds = self.choice.bound.as_dict()
+            self.bounds = self.choice.bound.numbers_by_name()
 
     def set_choice(self, choice: PlanChoice) -> None:
         """Replace the plan by a new choice."""
@@ -215,7 +215,7 @@ class CameraPlan:
         tolerance_px = camera.render_settings.accuracy_target.max_error_px
         is_exceeded = 0.0 < tolerance_px < bound.outline_error_px
         self.choice = replace(choice, bound=bound, target_met=choice.target_met and not is_exceeded)
-        self.bounds = bound.as_dict()
+        self.bounds = bound.numbers_by_name()
         return True
 
 

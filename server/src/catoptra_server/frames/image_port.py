@@ -31,32 +31,6 @@ from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.world_description import AT_REST, Twist
 
 
-class _RobotCamera(Protocol):
-    """A camera that a robot carries, of either kind."""
-
-    name: str
-    # Assigned by `ImagePortLayout`, reported by the camera in CONF.
-    tile: Tile | None
-    """Tile of the camera in a multi-view; None without one."""
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height of the camera's own image."""
-
-    @property
-    def min_frame_interval_s(self) -> float:
-        """Shortest simulation time between two exposures; 0 sets no limit."""
-
-    def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
-        """Pose of the effective viewpoint or pinhole, given joint angles by lower-case name."""
-
-    def camera_spec(self, tile: Tile | None = None) -> CameraSpec:
-        """Camera and render settings, fitted to a tile."""
-
-    def camera_model(self, tile: Tile | None = None) -> Pairs:
-        """Key-value pairs of the camera model at the size of a tile."""
-
-
 class CameraRobot(Protocol):
     """A robot that carries cameras."""
 
@@ -92,6 +66,32 @@ class CameraRobot(Protocol):
 
     def noise_seed_for(self, camera: str) -> NoiseSeed:
         """Seed of the image noise of a camera in this tick."""
+
+
+class _RobotCamera(Protocol):
+    """A camera that a robot carries, of either kind."""
+
+    name: str
+    # Assigned by `ImagePortLayout`, reported by the camera in CONF.
+    tile: Tile | None
+    """Tile of the camera in a multi-view; None without one."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the camera's own image."""
+
+    @property
+    def min_frame_interval_s(self) -> float:
+        """Shortest simulation time between two exposures; 0 sets no limit."""
+
+    def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
+        """Pose of the effective viewpoint or pinhole, given joint angles by lower-case name."""
+
+    def camera_spec(self, tile: Tile | None = None) -> CameraSpec:
+        """Camera and render settings, fitted to a tile."""
+
+    def camera_model(self, tile: Tile | None = None) -> Pairs:
+        """Key-value pairs of the camera model at the size of a tile."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,30 +142,6 @@ def mounted_camera_state(
         twist=camera_twist,
         ego_body=ego_body,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _MountedCamera:
-    """A camera and the robot that carries it."""
-
-    robot: CameraRobot
-    camera: _RobotCamera
-
-    def request_view(self, tile: Tile, visible_objects_of: _VisibleObjectsLookup) -> ViewRequest:
-        """View of the camera now, at the size of a tile."""
-        # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
-        robot, visible = self.robot, visible_objects_of(self.robot)
-        spec = self.camera.camera_spec(tile)
-        state = mounted_camera_state(
-            robot.world_from_robot,
-            self.camera.robot_from_camera(robot.joint_angles_rad),
-            twist=robot.twist,
-            objects=visible.objects,
-            # No effect of a camera without a mirror shows the robot itself.
-            ego_body=visible.ego_body if isinstance(spec, OmniCameraSpec) else None,
-            noise_seed=robot.noise_seed_for(self.camera.name),
-        )
-        return ViewRequest(spec, state)
 
 
 class ImagePortLayout:
@@ -281,6 +257,30 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
         metadata=metadata,
         is_turned=shown is not own,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MountedCamera:
+    """A camera and the robot that carries it."""
+
+    robot: CameraRobot
+    camera: _RobotCamera
+
+    def request_view(self, tile: Tile, visible_objects_of: _VisibleObjectsLookup) -> ViewRequest:
+        """View of the camera now, at the size of a tile."""
+        # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
+        robot, visible = self.robot, visible_objects_of(self.robot)
+        spec = self.camera.camera_spec(tile)
+        state = mounted_camera_state(
+            robot.world_from_robot,
+            self.camera.robot_from_camera(robot.joint_angles_rad),
+            twist=robot.twist,
+            objects=visible.objects,
+            # No effect of a camera without a mirror shows the robot itself.
+            ego_body=visible.ego_body if isinstance(spec, OmniCameraSpec) else None,
+            noise_seed=robot.noise_seed_for(self.camera.name),
+        )
+        return ViewRequest(spec, state)
 
 
 def _compose(

@@ -1,4 +1,4 @@
-"""When a channel captures a frame, and the slot that holds its newest one for all connections.
+"""When a channel captures a frame, and the slot of the newest one for all connections.
 
 `CaptureScheduler` counts frames in simulation time, for the thread that captures. `Mailboxes` stand
 between render thread and event loop: coroutines wait for a frame newer than their last one.
@@ -60,7 +60,7 @@ class ChannelState:
         return self.is_requested and self.may_capture(time_s)
 
     def start_frame(self, time_s: float, *, interval_s: float) -> int:
-        """Record the capture of a frame, and number it.
+        """Record and number the capture of a frame.
 
         Args:
             time_s: Simulation time of the exposure.
@@ -205,7 +205,7 @@ class Mailbox:
             future.set_exception(ChannelUnavailableError(reason))
 
     def _take_waiting(self) -> list[asyncio.Future[Frame]]:
-        """Futures of the coroutines that wait now; those of cancelled ones are dropped."""
+        """Futures of the coroutines that wait now, without cancelled ones."""
         waiting, self._waiting = self._waiting, []
         return [future for future in waiting if not future.done()]
 
@@ -228,13 +228,13 @@ class Mailbox:
         return frame
 
     async def _next_arrival(self) -> Frame:
-        """Wait for the next frame, whatever its number."""
+        """Wait for the next frame, of any number."""
         future: asyncio.Future[Frame] = self._loop.create_future()
         self._waiting.append(future)
         try:
             return await future
         except asyncio.CancelledError:
-            # At once: with the next frame is too late for a client that changes its mind often.
+            # At once: with the next frame is too late for a client that often changes channels.
             if future in self._waiting:
                 self._waiting.remove(future)
             raise

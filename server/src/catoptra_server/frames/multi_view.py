@@ -173,7 +173,7 @@ def compose_tiles(layout: TileLayout, images: Sequence[Image | None]) -> Image:
                 f"an image of {columns} x {rows} px exceeds its tile of {tile.width_px} x "
                 f"{tile.height_px} px: render it at the tile's size"
             )
-        # Top left, not centred: pixel (0, 0) of the camera is that of the tile.
+        # Top left, not centred: camera and tile have one pixel (0, 0).
         composed[tile.y_px : tile.y_px + rows, tile.x_px : tile.x_px + columns] = image
     # Read-only: several connections may encode the image at once.
     composed.setflags(write=False)
@@ -200,13 +200,6 @@ def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
         ),
         scale_px=scale * camera.scale_px,
     )
-
-
-def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
-    """Indices of the intervals [i tile, (i + 1) tile) that overlap an interval in [0, size)."""
-    low = min(first, size - 1)
-    high = min(max(first + length, low + 1), size)
-    return range(low // tile, -(-high // tile))  # rounded down and up
 
 
 _CONFIGS = tuple(config.value for config in ViewportConfig)
@@ -255,3 +248,10 @@ class Viewports:
             if camera.lower() == name.lower():
                 return Viewport(camera)
         return Viewport(CAMERA_MISSING, STATUS_FAILED)
+
+
+def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
+    """Indices of the intervals [i tile, (i + 1) tile) that overlap an interval in [0, size)."""
+    low = min(first, size - 1)
+    high = min(max(first + length, low + 1), size)
+    return range(low // tile, -(-high // tile))  # rounded down and up

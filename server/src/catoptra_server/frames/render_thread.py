@@ -1,12 +1,12 @@
 """The render thread: frame requests become frames, one after the other.
 
-It owns the views, because an OpenGL context belongs to the thread that made it; the simulation goes
-on meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
+The thread owns the views, because an OpenGL context belongs to one thread; the simulation goes on
+meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
 others, and all variants pay from one account. A channel whose frame fails is rejected with the
 reason, and the others go on.
 
 * A failing channel rests for a second, then twice as long each time, up to a minute: a failed frame
-  costs more than others, since renderers are made anew for it. Under lockstep each is tried.
+  costs more than others, since renderers are made anew. Under lockstep each is tried.
 * At most one query of a plan is answered a frame, so that neither kind of work starves the other.
 """
 
@@ -43,148 +43,6 @@ from catoptra_server.runtime.queues import FairQueue
 
 log = logging.getLogger(__name__)
 
-
-_FIRST_PAUSE_S = 1.0
-_MAX_PAUSE_S = 60.0
-# Channels are named by clients.
-_MAX_CHANNELS = 64
-
-
-@dataclass(frozen=True, slots=True)
-class _Pause:
-    until_s: float
-    length_s: float
-    reason: str
-
-
-class _ChannelBackoff:
-    """Pauses of failing channels."""
-
-    def __init__(self, monotonic: Callable[[], float]) -> None:
-        self._monotonic = monotonic
-        self._pauses: dict[Channel, _Pause] = {}
-
-    def find_reason(self, channel: Channel) -> str:
-        """Reason why no frame of a channel is to be rendered now; empty for none."""
-        pause = self._pauses.get(channel)
-        return pause.reason if pause and self._monotonic() < pause.until_s else ""
-
-    def record_failure(self, channel: Channel, reason: str) -> None:
-        """Pause a channel, twice as long as the last time."""
-        last = self._pauses.pop(channel, None)
-        length_s = min(2.0 * last.length_s, _MAX_PAUSE_S) if last else _FIRST_PAUSE_S
-        while len(self._pauses) >= _MAX_CHANNELS:
-            self._pauses.pop(next(iter(self._pauses)))
-        self._pauses[channel] = _Pause(self._monotonic() + length_s, length_s, reason)
-
-    def record_success(self, channel: Channel) -> None:
-        """End the pauses of a channel."""
-        self._pauses.pop(channel, None)
-
-
-class _ViewProvider(Protocol):
-    """Source of rendered views; the server's is `ViewCache`."""
-
-    def render(self, request: ViewRequest) -> RenderedView:
-        """Render a view."""
-
-    def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
-        """Label the pixels of a rendered view."""
-
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Plan that the next frame of a camera will have; prepares no view."""
-
-    def close(self) -> None:
-        """Close all views and renderers."""
-
-
-def render_frame(
-    request: FrameRequest, views: _ViewProvider | None, *, monotonic: Callable[[], float]
-) -> Frame:
-    """Render all views of a request and compose the frame; black without a view provider."""
-    composition = request.composition
-    begin_s = monotonic()
-    rendered = [
-        None if view is None or views is None else views.render(view) for view in composition.views
-    ]
-    rgb = _turn(composition, _compose_image(composition, rendered))
-    difference = None
-    if composition.reference is not None and views is not None:
-        reference = views.render(composition.reference)
-        reference_rgb = _turn(composition, reference.image.rgb)
-        rgb, difference = append_difference(rgb, reference_rgb, reference.frame_plan.plan_text)
-    labels = None
-    if rendered[0] is not None and views is not None and rendered[0].label_channels:
-        labels = views.label(rendered[0], request.channel, request.time_s)
-        labels = labels.turn() if composition.is_turned else labels
-    # Up to here the duration counts: the rest gathers numbers.
-    end_s = monotonic()
-    present = [view for view in rendered if view is not None]
-    single = present[0] if len(rendered) == len(present) == 1 else None
-    bounds = _max_bounds(view.frame_plan.bounds for view in present)
-    return Frame(
-        sequence=request.sequence,
-        time_s=request.time_s,
-        rgb=rgb,
-        exposed_at_s=request.exposed_at_s,
-        finished_at_s=end_s,
-        channel=request.channel,
-        metadata=composition.metadata,
-        stage_ms=_sum_stages(present),
-        render_duration_s=end_s - begin_s,
-        # A set: cameras of one class share a plan.
-        plan="; ".join(sorted({view.frame_plan.plan_text for view in present})) or None,
-        error_bound_px=bounds["outline_px"] if bounds else None,
-        error_bounds=bounds,
-        # In a list of several cameras' decisions the camera of each would be lost.
-        effect_decisions=single.effect_decisions if single else (),
-        choice=single.frame_plan.choice if single else None,
-        difference=difference,
-        labels=labels,
-    )
-
-
-def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
-    """Milliseconds of each stage, over all views of a frame."""
-    stage_ms: dict[str, float] = {}
-    for view in views:
-        for name, ms in view.image.stage_ms.items():
-            stage_ms[name] = stage_ms.get(name, 0.0) + ms
-    return stage_ms
-
-
-def _max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
-    """Largest value of each error bound, over all views of a frame.
-
-    Returns:
-        The bounds by name; None for a frame without views, or with a view without bounds.
-    """
-    views = list(bounds)
-    known = [view for view in views if view is not None]
-    if not known or len(known) < len(views):
-        return None
-    if len(known) == 1:  # of most frames: 10 microseconds less
-        return dict(known[0])
-    names = dict.fromkeys(name for view in known for name in view)
-    return {name: max(view.get(name, 0.0) for view in known) for name in names}
-
-
-def _turn(composition: FrameComposition, image: Image) -> Image:
-    """The image, turned round left to right where the composition says so."""
-    # A copy: encoders and raw frames want rows without gaps.
-    return np.ascontiguousarray(image[:, ::-1]) if composition.is_turned else image
-
-
-def _compose_image(composition: FrameComposition, rendered: Sequence[RenderedView | None]) -> Image:
-    """Image of all tiles."""
-    images = [view.image.rgb if view else None for view in rendered]
-    first, layout = images[0], composition.layout
-    # A single view that fills the frame is the frame: no copy of a megabyte.
-    if len(images) == 1 and first is not None and first.shape[:2] == layout.shape:
-        return first
-    return compose_tiles(layout, images)
-
-
 # Part of the thread's time that one channel may use before others come first.
 _CHANNEL_SHARE = 0.1
 # Longest pause between two requests of a viewer that requests frame after frame. A frame that takes
@@ -198,9 +56,6 @@ _RETRY_S = 0.01
 # No camera has this name.
 _VARIANTS = CameraChannel("", "\0variants")
 
-# A request, and the future that is set after the frame was put or rejected; None if nobody waits.
-_PendingFrame = tuple[FrameRequest, Future[None] | None]
-
 
 @dataclass(frozen=True, slots=True)
 class PlanFailure:
@@ -211,24 +66,6 @@ class PlanFailure:
 
 
 PlanCallback = Callable[[ViewState | PlanFailure], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PlanQuery:
-    """Request for the plan of a camera."""
-
-    camera: OmniCameraSpec
-    reply: PlanCallback
-
-
-class _FrameSink(Protocol):
-    """Destination of frames and rejections, in the render thread; the server's is `Mailboxes`."""
-
-    def put(self, frame: Frame) -> None:
-        """Receive a finished frame."""
-
-    def fail_frame(self, channel: Channel, reason: str) -> None:
-        """Receive the rejection of a request, with a reason for clients."""
 
 
 class RenderThread:
@@ -269,7 +106,7 @@ class RenderThread:
         self._put(request, None)
 
     def submit_and_wait(self, request: FrameRequest) -> None:
-        """Queue a request and wait until it is answered: the form that lockstep needs.
+        """Queue a request and wait for the answer: the form that lockstep needs.
 
         Raises:
             CancelledError: The thread has ended.
@@ -350,7 +187,7 @@ class RenderThread:
     def _answer_frame(
         self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
     ) -> None:
-        """Put the frame of a request, or reject its channel."""
+        """Put the frame of a request, or reject the channel."""
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
         if reason:
@@ -363,7 +200,7 @@ class RenderThread:
             self._frames.charge(_account_of(request), duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
-        """Render a frame and put it; the reason of a failure, empty after success."""
+        """Render and put a frame; the reason of a failure, empty after success."""
         channel, backoff = request.channel, self._backoff
         reason = backoff.find_reason(channel) if backoff else ""
         if reason:
@@ -393,8 +230,92 @@ class RenderThread:
                 future.cancel()
 
 
+def render_frame(
+    request: FrameRequest, views: _ViewProvider | None, *, monotonic: Callable[[], float]
+) -> Frame:
+    """Render all views of a request and compose the frame; black without a view provider."""
+    composition = request.composition
+    begin_s = monotonic()
+    rendered = [
+        None if view is None or views is None else views.render(view) for view in composition.views
+    ]
+    rgb = _turn(composition, _compose_image(composition, rendered))
+    difference = None
+    if composition.reference is not None and views is not None:
+        reference = views.render(composition.reference)
+        reference_rgb = _turn(composition, reference.image.rgb)
+        rgb, difference = append_difference(rgb, reference_rgb, reference.frame_plan.plan_text)
+    labels = None
+    if rendered[0] is not None and views is not None and rendered[0].label_channels:
+        labels = views.label(rendered[0], request.channel, request.time_s)
+        labels = labels.turn() if composition.is_turned else labels
+    # Up to here the duration counts: the rest gathers numbers.
+    end_s = monotonic()
+    present = [view for view in rendered if view is not None]
+    single = present[0] if len(rendered) == len(present) == 1 else None
+    bounds = _max_bounds(view.frame_plan.bounds for view in present)
+    return Frame(
+        sequence=request.sequence,
+        time_s=request.time_s,
+        rgb=rgb,
+        exposed_at_s=request.exposed_at_s,
+        finished_at_s=end_s,
+        channel=request.channel,
+        metadata=composition.metadata,
+        stage_ms=_sum_stages(present),
+        render_duration_s=end_s - begin_s,
+        # A set: cameras of one class share a plan.
+        plan="; ".join(sorted({view.frame_plan.plan_text for view in present})) or None,
+        error_bound_px=bounds["outline_px"] if bounds else None,
+        error_bounds=bounds,
+        # In a list of several cameras' decisions the camera of each would be lost.
+        effect_decisions=single.effect_decisions if single else (),
+        choice=single.frame_plan.choice if single else None,
+        difference=difference,
+        labels=labels,
+    )
+
+
+class _FrameSink(Protocol):
+    """Destination of frames and rejections, in the render thread; the server's is `Mailboxes`."""
+
+    def put(self, frame: Frame) -> None:
+        """Receive a finished frame."""
+
+    def fail_frame(self, channel: Channel, reason: str) -> None:
+        """Receive the rejection of a request, with a reason for clients."""
+
+
+class _ViewProvider(Protocol):
+    """Source of rendered views; the server's is `ViewCache`."""
+
+    def render(self, request: ViewRequest) -> RenderedView:
+        """Render a view."""
+
+    def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
+        """Label the pixels of a rendered view."""
+
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+        """Plan that the next frame of a camera will have; prepares no view."""
+
+    def close(self) -> None:
+        """Close all views and renderers."""
+
+
+# A request, and the future that is set after the frame was put or rejected; None if nobody waits.
+_PendingFrame = tuple[FrameRequest, Future[None] | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlanQuery:
+    """Request for the plan of a camera."""
+
+    camera: OmniCameraSpec
+    reply: PlanCallback
+
+
 def _account_of(request: FrameRequest) -> Channel:
-    """Account that pays for a frame: that of its camera, whatever names the channel has."""
+    """Account that pays for a frame: the camera's, whatever names the channel has."""
     channel, metadata = request.channel, request.composition.metadata
     # One for all variants, of which a client may request another one for each frame.
     if is_variant(channel):
@@ -413,3 +334,82 @@ def _find_plan(camera: OmniCameraSpec, views: _ViewProvider | None) -> ViewState
     except Exception:
         log_fault(log, "no plan was found for a camera")
         return PlanFailure("an internal fault ended the planning: see the server's log")
+
+
+_FIRST_PAUSE_S = 1.0
+_MAX_PAUSE_S = 60.0
+# Channels are named by clients.
+_MAX_CHANNELS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class _Pause:
+    until_s: float
+    length_s: float
+    reason: str
+
+
+class _ChannelBackoff:
+    """Pauses of failing channels."""
+
+    def __init__(self, monotonic: Callable[[], float]) -> None:
+        self._monotonic = monotonic
+        self._pauses: dict[Channel, _Pause] = {}
+
+    def find_reason(self, channel: Channel) -> str:
+        """Reason why no frame of a channel is to be rendered now; empty for none."""
+        pause = self._pauses.get(channel)
+        return pause.reason if pause and self._monotonic() < pause.until_s else ""
+
+    def record_failure(self, channel: Channel, reason: str) -> None:
+        """Pause a channel, twice as long as the last time."""
+        last = self._pauses.pop(channel, None)
+        length_s = min(2.0 * last.length_s, _MAX_PAUSE_S) if last else _FIRST_PAUSE_S
+        while len(self._pauses) >= _MAX_CHANNELS:
+            self._pauses.pop(next(iter(self._pauses)))
+        self._pauses[channel] = _Pause(self._monotonic() + length_s, length_s, reason)
+
+    def record_success(self, channel: Channel) -> None:
+        """End the pauses of a channel."""
+        self._pauses.pop(channel, None)
+
+
+def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
+    """Milliseconds of each stage, over all views of a frame."""
+    stage_ms: dict[str, float] = {}
+    for view in views:
+        for name, ms in view.image.stage_ms.items():
+            stage_ms[name] = stage_ms.get(name, 0.0) + ms
+    return stage_ms
+
+
+def _max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
+    """Largest value of each error bound, over all views of a frame.
+
+    Returns:
+        The bounds by name; None for a frame without views, or with a view without bounds.
+    """
+    views = list(bounds)
+    known = [view for view in views if view is not None]
+    if not known or len(known) < len(views):
+        return None
+    if len(known) == 1:  # of most frames: 10 microseconds less
+        return dict(known[0])
+    names = dict.fromkeys(name for view in known for name in view)
+    return {name: max(view.get(name, 0.0) for view in known) for name in names}
+
+
+def _turn(composition: FrameComposition, image: Image) -> Image:
+    """The image, turned round left to right where the composition says so."""
+    # A copy: encoders and raw frames want rows without gaps.
+    return np.ascontiguousarray(image[:, ::-1]) if composition.is_turned else image
+
+
+def _compose_image(composition: FrameComposition, rendered: Sequence[RenderedView | None]) -> Image:
+    """Image of all tiles."""
+    images = [view.image.rgb if view else None for view in rendered]
+    first, layout = images[0], composition.layout
+    # A single view that fills the frame is the frame: no copy of a megabyte.
+    if len(images) == 1 and first is not None and first.shape[:2] == layout.shape:
+        return first
+    return compose_tiles(layout, images)

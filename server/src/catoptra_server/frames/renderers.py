@@ -9,7 +9,7 @@ elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts a
   with 4 x 4 samples under two lamps (`tests/measurements/renderer_comparison.py`). A rule with
   fitted rates, and trials of both at run time, bought no more than these two cases.
 * Under lockstep, in data sets and in studies `auto` is trace: bytes do not depend on the machine.
-* Raster has its image effects from the kernel, too, by reading its linear image back: less than a
+* Raster has image effects from the kernel, too, by reading the linear image back: less than a
   millisecond on llvmpipe, where the same formulas as shaders took several times as long. Raster has
   never run on a real GPU.
 
@@ -51,11 +51,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-
 # Without any of these files EGL finds no graphics processor: Linux drivers, NVIDIA's own, WSL 2,
 # Mali, Adreno. Loading OpenGL to find that out takes 0.1 s of every start.
 _GPU_FILES = ("/dev/dri/renderD*", "/dev/nvidia[0-9]*", "/dev/dxg", "/dev/mali*", "/dev/kgsl*")
-
 _RendererFactory = Callable[[], Renderer]
 
 
@@ -72,18 +70,6 @@ class RendererChoice:
     """
     tracer: _RendererFactory | None = None
     """Factory of the renderer whose rays label frames, whichever draws them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scene:
-    """Arguments of every renderer."""
-
-    mesh: SceneMesh
-    world: World
-    lights: tuple[Light, ...]
-    """Lights of the static scene that are not culled: one decision for all renderers."""
-    threads: int
-    instruction_set: str = AUTO
 
 
 def choose_renderer(
@@ -131,104 +117,11 @@ def choose_renderer(
     return _choose_without_trace(inputs)
 
 
-def _make_choice(
-    kind: RendererKind,
-    reason: str,
-    factories: Mapping[RendererKind, _RendererFactory],
-    inputs: _Scene,
-    renderer: Renderer | None = None,
-) -> RendererChoice:
-    tracer = partial(_create_trace, inputs)
-    return RendererChoice(renderer or factories[kind](), kind, reason, factories, tracer)
-
-
-def _choose_without_trace(inputs: _Scene) -> RendererChoice:
-    """Raster, where the package of trace is missing."""
-    reason = f"the package {EMBREEX_PACKAGE}, which trace needs, is not installed"
-    factories = {RendererKind.RASTER: partial(_create_raster, inputs)}
-    try:
-        return _make_choice(RendererKind.RASTER, reason, factories, inputs)
-    except RendererUnavailableError as error:
-        raise RendererUnavailableError(
-            f"no renderer can run. Raster: {error}. Trace: {reason}: {EMBREEX_REMEDY}"
-        ) from error
-
-
 def create_renderer(
     kind: RendererKind, scene: SceneMesh, world: World, *, threads: int = 0
 ) -> Renderer:
-    """Create a renderer of one kind, with the lights that the server would give it."""
+    """Create a renderer of one kind, with the lights that a server gives."""
     return RENDERER_FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
-
-
-def _create_trace(inputs: _Scene) -> TraceRenderer:
-    # Before the engines, which would report a missing kernel first.
-    require_embreex("the trace renderer", alternative="start with --renderer raster")
-    from catoptra_server.render.trace import TraceRenderer
-
-    return TraceRenderer(
-        inputs.mesh,
-        inputs.world,
-        threads=inputs.threads,
-        scene_lights=inputs.lights,
-        instruction_set=inputs.instruction_set,
-    )
-
-
-def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
-    from catoptra_server.render.raster import RasterRenderer, open_device
-
-    return RasterRenderer(
-        inputs.mesh,
-        inputs.world,
-        device=device or open_device(),
-        scene_lights=inputs.lights,
-        image_changer=open_image_changer(inputs.threads, inputs.instruction_set),
-    )
-
-
-def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageChanger:
-    """Image changer for raster: the kernel's, else NumPy's with a warning.
-
-    Args:
-        threads: Threads of the kernel; 0: one for each processor.
-        instruction_set: Instruction set of the kernel.
-    """
-    # Loaded where it is needed: raster serves without the kernel, and without Embree.
-    from catoptra_server.render.trace.kernel import image as kernel_image_changer
-    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-
-    try:
-        return kernel_image_changer.open_image_changer(
-            threads or count_processors(), instruction_set
-        )
-    except KernelUnavailableError as error:
-        log.warning("%s; image effects in NumPy, many times slower", error)
-        return NumpyImageChanger()
-
-
-RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
-    RendererKind.TRACE: _create_trace,
-    RendererKind.RASTER: _create_raster,
-}
-
-
-def _open_graphics_processor() -> GlDevice | None:
-    """OpenGL device on a graphics processor; None where there is none."""
-    if not any(next(iglob(pattern), None) for pattern in _GPU_FILES):
-        return None
-    from catoptra_server.render.raster import OpenGLMissingError, open_device
-
-    try:
-        device = open_device()
-    except OpenGLMissingError as error:
-        log.info("no OpenGL although there are files of a graphics processor: %s", error.reason)
-        return None
-    if not device.is_software:
-        return device
-    log.info("only software OpenGL (%s)", device.renderer)
-    device.close()
-    return None
 
 
 # Faces have texels of their own: rays alone meet the model's exact surfaces.
@@ -303,7 +196,7 @@ class RendererPool:
         return cast("TraceRenderer", self._tracer)
 
     def describe(self, kind: RendererKind) -> str:
-        """Description of a renderer, with engine and device; creates it."""
+        """Description of a renderer, which is created, with engine and device."""
         return self.get(kind).describe()
 
     def create_all(self) -> list[RendererKind]:
@@ -357,9 +250,114 @@ class RendererPool:
         self._tracer = None
 
 
+def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageChanger:
+    """Image changer for raster: the kernel's, else NumPy's with a warning.
+
+    Args:
+        threads: Threads of the kernel; 0: one for each processor.
+        instruction_set: Instruction set of the kernel.
+    """
+    # Loaded where it is needed: raster serves without the kernel, and without Embree.
+    from catoptra_server.render.trace.kernel import image as kernel_image_changer
+    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+
+    try:
+        return kernel_image_changer.open_image_changer(
+            threads or count_processors(), instruction_set
+        )
+    except KernelUnavailableError as error:
+        log.warning("%s; image effects in NumPy, many times slower", error)
+        return NumpyImageChanger()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """Arguments of every renderer."""
+
+    mesh: SceneMesh
+    world: World
+    lights: tuple[Light, ...]
+    """Lights of the static scene that are not culled: one decision for all renderers."""
+    threads: int
+    instruction_set: str = AUTO
+
+
+def _make_choice(
+    kind: RendererKind,
+    reason: str,
+    factories: Mapping[RendererKind, _RendererFactory],
+    inputs: _Scene,
+    renderer: Renderer | None = None,
+) -> RendererChoice:
+    tracer = partial(_create_trace, inputs)
+    return RendererChoice(renderer or factories[kind](), kind, reason, factories, tracer)
+
+
+def _choose_without_trace(inputs: _Scene) -> RendererChoice:
+    """Raster, where the package of trace is missing."""
+    reason = f"the package {EMBREEX_PACKAGE}, which trace needs, is not installed"
+    factories = {RendererKind.RASTER: partial(_create_raster, inputs)}
+    try:
+        return _make_choice(RendererKind.RASTER, reason, factories, inputs)
+    except RendererUnavailableError as error:
+        raise RendererUnavailableError(
+            f"no renderer can run. Raster: {error}. Trace: {reason}: {EMBREEX_REMEDY}"
+        ) from error
+
+
+def _open_graphics_processor() -> GlDevice | None:
+    """OpenGL device on a graphics processor; None where there is none."""
+    if not any(next(iglob(pattern), None) for pattern in _GPU_FILES):
+        return None
+    from catoptra_server.render.raster import OpenGLMissingError, open_device
+
+    try:
+        device = open_device()
+    except OpenGLMissingError as error:
+        log.info("no OpenGL although there are files of a graphics processor: %s", error.reason)
+        return None
+    if not device.is_software:
+        return device
+    log.info("only software OpenGL (%s)", device.renderer)
+    device.close()
+    return None
+
+
+def _create_trace(inputs: _Scene) -> TraceRenderer:
+    # Before the engines, which would report a missing kernel first.
+    require_embreex("the trace renderer", alternative="start with --renderer raster")
+    from catoptra_server.render.trace import TraceRenderer
+
+    return TraceRenderer(
+        inputs.mesh,
+        inputs.world,
+        threads=inputs.threads,
+        scene_lights=inputs.lights,
+        instruction_set=inputs.instruction_set,
+    )
+
+
+def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
+    from catoptra_server.render.raster import RasterRenderer, open_device
+
+    return RasterRenderer(
+        inputs.mesh,
+        inputs.world,
+        device=device or open_device(),
+        scene_lights=inputs.lights,
+        image_changer=open_image_changer(inputs.threads, inputs.instruction_set),
+    )
+
+
+RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
+    RendererKind.TRACE: _create_trace,
+    RendererKind.RASTER: _create_raster,
+}
+
+
 def _close(renderer: Renderer) -> None:
     try:
         renderer.close()
     except Exception:
-        # A lost device cannot always be closed; the server needs nothing of it any more.
+        # A lost device cannot always be closed; the server needs nothing more from there.
         log_fault(log, "a renderer could not be closed")

@@ -7,7 +7,7 @@ for a channel. Belongs to the thread that made the renderers.
 
 * A renderer that fails is made anew. If that fails, too, another one replaces it where that is
   allowed: not under lockstep, nor after a choice by name. Else the view is refused. A decision that
-  fails is no renderer's fault: its frame fails with the reason, and the renderer stays.
+  fails is no renderer's fault: that frame fails with the reason, and the renderer stays.
 * Labels are found while the image is drawn where its rays and times are theirs: all channels then
   add 140 % to a clean image, by rays of their own 211 % (`tests/measurements/labels.py`).
 * Freed memory goes back once 4 MiB of views are prepared or closed. Seven views of 193 MB in all,
@@ -115,7 +115,7 @@ class ViewCache:
             calibration_states: As of `FramePlanner`.
             error_bounds: As of `FramePlanner`.
             request_labels: Labels in some channels that can be found while an image is drawn;
-                None for those of the server's frames.
+                None for the server's frames.
             clock: Clock in seconds that frames are timed by.
         """
         self._frames = FramePlanner(
@@ -169,14 +169,14 @@ class ViewCache:
 
     def _draw(self, request: ViewRequest, frame_plan: FramePlan) -> RenderedView:
         """Draw what is decided, and record it."""
-        # Prepared ahead of the clock: the first frame's time is not that of the later ones.
+        # Prepared ahead of the clock: the first frame would take longer than later ones.
         view = self._views.get(frame_plan.view_key)
         begin_s = self._clock()
         effects, labels = frame_plan.effects, None
         arguments = frame_plan.camera_state, effects.image_effects, effects.thresholds
         if (
             request.label_channels
-            # Else the rays are not those of the camera that is labelled.
+            # Else picture and labels have different rays.
             and frame_plan.camera is frame_plan.requested
             and frame_plan.plan.has_exact_rays
             and isinstance(view, LabellingView)

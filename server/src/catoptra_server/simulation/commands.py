@@ -1,8 +1,8 @@
 """Commands to one robot: wheels, joints, packages, SET, GETCONF, GETGEO; and who may drive whom.
 
-Each command returns its reports. A part that the robot does not have gets an empty reply to GETCONF
-and GETGEO, and a RES of Failed to SET. A robot whose owner shares its control may be driven by
-other clients. It halts once its driver disconnects or may not drive it any more.
+Each command returns reports. A part that the robot does not have gets an empty reply to GETCONF and
+GETGEO, and a RES of Failed to SET. A robot whose owner shares control may be driven by other
+clients. The robot halts once that driver disconnects or may not drive any more.
 
 To add an opcode of SET: a handler below, and its line in `_HANDLERS`.
 """
@@ -52,6 +52,129 @@ from catoptra_server.simulation.sensors.odometry import OdometrySensor
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
 
+ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
+# The others are executed without power, as in USARSim.
+_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
+
+
+def execute_control(
+    robot: Robot, command: _ControlCommand, time_s: float, sense: EnvironmentProvider
+) -> list[Report]:
+    """Execute a command of a robot that has power; the reports, mostly none.
+
+    Args:
+        sense: Environment of the robot, computed only for commands that read sensors.
+    """
+    match command:
+        case Drive():
+            robot.drive_wheels(command, time_s)
+        case DriveJoints(joints):
+            for joint in joints:
+                robot.drive_joint(joint.name, joint.value, joint.order)
+        case MultiDrive(joints):
+            for name, value in joints:
+                robot.drive_joint(name, value, 0)
+        case MisPkg():
+            robot.drive_mission_package(command)
+        case SetViewports():
+            return [robot.viewports.execute(command, time_s)]
+        case SetCommand():
+            return _execute_set(robot, command, robot.sensor_context(time_s, sense()))
+        case Trace():
+            pass  # accepted: the colour trail of the original editor has no counterpart
+        case _:
+            assert_never(command)
+    return []
+
+
+def execute_get_conf(
+    robot: Robot, command: GetConf, error_bound_of: ErrorBoundLookup = lambda camera: None
+) -> list[Report]:
+    """Configuration of the robot, or of the parts of a type, one CONF a part as in UT2004.
+
+    Args:
+        error_bound_of: Error bound of a camera; None before the first frame.
+    """
+    if _is_robot(command.type):
+        return [_vehicle_configuration(robot.description)]
+    # An empty reply rather than none: clients wait for a line of the requested type.
+    parts = _find_named_parts(robot, command.type, command.name)
+    empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
+    return [_configuration(part, error_bound_of) for part in parts] or [empty]
+
+
+def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
+    """Geometry of the robot, or of the parts of a type: one GEO for all, or one a package."""
+    if _is_robot(command.type):
+        return [_vehicle_geometry(robot.description)]
+    found = [part.geometry() for part in _find_named_parts(robot, command.type, command.name)]
+    packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
+    items = tuple(one for one in found if isinstance(one, GeometryItem))
+    # A package's GEO lists links, which the common form of the other parts cannot hold.
+    if packages and not items:
+        return [*packages]
+    # The name is echoed only in an empty reply: items carry their own names.
+    name = None if items else command.name
+    return [Geometry(command.type, items, name, robot.description.model_name)]
+
+
+_HALT = Drive(0.0, 0.0)
+
+
+class RemoteControl:
+    """Who drives whose robot. A robot halts once its driver disconnects or may not drive it."""
+
+    def __init__(self, robots: Mapping[Client, Robot]) -> None:
+        """Begin with robots that their owners drive.
+
+        Args:
+            robots: Robots by owner; a view, in which robots come and go.
+        """
+        self._robots = robots
+        # Driver by owner, for the robots that roll by the command of another client.
+        self._drivers: dict[Client, Client] = {}
+
+    def drive(self, client: Client, name: str, drive: Drive, time_s: float) -> None:
+        """Drive the robot of a name.
+
+        Raises:
+            RejectedError: There is none, or its owner does not share its control.
+        """
+        found = next((item for item in self._robots.items() if item[1].name == name), None)
+        if found is None:
+            raise RejectedError(f"there is no robot {name!r}")
+        owner, robot = found
+        if owner is not client and not robot.shares_control:
+            raise RejectedError(
+                f"the owner of robot {name!r} does not share its control (share_control)"
+            )
+        robot.drive_wheels(drive, time_s)
+        self._drivers.pop(owner, None)
+        if owner is not client and robot.is_rolling:
+            self._drivers[owner] = client
+
+    def release(self, owner: Client) -> None:
+        """Record that the owner drives the robot itself, or has none any more."""
+        self._drivers.pop(owner, None)
+
+    def share(self, owner: Client, shared: bool, time_s: float) -> None:
+        """Let others drive the robot of a client, or no longer; without a robot of no effect."""
+        robot = self._robots.get(owner)
+        if robot is not None:
+            robot.shares_control = shared
+            if not shared:
+                self._halt(owner, time_s)
+
+    def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
+        """Halt the robots that roll by the command of a client that disconnects."""
+        for owner in [owner for owner, driver in self._drivers.items() if driver is client]:
+            self._halt(owner, time_s)
+
+    def _halt(self, owner: Client, time_s: float) -> None:
+        """Halt a robot that another client drives."""
+        if self._drivers.pop(owner, None) is not None:
+            self._robots[owner].drive_wheels(_HALT, time_s)
+
 
 def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
     """Execute SET of a part.
@@ -59,7 +182,7 @@ def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> l
     Returns:
         The readings that the command requests, such as the scan of SCAN, then the RES.
     """
-    # SET Camera FOV carries its value in place of an opcode, and has a RES of its own form.
+    # SET Camera FOV carries a value in place of an opcode, and has a RES of its own form.
     if command.type.lower() == "camera" and command.parse_fov_rad() is not None:
         return [_zoom(robot, command, context.time_s)]
     handler = _HANDLERS.get((command.type.lower(), (command.opcode or "").lower()))
@@ -70,7 +193,7 @@ def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> l
 
 
 def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
-    """Zoom the perspective camera of a name, or all of them."""
+    """Zoom the perspective camera of a name, or all."""
     requested = command.parse_fov_rad() or 0.0
     cameras = [
         CameraFov(c.name, c.zoom(requested))
@@ -172,25 +295,6 @@ def _matches_name(command: SetCommand, name: str) -> bool:
     return command.name is None or command.name.lower() == name.lower()
 
 
-ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
-
-
-def execute_get_conf(
-    robot: Robot, command: GetConf, error_bound_of: ErrorBoundLookup = lambda camera: None
-) -> list[Report]:
-    """Configuration of the robot, or of its parts of a type, one CONF a part as in UT2004.
-
-    Args:
-        error_bound_of: Error bound of a camera; None before the first frame.
-    """
-    if _is_robot(command.type):
-        return [_vehicle_configuration(robot.description)]
-    # An empty reply rather than none: clients wait for a line of the requested type.
-    parts = _find_parts(robot, command.type, command.name)
-    empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
-    return [_configuration(part, error_bound_of) for part in parts] or [empty]
-
-
 def _configuration(part: Part, error_bound_of: ErrorBoundLookup) -> Report:
     """CONF of a part, with the error bound where the part is a camera that has one."""
     configuration = part.configuration()
@@ -217,21 +321,6 @@ def _vehicle_configuration(description: RobotDescription) -> VehicleConfiguratio
     )
 
 
-def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
-    """Geometry of the robot, or of its parts of a type: one GEO for all, or one a package."""
-    if _is_robot(command.type):
-        return [_vehicle_geometry(robot.description)]
-    found = [part.geometry() for part in _find_parts(robot, command.type, command.name)]
-    packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
-    items = tuple(one for one in found if isinstance(one, GeometryItem))
-    # A package's GEO lists links, which the common form of the other parts cannot hold.
-    if packages and not items:
-        return [*packages]
-    # The name is echoed only in an empty reply: items carry their own names.
-    name = None if items else command.name
-    return [Geometry(command.type, items, name, robot.description.model_name)]
-
-
 def _vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
     drive = description.drive
     return VehicleGeometry(
@@ -250,97 +339,7 @@ def _is_robot(type_: str) -> bool:
     return type_.lower() == "robot"
 
 
-def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
-    return [p for p in robot.find_parts(type_) if name is None or p.name.lower() == name.lower()]
-
-
-# The others are executed without power, as in USARSim.
-_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
-
-
-def execute_control(
-    robot: Robot, command: _ControlCommand, time_s: float, sense: EnvironmentProvider
-) -> list[Report]:
-    """Execute a command of a robot that has power; its reports, mostly none.
-
-    Args:
-        sense: Environment of the robot, computed only for commands that read sensors.
-    """
-    match command:
-        case Drive():
-            robot.drive_wheels(command, time_s)
-        case DriveJoints(joints):
-            for joint in joints:
-                robot.drive_joint(joint.name, joint.value, joint.order)
-        case MultiDrive(joints):
-            for name, value in joints:
-                robot.drive_joint(name, value, 0)
-        case MisPkg():
-            robot.drive_mission_package(command)
-        case SetViewports():
-            return [robot.viewports.execute(command, time_s)]
-        case SetCommand():
-            return _execute_set(robot, command, robot.sensor_context(time_s, sense()))
-        case Trace():
-            pass  # accepted: the colour trail of the original editor has no counterpart
-        case _:
-            assert_never(command)
-    return []
-
-
-_HALT = Drive(0.0, 0.0)
-
-
-class RemoteControl:
-    """Who drives whose robot. A robot halts once its driver disconnects or may not drive it."""
-
-    def __init__(self, robots: Mapping[Client, Robot]) -> None:
-        """Begin with robots that their owners drive.
-
-        Args:
-            robots: Robots by owner; a view, in which robots come and go.
-        """
-        self._robots = robots
-        # Driver by owner, for the robots that roll by the command of another client.
-        self._drivers: dict[Client, Client] = {}
-
-    def drive(self, client: Client, name: str, drive: Drive, time_s: float) -> None:
-        """Drive the robot of a name.
-
-        Raises:
-            RejectedError: There is none, or its owner does not share its control.
-        """
-        found = next((item for item in self._robots.items() if item[1].name == name), None)
-        if found is None:
-            raise RejectedError(f"there is no robot {name!r}")
-        owner, robot = found
-        if owner is not client and not robot.shares_control:
-            raise RejectedError(
-                f"the owner of robot {name!r} does not share its control (share_control)"
-            )
-        robot.drive_wheels(drive, time_s)
-        self._drivers.pop(owner, None)
-        if owner is not client and robot.is_rolling:
-            self._drivers[owner] = client
-
-    def release(self, owner: Client) -> None:
-        """Record that the owner drives the robot itself, or has none any more."""
-        self._drivers.pop(owner, None)
-
-    def share(self, owner: Client, shared: bool, time_s: float) -> None:
-        """Let others drive the robot of a client, or no longer; without a robot of no effect."""
-        robot = self._robots.get(owner)
-        if robot is not None:
-            robot.shares_control = shared
-            if not shared:
-                self._halt(owner, time_s)
-
-    def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
-        """Halt the robots that roll by the command of a client that disconnects."""
-        for owner in [owner for owner, driver in self._drivers.items() if driver is client]:
-            self._halt(owner, time_s)
-
-    def _halt(self, owner: Client, time_s: float) -> None:
-        """Halt a robot that another client drives."""
-        if self._drivers.pop(owner, None) is not None:
-            self._robots[owner].drive_wheels(_HALT, time_s)
+def _find_named_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
+    return [
+        p for p in robot.find_parts_of_type(type_) if name is None or p.name.lower() == name.lower()
+    ]

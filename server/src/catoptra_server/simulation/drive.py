@@ -2,12 +2,12 @@
 
 Both wheels of a side spin alike. Yaw grows clockwise (SAE), hence with the travel of the left side:
 turn = (left - right) / track, as USARSim's odometry integrates wheel rotations. Slip is random, by
-tick; the base stops at the first contact while its wheels roll on.
+tick; the base stops at the first contact while the wheels roll on.
 
 Bases of USARSim's robots are here, too: robot files leave them to the source of the class. UT2004
-_P2AT and UDK _P3AT are from replies of real servers. No reply of the P2DX's class is public: its
-wheels and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed
-gives the driving speed of the _P2AT. Ride heights are our choice: half the body's height.
+P2AT and UDK P3AT are from replies of real servers. No reply of the P2DX's class is public: wheels
+and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed gives the
+driving speed of the _P2AT. Ride heights are our choice: half the body's height.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class WheelSpin:
     left_rad_s: float = 0.0
     right_rad_s: float = 0.0
 
-    def clamp(self, max_rad_s: float) -> WheelSpin:
+    def limit_to(self, max_rad_s: float) -> WheelSpin:
         """Spin with each side limited to the motors' speed."""
         return WheelSpin(
             min(max(self.left_rad_s, -max_rad_s), max_rad_s),
@@ -66,6 +66,41 @@ class WheelTravel:
 NO_TRAVEL = WheelTravel(0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class RobotBody:
+    """State of a base."""
+
+    base: DriveBase
+    pose: PlanarPose
+    spin: WheelSpin
+    tick: int = 0
+    """Number of ticks simulated; index of the random slip."""
+
+
+def step_body(
+    body: RobotBody, duration_s: float, *, obstacles: ObstacleGrid, random_source: RandomSource
+) -> tuple[RobotBody, WheelTravel]:
+    """Move a base by one tick.
+
+    At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
+    encoders of a blocked robot measure. A base that starts in contact only moves to where the
+    contact is less deep: never through an obstacle, and never into another one.
+
+    Args:
+        random_source: Source of the random slip.
+
+    Returns:
+        The base after the tick, and the travel of the wheels before slip.
+    """
+    travel = wheel_travel(body.base, body.spin, duration_s)
+    pose = body.pose
+    if travel != NO_TRAVEL:
+        # Random numbers by tick: a drive repeats itself whatever other robots do.
+        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
+        pose = _move_until_contact(body, travel_on_floor, obstacles)
+    return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
+
+
 def wheel_travel(base: DriveBase, spin: WheelSpin, duration_s: float) -> WheelTravel:
     """Travel of spinning wheels as encoders measure, before any slip."""
     # One product: the tachometer divides by the same one, and half of 1.0 prints as 0.5000.
@@ -77,7 +112,7 @@ def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Genera
     """Travel over the floor: a fraction of the turn is lost, and each side slips at random."""
     left_noise, right_noise = generator.standard_normal(2)
     lost_m = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
-    # A variance proportional to the travel does not depend on the number of ticks it is cut into.
+    # A variance proportional to the travel does not depend on the number of ticks in between.
     left_m, right_m = travel.left_m, travel.right_m
     return WheelTravel(
         left_m - lost_m + base.slip_noise * math.sqrt(abs(left_m)) * float(left_noise),
@@ -86,7 +121,7 @@ def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Genera
 
 
 def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
-    """Pose at the end of an arc of constant curvature, exact, with a straight line as its limit.
+    """Pose at the end of an arc of constant curvature, exact, with a straight line as the limit.
 
     The chord of the arc points along the mean heading; its length is distance * sin(a) / a with
     a = turn / 2.
@@ -138,51 +173,13 @@ _P3AT = DriveBase(
     turn_slip=0.0,
     slip_noise=0.0,
 )
-
 # By the name of the class without its package, in lower case.
 STANDARD_BASES = {"p2at": _P2AT, "omnip2at": _P2AT, "p2dx": _P2DX, "omnip2dx": _P2DX, "p3at": _P3AT}
-
-
 # Halvings of a tick's motion towards the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
 # Depth up to which a base only touches: two robots compute their contact in axes of their own, and
 # coordinates of 1e5 m round to 1.5e-11 m. A hundredth of the distance that bisection leaves.
 _TOUCH_M = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class RobotBody:
-    """State of a base."""
-
-    base: DriveBase
-    pose: PlanarPose
-    spin: WheelSpin
-    tick: int = 0
-    """Number of ticks simulated; index of the random slip."""
-
-
-def step_body(
-    body: RobotBody, duration_s: float, *, obstacles: ObstacleGrid, random_source: RandomSource
-) -> tuple[RobotBody, WheelTravel]:
-    """Move a base by one tick.
-
-    At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
-    encoders of a blocked robot measure. A base that starts in contact only moves to where the
-    contact is less deep: never through an obstacle, and never into another one.
-
-    Args:
-        random_source: Source of the random slip.
-
-    Returns:
-        The base after the tick, and the travel of the wheels before slip.
-    """
-    travel = wheel_travel(body.base, body.spin, duration_s)
-    pose = body.pose
-    if travel != NO_TRAVEL:
-        # Random numbers by tick: a drive repeats itself whatever other robots do.
-        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
-        pose = _move_until_contact(body, travel_on_floor, obstacles)
-    return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
 
 
 def _move_until_contact(

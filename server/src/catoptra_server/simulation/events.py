@@ -33,7 +33,7 @@ class Client(Protocol):
         """Send reports, in order and in one piece."""
 
     def confirm_spawn(self, name: str, moved_to: tuple[float, float, float] | None) -> None:
-        """Record that INIT spawned a robot, before its first reports.
+        """Record that INIT spawned a robot, before the first reports.
 
         Args:
             name: Name of the robot.
@@ -44,7 +44,7 @@ class Client(Protocol):
         """Record that INIT spawned no robot, for a reason in words."""
 
     def disconnect(self, reason: str) -> None:
-        """End the connection: a fault has removed its robot."""
+        """End the connection: a fault has removed the robot."""
 
     def resume_reading(self) -> None:
         """Continue to post, after `post` returned False."""
@@ -92,19 +92,19 @@ class StepRequested:
     duration_s: float
     reply: Callable[[StepResult], None]
     refusal: str = ""
-    """Reason why the step is not to be executed, found while it was queued; empty for none."""
+    """Reason why the step is not to be executed, found in the queue; empty for none."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResetRequested:
-    """A client gives its robot back, behind its waiting work."""
+    """A client gives the robot back, behind all waiting work."""
 
     client: Client
     reply: Callable[[], None]
     """Called after the removal."""
     is_last: bool = False
-    """Whether the client sends nothing more: its waiting work is served in the order of arrival,
-    whatever time it has used, so that a client that reconnects finds place and name free."""
+    """Whether the client sends nothing more: waiting work is served in the order of arrival,
+    whatever time the client has used, so that place and name are free for a new connection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class LandmarksRequested:
 
 @dataclass(frozen=True, slots=True)
 class PixelRequested:
-    """A connection requests what a camera sees at a point of its image."""
+    """A connection requests the view at a point of a camera's image."""
 
     client: Client
     channel: CameraChannel
@@ -180,7 +180,7 @@ class SharedRobotDriven:
 
 @dataclass(frozen=True, slots=True)
 class ClientDisconnected:
-    """A client is gone: its waiting work is dropped and its robot removed, ahead of all work."""
+    """A client is gone: waiting work is dropped and the robot removed, ahead of all work."""
 
     client: Client
 

@@ -1,7 +1,7 @@
 """The robots of all clients: spawning, commands, motion, readings and frames.
 
-The one face of robots, cameras and obstacles to the simulation loop; a command finds its robot here
-and is executed in `commands.py`. Knows no clock and no queue.
+The one face of robots, cameras and obstacles to the simulation loop; the robot of a command is
+found here, and the command executed in `commands.py`. Knows no clock and no queue.
 """
 
 from __future__ import annotations
@@ -49,10 +49,8 @@ from catoptra_server.simulation.commands import (
 )
 from catoptra_server.simulation.events import AccuracyTargetChanged, Client, RejectedError
 from catoptra_server.simulation.fleet_cameras import (
-    CameraQueries,
     FleetCameras,
     FleetEnvironment,
-    set_accuracy_target,
 )
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
@@ -64,7 +62,7 @@ from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
-# More than any program has spawned; each costs its share of every tick.
+# More than any program has spawned; each costs a share of every tick.
 _MAX_ROBOTS = 64
 
 
@@ -103,12 +101,15 @@ class Fleet:
         # Clients whose robots raised in the present tick.
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
-        self._cameras = FleetCameras(self._robots.values(), self._classes, multi_view)
         self._environment = FleetEnvironment(
             self._robots.values(), world, scene, ray_caster or EmptyScene(), self._collision_index
         )
-        self._camera_queries = CameraQueries(
-            self._cameras, self._environment, world.landmarks, error_bound_of
+        self._cameras = FleetCameras(
+            self._robots.values(),
+            self._classes,
+            self._environment,
+            multi_view=multi_view,
+            error_bound_of=error_bound_of,
         )
         self._remote_control = RemoteControl(self._robots)
 
@@ -117,7 +118,7 @@ class Fleet:
         return self._robots.get(client)
 
     def remove(self, client: Client) -> str | None:
-        """Remove the robot of a client, and return its name, which is free again."""
+        """Remove the robot of a client, and return the name, which is free again."""
         robot = self._robots.pop(client, None)
         if robot is None:
             return None
@@ -234,7 +235,15 @@ class Fleet:
             The camera with the settings of the next frames, None without such a camera; and the
             name of the camera.
         """
-        return set_accuracy_target(self._robots.get(event.client), event)
+        robot = self._robots.get(event.client)
+        omnis = robot.omni_cameras if robot else []
+        named = (omni for omni in omnis if event.camera.lower() in ("", omni.name.lower()))
+        omni = next(named, None)
+        if omni is None:
+            return None, event.camera
+        omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
+        # As tiled: the plan depends on the size that the image port renders.
+        return omni.camera_spec(omni.tile), omni.name
 
     def publish(self, client: Client, note: Note, time_s: float) -> None:
         """Store a note about a client's robot.
@@ -318,10 +327,10 @@ class Fleet:
         self, channel: CameraChannel
     ) -> tuple[LandmarkVisibility, ...] | None:
         """Landmarks in view of a camera; None without such a robot or camera."""
-        return self._camera_queries.compute_landmark_visibility(channel)
+        return self._cameras.compute_landmark_visibility(channel)
 
     def look_through_pixel(
         self, channel: CameraChannel, point_px: tuple[float, float]
     ) -> PixelView | None:
         """What a camera sees at a point of its image; None without such a robot or camera."""
-        return self._camera_queries.look_through_pixel(channel, point_px)
+        return self._cameras.look_through_pixel(channel, point_px)

@@ -1,4 +1,4 @@
-"""The cameras of all robots, and what they and the sensors of a robot may see.
+"""The cameras of all robots, and what cameras and sensors of a robot may see.
 
 `FleetCameras` finds robot and camera of a channel, composes frames and answers queries about what a
 camera sees; `FleetEnvironment` is the world with the other robots as boxes, for one robot.
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import assert_never
 
-from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.frame import (
     CameraChannel,
@@ -29,7 +28,6 @@ from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import ErrorBoundLookup
-from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.sensor import RayCaster, SensorEnvironment
@@ -60,13 +58,14 @@ class FleetEnvironment:
 
         Args:
             robots: All robots; a view, in which robots come and go.
-            world: Tags, victims and GPS origin.
+            world: Landmarks, tags, victims and GPS origin.
             scene: The world as triangles, for names of items.
             ray_caster: The world as sensors measure it.
             collision_index: Boxes of robots at their present poses.
         """
         self._robots = robots
         self._world = world
+        self.landmarks = world.landmarks
         self._scene = scene
         self._ray_caster = ray_caster
         self._collision_index = collision_index
@@ -82,7 +81,7 @@ class FleetEnvironment:
             gps_origin=world.gps_origin,
         )
 
-    def name_things(self, robot: Robot) -> NamedScene:
+    def name_objects(self, robot: Robot) -> NamedScene:
         """Everything that a robot's cameras may see, by name."""
         others = self._others(robot)
         return NamedScene(
@@ -107,16 +106,23 @@ class FleetCameras:
         self,
         robots: Collection[Robot],
         classes: Sequence[RobotDescription],
-        multi_view: TileLayout | None,
+        environment: FleetEnvironment,
+        *,
+        multi_view: TileLayout | None = None,
+        error_bound_of: ErrorBoundLookup = lambda camera: None,
     ) -> None:
         """Create the cameras of a fleet.
 
         Args:
             robots: Robots in the order of spawning; a view, in which robots come and go.
             classes: Classes that robots may have.
+            environment: What the cameras may see.
             multi_view: Tiles of the image port; None for the viewports of one robot.
+            error_bound_of: Error bound of a camera; None before the first frame.
         """
         self._robots = robots
+        self._environment = environment
+        self._error_bound_of = error_bound_of
         self._meshes = RobotMeshes(classes)
         self._layout = ImagePortLayout(multi_view, blank_size_px=_blank_size_px(classes))
 
@@ -143,6 +149,38 @@ class FleetCameras:
             case _:
                 assert_never(channel)
 
+    def compute_landmark_visibility(
+        self, channel: CameraChannel
+    ) -> tuple[LandmarkVisibility, ...] | None:
+        """Landmarks in view of a camera; None without such a robot or camera."""
+        found = self.find(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        return compute_landmark_visibility(
+            camera.camera_spec(),
+            _find_pose(robot, camera),
+            self._environment.landmarks,
+            self._environment.sense(robot),
+        )
+
+    def look_through_pixel(
+        self, channel: CameraChannel, point_px: tuple[float, float]
+    ) -> PixelView | None:
+        """What a camera sees at a point of the image; None without such a robot or camera."""
+        found = self.find(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        spec = camera.camera_spec()
+        return look_through_pixel(
+            spec,
+            _find_pose(robot, camera),
+            point_px,
+            self._environment.name_objects(robot),
+            self._error_bound_of(spec) if isinstance(spec, OmniCameraSpec) else None,
+        )
+
     def find(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
         """Robot and camera of a channel; without a robot's name, of the displayed robot."""
         robot = self.find_robot(channel.robot)
@@ -166,81 +204,6 @@ def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
     # The size that the first robot will have: clients need not resize at the first INIT.
     cameras = [omni.camera for robot in classes for omni in robot.omni_cameras]
     return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX
-
-
-def set_accuracy_target(
-    robot: Robot | None, event: AccuracyTargetChanged
-) -> tuple[OmniCameraSpec | None, str]:
-    """Change the accuracy target of a robot's camera.
-
-    Returns:
-        The camera with the settings of the next frames, None without such a camera; and the name of
-        the camera.
-    """
-    omnis = robot.omni_cameras if robot else []
-    named = (omni for omni in omnis if event.camera.lower() in ("", omni.name.lower()))
-    omni = next(named, None)
-    if omni is None:
-        return None, event.camera
-    omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
-    # As tiled: the plan depends on the size that the image port renders.
-    return omni.camera_spec(omni.tile), omni.name
-
-
-class CameraQueries:
-    """Queries about the cameras of a fleet. Only the simulation thread may call methods."""
-
-    def __init__(
-        self,
-        cameras: FleetCameras,
-        environment: FleetEnvironment,
-        landmarks: Sequence[Landmark],
-        error_bound_of: ErrorBoundLookup,
-    ) -> None:
-        """Create the queries.
-
-        Args:
-            cameras: Finds robot and camera of a channel.
-            environment: What the cameras may see.
-            landmarks: All landmarks of the world.
-            error_bound_of: Error bound of a camera; None before the first frame.
-        """
-        self._cameras = cameras
-        self._environment = environment
-        self._landmarks = landmarks
-        self._error_bound_of = error_bound_of
-
-    def compute_landmark_visibility(
-        self, channel: CameraChannel
-    ) -> tuple[LandmarkVisibility, ...] | None:
-        """Landmarks in view of a camera; None without such a robot or camera."""
-        found = self._cameras.find(channel)
-        if found is None:
-            return None
-        robot, camera = found
-        return compute_landmark_visibility(
-            camera.camera_spec(),
-            _find_pose(robot, camera),
-            self._landmarks,
-            self._environment.sense(robot),
-        )
-
-    def look_through_pixel(
-        self, channel: CameraChannel, point_px: tuple[float, float]
-    ) -> PixelView | None:
-        """What a camera sees at a point of its image; None without such a robot or camera."""
-        found = self._cameras.find(channel)
-        if found is None:
-            return None
-        robot, camera = found
-        spec = camera.camera_spec()
-        return look_through_pixel(
-            spec,
-            _find_pose(robot, camera),
-            point_px,
-            self._environment.name_things(robot),
-            self._error_bound_of(spec) if isinstance(spec, OmniCameraSpec) else None,
-        )
 
 
 def _find_pose(robot: Robot, camera: CameraSensor) -> Pose:

@@ -1,8 +1,8 @@
 """Captures of the frames that clients request: at once where nothing has moved, else in turn.
 
 Composing a frame needs robots, which belong to the simulation thread. A composition holds until a
-tick or a command changes something; as long as it does, any thread captures further frames from it:
-a renderer draws several frames in a tick of 20 ms, and each wake-up of the simulation for one cost
+tick or a command changes something; until then any thread captures further frames from there: a
+renderer draws several frames in a tick of 20 ms, and each wake-up of the simulation for one cost
 0.3 ms of processor time.
 """
 

@@ -2,8 +2,8 @@
 
 The work of a client waits in a queue of its own, of bounded length, so that a flood of one client
 neither delays the others nor grows in memory. Within 1 % of the thread's time work keeps the order
-of arrival, above that it waits behind all other. A client has 64 commands waiting at most; then TCP
-holds it back. Departures and the server's end overtake all work.
+of arrival, above that, behind all other. A client has 64 commands waiting at most, then none is
+read. Departures and the server's end overtake all work.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ class Inbox:
         return None
 
     def _limit_step(self, event: StepRequested) -> StepRequested:
-        """The step, or one that fails in its turn if too much simulated time waits already."""
-        # Refused in its turn, not at once: replies keep the order of the requests.
+        """The step, or one that fails in turn if too much simulated time waits already."""
+        # Rejected in turn, not at once: replies keep the order of the requests.
         waiting_s = self._waiting_step_s
         duration_s = event.duration_s if event.duration_s > 0.0 else 0.0  # NaN, too
         own_s = waiting_s[event.client] + duration_s

@@ -36,7 +36,7 @@ class LinkDescription:
     min_rad: float = 1.0
     max_rad: float = 0.0
 
-    def clamp(self, angle_rad: float) -> float:
+    def limit_angle(self, angle_rad: float) -> float:
         """Angle limited to the joint's range."""
         if self.min_rad > self.max_rad:
             return angle_rad
@@ -111,13 +111,13 @@ class Joint:
 
     def _move_to(self, angle_rad: float) -> Joint:
         speed_rad_s = self.link.max_speed_rad_s
-        return replace(self, target_rad=self.link.clamp(angle_rad), speed_rad_s=speed_rad_s)
+        return replace(self, target_rad=self.link.limit_angle(angle_rad), speed_rad_s=speed_rad_s)
 
     def _run_at(self, speed_rad_s: float) -> Joint:
         if not speed_rad_s:
             return replace(self, target_rad=self.angle_rad, speed_rad_s=0.0)
         # A speed is a move to the end of the range, which is infinite for a joint without limits.
-        end = self.link.clamp(math.copysign(math.inf, speed_rad_s))
+        end = self.link.limit_angle(math.copysign(math.inf, speed_rad_s))
         speed = min(abs(speed_rad_s), self.link.max_speed_rad_s)
         return replace(self, target_rad=end, speed_rad_s=speed)
 

@@ -57,7 +57,7 @@ log = logging.getLogger(__name__)
 # A server that lags by more, such as a suspended laptop, continues from the present instead of
 # simulating all missed ticks at once.
 _MAX_LAG_S = 0.5
-# Ticks between two turns of capturing frames: where ticks take longer than they last, 25 of them on
+# Ticks between two turns of capturing frames: where ticks take longer than 20 ms, 25 of them on
 # end left each viewer among sixteen robots two frames a second.
 _MAX_TICKS_PER_TURN = 4
 # One step advances at most this far: no client occupies the simulation for longer.
@@ -126,7 +126,7 @@ class Simulation:
         return self._time_ns / NS_PER_S
 
     def post(self, event: SimulationEvent) -> bool:
-        """Queue an event, or serve it here if it needs no robot; from any thread.
+        """Queue an event, or serve one that needs no robot here; from any thread.
 
         Returns:
             False if the queue of the event's client is full: nothing more of that client is to be
@@ -249,7 +249,7 @@ class Simulation:
                 assert_never(event)
 
     def _attempt(self, event: NotePublished | SharedRobotDriven) -> str:
-        """Execute work that may be rejected; the reason, empty if it is done."""
+        """Execute work that may be rejected; the reason, empty after success."""
         try:
             match event:
                 case NotePublished(client, note):

@@ -1,13 +1,13 @@
 """A spawned robot: body, sensors, cameras, mission packages, battery, reports and notes.
 
-It moves by one tick at a time and reads its sensors when their reports are due. Who commands it is
-not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
+A robot moves by one tick at a time and reads sensors when reports are due. Who gives the commands
+is not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
 readings, published notes.
 
-* All periods start together: the first reports are due at once. A period of 0.05 s keeps its mean
+* All periods start together: the first reports are due at once. A period of 0.05 s keeps the mean
   in ticks of 0.02 s.
 * Random numbers are keyed by the server's seed and the robot's name, never by the order of
-  connections: a drive is reproducible whichever clients are connected, too.
+  connections: a drive is reproducible whichever clients are connected.
 """
 
 from __future__ import annotations
@@ -42,31 +42,8 @@ from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.obstacle_grid import ObstacleGrid
 from catoptra_server.world.world_description import AT_REST, Twist
 
-# Two times closer than this are one tick: due times are sums of periods as floats.
-_SAME_TIME_S = 1e-6
-
-
-class _ReportSchedule:
-    """Periods that start together: all first reports are due at once."""
-
-    def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
-        """Start the periods at a simulation time, one for each interval."""
-        self._intervals_s = tuple(intervals_s)
-        self._due_s = [time_s] * len(self._intervals_s)
-
-    def pop_due(self, time_s: float) -> list[int]:
-        """Indices that are due at a time, in order; their next times are set."""
-        found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
-        for i in found:
-            # Counted from the due time, not from now, so that a period of 0.05 s keeps its mean in
-            # ticks of 0.02 s; after a pause from now, so that no burst of reports follows.
-            self._due_s[i] = max(self._due_s[i] + self._intervals_s[i], time_s)
-        return found
-
-
 CameraSensor = OmniCameraSensor | PerspectiveCameraSensor
 EnvironmentProvider = Callable[[], SensorEnvironment]
-
 # Name of the random numbers of wheel slip.
 _SLIP_STREAM = "slip"
 
@@ -83,7 +60,7 @@ class Robot:
     """A robot of one client.
 
     All random numbers follow from the server's seed and the robot's name, so that a drive is
-    reproducible whichever clients are connected beside it.
+    reproducible whichever clients are connected.
     """
 
     def __init__(
@@ -191,7 +168,7 @@ class Robot:
         return tuple(self._notes.values())
 
     def publish(self, note: Note, time_s: float) -> None:
-        """Store a note in place of the one of its name.
+        """Store a note in place of the older one of that name.
 
         Raises:
             LocalProtocolError: The robot has notes of as many other names as it may.
@@ -240,11 +217,13 @@ class Robot:
         spin = self._body.spin
         left = spin.left_rad_s if drive.left is None else unit * drive.left
         right = spin.right_rad_s if drive.right is None else unit * drive.right
-        self._body = dataclasses.replace(self._body, spin=WheelSpin(left, right).clamp(max_rad_s))
+        self._body = dataclasses.replace(
+            self._body, spin=WheelSpin(left, right).limit_to(max_rad_s)
+        )
         self._light = self._light if drive.light is None else drive.light
 
     def drive_joint(self, name: str, value: float | None, order: int) -> None:
-        """Command a joint by the name of its link; an unknown name has no effect."""
+        """Command a joint by the name of the link; an unknown name has no effect."""
         for chain in (*self._chassis_joints, *self.mission_packages):
             number = chain.find_link_number(name)
             if number is not None and value is not None:
@@ -330,28 +309,11 @@ class Robot:
         )
         return VehicleStatus(time_s, left_s, light=self._light, view=self.tile_index, joints=joints)
 
-    def find_parts(self, type_: str) -> list[Part]:
+    def find_parts_of_type(self, type_: str) -> list[Part]:
         """Parts of a type in any case, in the order of their reports."""
         reporting = (part for sensor in self.sensors for part in sensor.parts)
         parts: list[Part] = [*reporting, *self.all_cameras, *self.mission_packages]
         return [part for part in parts if part.type.lower() == type_.lower()]
-
-
-def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
-    """Mean motion between two poses."""
-    # In plain floats: computed for every robot in every tick, where arrays of three are slow.
-    if before == after:
-        return AT_REST
-    # The short way around: yaw is wrapped to (-pi, pi], and no tick turns by half a turn.
-    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
-    velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
-    return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
-
-
-def _stream_name(part: str) -> str:
-    """Name of a part's random numbers: the part's own, made distinct from the slip's."""
-    # Names of parts have no space: "part slip" is no other part's name.
-    return f"part {part}" if part == _SLIP_STREAM else part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -399,3 +361,42 @@ def _snapshot(robot: Robot) -> RobotSnapshot:
         robot.wheel_speeds_rad_s,
         robot.shares_control,
     )
+
+
+# Two times closer than this are one tick: due times are sums of periods as floats.
+_SAME_TIME_S = 1e-6
+
+
+class _ReportSchedule:
+    """Periods that start together: all first reports are due at once."""
+
+    def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
+        """Start the periods at a simulation time, one for each interval."""
+        self._intervals_s = tuple(intervals_s)
+        self._due_s = [time_s] * len(self._intervals_s)
+
+    def pop_due(self, time_s: float) -> list[int]:
+        """Indices that are due at a time, in order; their next times are set."""
+        found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
+        for i in found:
+            # Counted from the due time, not from now, so that a period of 0.05 s keeps its mean in
+            # ticks of 0.02 s; after a pause from now, so that no burst of reports follows.
+            self._due_s[i] = max(self._due_s[i] + self._intervals_s[i], time_s)
+        return found
+
+
+def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
+    """Mean motion between two poses."""
+    # In plain floats: computed for every robot in every tick, where arrays of three are slow.
+    if before == after:
+        return AT_REST
+    # The short way around: yaw is wrapped to (-pi, pi], and no tick turns by half a turn.
+    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
+    velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
+    return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
+
+
+def _stream_name(part: str) -> str:
+    """Name of a part's random numbers: the part's own, made distinct from the slip's."""
+    # Names of parts have no space: "part slip" is no other part's name.
+    return f"part {part}" if part == _SLIP_STREAM else part

@@ -112,7 +112,7 @@ class OmniCameraDescription:
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveCameraDescription:
-    """A perspective camera; fields of view are horizontal, the range is that of SET Camera FOV."""
+    """A perspective camera; fields of view are horizontal, the range is for SET Camera FOV."""
 
     name: str
     mount: Mount

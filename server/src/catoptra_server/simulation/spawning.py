@@ -28,71 +28,6 @@ from catoptra_server.world.robot_shapes import (
     build_robot_mesh,
 )
 
-
-class RobotMeshes:
-    """The meshes of a fleet's classes, built once."""
-
-    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
-        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
-        self._meshes = {d.class_name: _build_mesh(d) for d in descriptions}
-        self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
-
-    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
-        """Robots as dynamic objects, at their present poses."""
-        return tuple(_place_mesh(self._meshes[robot.class_name], robot) for robot in robots)
-
-    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
-        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
-        mesh = self._ego_meshes[robot.class_name]
-        if mesh is None:
-            return None
-        return _place_mesh(mesh, robot)
-
-
-def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
-    return DynamicObject(mesh, robot.world_from_robot, robot.twist, robot.name, robot.number)
-
-
-def _build_mesh(description: RobotDescription) -> ObjectMesh:
-    return build_robot_mesh(_dimensions(description), _tower(description))
-
-
-def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
-    """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
-    omni, tower = description.mirror_camera, _tower(description)
-    if omni is None or tower is None:
-        return None
-    is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
-    # Only where configured: a mesh that no effect shows is never built.
-    return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
-
-
-def _dimensions(description: RobotDescription) -> RobotDimensions:
-    drive = description.drive
-    return RobotDimensions(
-        drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m
-    )
-
-
-def _tower(description: RobotDescription) -> OmniCameraTower | None:
-    omni = description.mirror_camera
-    return OmniCameraTower(omni.camera, omni.robot_from_mirror) if omni else None
-
-
-# As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
-# 8 mm; a place beyond 1e18 m has no cell number in 64 bits.
-_MAX_COORDINATE_M = 1e5
-# Far above any number of turns that a client could mean, and still wrapped to 1e-10 rad.
-_MAX_ANGLE_RAD = 1e6
-# Sixteen robots of half a metre find places about one, side by side.
-_SEARCH_RADIUS_M = 2.0
-# A fifth of a small base: 1256 places within the radius.
-_SEARCH_STEP_M = 0.1
-# The nearest 314 reach 1 m far, where most searches end; all take 2 to 6 ms in crowded places.
-_PLACES_PER_TEST = 314
-# Left on all sides of a robot that is moved: room to turn a little, and to drive off.
-_CLEARANCE_M = 0.02
-
 # Whether places, (n, 2) metres, are free for a base with some metres around it.
 PlaceTest = Callable[[Floats, float], Bools]
 
@@ -137,6 +72,52 @@ def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescripti
     raise SpawnError(f"there is no class {name!r}: this server has {names}")
 
 
+def unique_name(requested: str, existing: Collection[str]) -> str:
+    """Requested name, followed by the smallest number from 2 that makes the name unique."""
+    if requested not in existing:
+        return requested
+    # Among n + 1 candidates at least one is not among n existing names.
+    numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
+    return next(name for name in numbered if name not in existing)
+
+
+class RobotMeshes:
+    """The meshes of a fleet's classes, built once."""
+
+    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
+        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
+        self._meshes = {d.class_name: _build_mesh(d) for d in descriptions}
+        self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
+
+    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
+        """Robots as dynamic objects, at their present poses."""
+        return tuple(_place_mesh(self._meshes[robot.class_name], robot) for robot in robots)
+
+    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
+        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
+        mesh = self._ego_meshes[robot.class_name]
+        if mesh is None:
+            return None
+        return _place_mesh(mesh, robot)
+
+
+def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
+    """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
+    omni, tower = description.mirror_camera, _tower(description)
+    if omni is None or tower is None:
+        return None
+    is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
+    # Only where configured: a mesh that no effect shows is never built.
+    return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
+
+
+# As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
+# 8 mm; a place beyond 1e18 m has no cell number in 64 bits.
+_MAX_COORDINATE_M = 1e5
+# Far above any number of turns that a client could mean, and still wrapped to 1e-10 rad.
+_MAX_ANGLE_RAD = 1e6
+
+
 def _spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
     """Requested pose of a new robot on the floor.
 
@@ -170,6 +151,16 @@ def _check_limits(key: str, values: tuple[float, float, float], limit: float) ->
     if not all(abs(value) <= limit for value in values):
         text = ",".join(f"{value:g}" for value in values)
         raise SpawnError(f"{key} {text} is out of limits: each number is at most {limit:g}")
+
+
+# Sixteen robots of half a metre find places about one, side by side.
+_SEARCH_RADIUS_M = 2.0
+# A fifth of a small base: 1256 places within the radius.
+_SEARCH_STEP_M = 0.1
+# The nearest 314 reach 1 m far, where most searches end; all take 2 to 6 ms in crowded places.
+_PLACES_PER_TEST = 314
+# Left on all sides of a robot that is moved: room to turn a little, and to drive off.
+_CLEARANCE_M = 0.02
 
 
 def _find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
@@ -213,10 +204,21 @@ def _search_offsets_m() -> Floats:
 _SEARCH_OFFSETS_M = _search_offsets_m()
 
 
-def unique_name(requested: str, existing: Collection[str]) -> str:
-    """Requested name, followed by the smallest number from 2 that makes the name unique."""
-    if requested not in existing:
-        return requested
-    # Among n + 1 candidates at least one is not among n existing names.
-    numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
-    return next(name for name in numbered if name not in existing)
+def _build_mesh(description: RobotDescription) -> ObjectMesh:
+    return build_robot_mesh(_dimensions(description), _tower(description))
+
+
+def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
+    return DynamicObject(mesh, robot.world_from_robot, robot.twist, robot.name, robot.number)
+
+
+def _dimensions(description: RobotDescription) -> RobotDimensions:
+    drive = description.drive
+    return RobotDimensions(
+        drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m
+    )
+
+
+def _tower(description: RobotDescription) -> OmniCameraTower | None:
+    omni = description.mirror_camera
+    return OmniCameraTower(omni.camera, omni.robot_from_mirror) if omni else None

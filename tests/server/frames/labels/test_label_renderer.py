@@ -1,8 +1,4 @@
-"""Channels against rays cast without any of the renderer's code, for three kinds of cameras.
-
-Hidden fractions of objects, against counts of pixels with and without what hides them.
-
-Pixels of points, and visibility of moved ones; the flow as a whole is in test_label_renderer."""
+"""Channels, hidden fractions and flow, against rays cast without any of the renderer's code."""
 
 from __future__ import annotations
 

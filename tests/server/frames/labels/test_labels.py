@@ -1,6 +1,4 @@
-"""Rays of labels: which effects change them, and at which times they are.
-
-Numbers, classes and boxes of objects."""
+"""Rays of labels with their times; numbers, classes and boxes of objects."""
 
 from __future__ import annotations
 

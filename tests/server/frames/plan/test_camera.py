@@ -1,6 +1,4 @@
-"""Variants of a camera: what they change, what they leave, and what they refuse.
-
-Exact rays where something is near, one viewpoint where nothing is."""
+"""Variants of a camera, and the choice between exact rays and one viewpoint."""
 
 from __future__ import annotations
 
@@ -158,19 +156,19 @@ def test_names_are_parsed_or_refused_with_the_known_ones() -> None:
         parse_effect_modes({"a": "on"})
 
 
-CAMERA_VIEWPOINT_CHOICE = make_camera(SphericalMirror(0.03, 0.2), 360)
-AUTO = OmniCameraSpec(CAMERA_VIEWPOINT_CHOICE, RenderSettings(central_error_px=0.25))
-NEVER = OmniCameraSpec(CAMERA_VIEWPOINT_CHOICE, RenderSettings())
-ALWAYS = OmniCameraSpec(replace(CAMERA_VIEWPOINT_CHOICE, is_approximated=True), RenderSettings())
+BALL = make_camera(SphericalMirror(0.03, 0.2), 360)
+AUTO = OmniCameraSpec(BALL, RenderSettings(central_error_px=0.25))
+NEVER = OmniCameraSpec(BALL, RenderSettings())
+ALWAYS = OmniCameraSpec(replace(BALL, is_approximated=True), RenderSettings())
 PRECISE = OmniCameraSpec(
-    CAMERA_VIEWPOINT_CHOICE,
+    BALL,
     RenderSettings(central_error_px=0.25, accuracy_target=AccuracyTarget(max_error_px=0.5)),
 )
 CENTRAL = OmniCameraSpec(
     camera_with_inscribed_rim(PAPER_MIRROR, width_px=90, height_px=90, rim_rad=2.0),
     RenderSettings(central_error_px=0.25),
 )
-LIMIT_M = near_limit_m(CAMERA_VIEWPOINT_CHOICE)
+LIMIT_M = near_limit_m(BALL)
 
 
 def test_viewpoint_is_one_from_the_near_limit_on() -> None:
@@ -183,7 +181,7 @@ def test_viewpoint_is_one_from_the_near_limit_on() -> None:
 def test_points_from_the_near_limit_on_err_by_the_allowed_pixels() -> None:
     far = choose_viewpoint(AUTO, LIMIT_M).camera
     u, v = np.meshgrid(np.arange(5.0, 360.0, 7.0), np.arange(5.0, 360.0, 7.0))
-    origins, directions, valid = ray_from_pixel(CAMERA_VIEWPOINT_CHOICE, np.stack((u, v), axis=-1))
+    origins, directions, valid = ray_from_pixel(BALL, np.stack((u, v), axis=-1))
     # Points of the rays at the limit's distance from the viewpoint.
     along = (origins * directions).sum(axis=-1)
     half = along**2 - (origins**2).sum(axis=-1) + LIMIT_M**2

@@ -1,8 +1,4 @@
-"""Candidates: every renderer, sample count and texel density, one surface.
-
-Times of the calibration plans, with a fake clock and fake views.
-
-Candidate tables: all candidates with bounds and times, of the renderers that can be measured."""
+"""Candidate plans, times of the calibration plans, and tables of both."""
 
 from __future__ import annotations
 
@@ -30,7 +26,6 @@ from catoptra_server.frames.plan.candidates import (
 from catoptra_server.frames.plan.costs import CostCache, PlanTiming, fit_cost_model
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import plan_view_size
-from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
@@ -38,6 +33,7 @@ from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene
+from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.worlds import make_omni_camera, make_test_world
 
 CAMERA = make_omni_camera(width_px=64)
@@ -96,7 +92,6 @@ def test_calibration_plans_of_a_large_image_stay_within_memory() -> None:
         assert {(plan.samples, plan.face_samples) for plan in large} <= {(1, 1)}
 
 
-TRACE_COST_CALIBRATION = RendererKind.TRACE
 STATES = (CameraState(Pose.identity()), CameraState(Pose.from_rpy((1.0, 0.0, 0.0))))
 
 
@@ -123,15 +118,14 @@ class _FakeRenderer:
 
         return FakeView()
 
-    def clock(self) -> float:
-        return self.now_s
+    def measure(self) -> list[PlanTiming]:
+        renderer: Any = self
+        return measure_costs(renderer, TRACE, CAMERA, PerPixel(), STATES, clock=lambda: self.now_s)
 
 
 def test_calibration_has_medians_of_all_stages_and_of_the_time_between() -> None:
     renderer = _FakeRenderer()
-    found = measure_costs(
-        renderer, TRACE_COST_CALIBRATION, CAMERA, PerPixel(), STATES, clock=renderer.clock
-    )  # type: ignore[arg-type]
+    found = renderer.measure()
     assert [one.plan.samples for one in found] == [1, 2, 5]
     assert [one.stage_ms["trace"] for one in found] == [1.0, 4.0, 25.0]
     assert all(one.stage_ms[OTHER_STAGES] == pytest.approx(0.5) for one in found)
@@ -141,34 +135,27 @@ def test_calibration_has_medians_of_all_stages_and_of_the_time_between() -> None
 
 def test_calibration_when_fitted_reproduces_the_measured_times() -> None:
     renderer = _FakeRenderer()
-    found = measure_costs(
-        renderer, TRACE_COST_CALIBRATION, CAMERA, PerPixel(), STATES, clock=renderer.clock
-    )  # type: ignore[arg-type]
+    found = renderer.measure()
     model = fit_cost_model(CAMERA, found)
     assert model.predict_frame_ms(found[1].plan) == pytest.approx(4.5)
 
 
-TRACE_CANDIDATE_TABLE = RendererKind.TRACE
-CAMERA_CANDIDATE_TABLE = OmniCameraSpec(make_omni_camera(width_px=64), RenderSettings())
-STATES_CANDIDATE_TABLE = (CameraState(Pose.identity()),)
+SPEC = OmniCameraSpec(CAMERA, RenderSettings())
 
 
-def make_calibration(measure: Any) -> RendererCalibration:
-    renderer: Any = object()
-    return RendererCalibration(
-        RendererPool(RendererChoice(renderer, TRACE_CANDIDATE_TABLE, "test")), None, measure
-    )
+def make_calibration(measure: Any, cache: CostCache | None = None) -> RendererCalibration:
+    return RendererCalibration(make_pool(), cache, measure)
+
+
+def make_cache(folder: Path) -> CostCache:
+    return CostCache(folder, build_scene(make_test_world()))
 
 
 def test_options_have_the_bound_and_the_time_of_their_plan() -> None:
-    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
-        plans = generate_calibration_plans(kind, camera, others[0])
-        return [PlanTiming(plan, {"trace": 2.0 * plan.samples**2}) for plan in plans]
-
-    table = make_calibration(measure).make_table(CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE)
+    table = make_calibration(measure_per_sample(2.0)).make_table(SPEC, STATES)
     assert {option.plan.samples for option in table.options} == set(range(1, 9))
     for option in table.options:
-        bound = error_bound(CAMERA_CANDIDATE_TABLE.camera, option.plan)
+        bound = error_bound(SPEC.camera, option.plan)
         assert option.error_bound_px == bound.outline_error_px
         assert option.predicted_ms == pytest.approx(2.0 * option.plan.samples**2)
 
@@ -178,50 +165,32 @@ def test_table_without_a_renderer_that_can_be_measured_is_refused() -> None:
         raise RuntimeError("lost device")
 
     with pytest.raises(RendererUnavailableError, match="no renderer could be measured"):
-        make_calibration(fail).make_table(CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE)
+        make_calibration(fail).make_table(SPEC, STATES)
+
+
+class RepeatedMeasurement:
+    """Measurements that give another rate each time."""
+
+    def __init__(self, *rates_ms: float) -> None:
+        self.remaining_ms = list(rates_ms)
+
+    def __call__(self, *arguments: Any) -> list[PlanTiming]:
+        return measure_per_sample(self.remaining_ms.pop(0), fixed_ms=9.0)(*arguments)
 
 
 def test_costs_that_do_not_grow_are_measured_again_and_never_stored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    times = iter((12.6, 12.6, 12.6))
-
-    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
-        plans = generate_calibration_plans(kind, camera, others[0])
-        ms = next(times)
-        return [PlanTiming(plan, {"trace": ms}) for plan in plans]
-
-    class Described:
-        def describe(self) -> str:
-            return "trace"
-
-    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
-    cache = CostCache(tmp_path, build_scene(make_test_world()))
-    RendererCalibration(pool, cache, measure).make_table(
-        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
-    )
-    assert next(times, None) is None
+    measurement = RepeatedMeasurement(0.0, 0.0, 0.0)
+    make_calibration(measurement, make_cache(tmp_path)).make_table(SPEC, STATES)
+    assert measurement.remaining_ms == []
     assert not list(tmp_path.iterdir())
     assert "not stored" in caplog.text
 
 
 def test_second_measurement_that_grows_is_stored(tmp_path: Path) -> None:
-    per_sample = iter((0.0, 2.0))
-
-    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
-        plans = generate_calibration_plans(kind, camera, others[0])
-        rate = next(per_sample)
-        return [PlanTiming(plan, {"trace": 9.0 + rate * plan.samples**2}) for plan in plans]
-
-    class Described:
-        def describe(self) -> str:
-            return "trace"
-
-    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
-    cache = CostCache(tmp_path, build_scene(make_test_world()))
-    RendererCalibration(pool, cache, measure).make_table(
-        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
-    )
+    measurement = RepeatedMeasurement(0.0, 2.0)
+    make_calibration(measurement, make_cache(tmp_path)).make_table(SPEC, STATES)
     assert len(list(tmp_path.iterdir())) == 1
 
 
@@ -229,28 +198,9 @@ def test_second_measurement_that_grows_is_stored(tmp_path: Path) -> None:
 def test_stored_costs_that_mean_nothing_are_measured_anew(
     tmp_path: Path, rates: tuple[float, ...]
 ) -> None:
-    measured = []
-
-    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
-        measured.append(kind)
-        plans = generate_calibration_plans(kind, camera, others[0])
-        return [PlanTiming(plan, {"trace": 2.0 * plan.samples**2}) for plan in plans]
-
-    class Described:
-        def describe(self) -> str:
-            return "trace"
-
-    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
-    cache = CostCache(tmp_path, build_scene(make_test_world()))
-    key = cache.make_key(
-        "trace", CAMERA_CANDIDATE_TABLE.camera, CAMERA_CANDIDATE_TABLE.render_settings.surface
-    )
+    measurement, cache = RepeatedMeasurement(2.0, 2.0), make_cache(tmp_path)
+    key = cache.make_key("trace", SPEC.camera, SPEC.render_settings.surface)
     cache.write(key, {"trace": {"trace": rates}})
-    RendererCalibration(pool, cache, measure).make_table(
-        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
-    )
-    assert measured == [TRACE_CANDIDATE_TABLE]
-    RendererCalibration(pool, cache, measure).make_table(
-        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
-    )
-    assert measured == [TRACE_CANDIDATE_TABLE]
+    for _ in range(2):
+        make_calibration(measurement, cache).make_table(SPEC, STATES)
+        assert measurement.remaining_ms == [2.0]

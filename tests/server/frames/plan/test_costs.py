@@ -1,8 +1,4 @@
-"""Cost model: recovery of known rates, and prediction of other plans.
-
-Costs are stored by their conditions, and no content of the cache folder does harm.
-
-Corrections of predicted times: a factor a renderer, and added times of effects."""
+"""Cost model: recovery of known rates, storage by conditions, corrections by drawn frames."""
 
 from __future__ import annotations
 
@@ -114,16 +110,13 @@ def test_model_of_trace_predicts_between_all_samples_and_those_of_edges(
 
 
 SCENE = build_scene(make_test_world())
-CAMERA_COST_CACHE = make_omni_camera(width_px=64)
-RATES_COST_CACHE = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
+STORED_RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
 
 
 def test_stored_rates_are_read_again(tmp_path: Path) -> None:
-    key = CostCache(tmp_path / "deep/costs", SCENE).make_key(
-        "llvmpipe", CAMERA_COST_CACHE, PerPixel()
-    )
-    CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES_COST_CACHE)
-    assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES_COST_CACHE
+    key = CostCache(tmp_path / "deep/costs", SCENE).make_key("llvmpipe", CAMERA, PerPixel())
+    CostCache(tmp_path / "deep/costs", SCENE).write(key, STORED_RATES)
+    assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == STORED_RATES
     assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
 
 
@@ -132,11 +125,11 @@ def test_key_depends_on_everything_that_costs_depend_on(tmp_path: Path) -> None:
     exact, split = PerPixel(), Tessellation(8, 8)
     other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
     keys = {
-        cache.make_key("a", CAMERA_COST_CACHE, exact),
-        cache.make_key("b", CAMERA_COST_CACHE, exact),
+        cache.make_key("a", CAMERA, exact),
+        cache.make_key("b", CAMERA, exact),
         cache.make_key("a", make_omni_camera(width_px=65), exact),
-        cache.make_key("a", CAMERA_COST_CACHE, split),
-        other.make_key("a", CAMERA_COST_CACHE, exact),
+        cache.make_key("a", CAMERA, split),
+        other.make_key("a", CAMERA, exact),
     }
     assert len(keys) == 5
 
@@ -149,12 +142,12 @@ def test_malformed_file_reads_as_absent(tmp_path: Path, text: str) -> None:
 
 def test_unwritable_cache_is_logged_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("in the way")
-    CostCache(tmp_path / "file", SCENE).write("key", RATES_COST_CACHE)
+    CostCache(tmp_path / "file", SCENE).write("key", STORED_RATES)
     assert "cannot be stored" in caplog.text
 
 
 def test_cache_without_a_folder_stores_nothing() -> None:
-    CostCache(None, SCENE).write("key", RATES_COST_CACHE)
+    CostCache(None, SCENE).write("key", STORED_RATES)
     assert CostCache(None, SCENE).read("key") is None
 
 
@@ -203,52 +196,46 @@ def test_processor_that_the_kernel_names_needs_no_process(
 
 
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
-CAMERA_COST_CORRECTIONS = OmniCameraSpec(make_omni_camera(width_px=16), RenderSettings())
+SPEC = OmniCameraSpec(CAMERA, RenderSettings())
 
 
 def test_frames_without_corrections_take_the_time_of_the_model() -> None:
-    assert CostCorrections().correct(CAMERA_COST_CORRECTIONS, TRACE, 5.0) == 5.0
+    assert CostCorrections().correct(SPEC, TRACE, 5.0) == 5.0
 
 
 def test_effects_are_added_and_load_multiplies() -> None:
     corrections = CostCorrections()
-    corrections.update(CAMERA_COST_CORRECTIONS, TRACE, 10.0, median_ms=35.0, added_ms=20.0)
-    assert corrections.factor(TRACE) == 1.5
+    corrections.update(SPEC, TRACE, 10.0, median_ms=35.0, added_ms=20.0)
+    assert corrections.load_factor(TRACE) == 1.5
     # Not 3.5 times as long, as one factor for all would make of it.
-    assert corrections.correct(CAMERA_COST_CORRECTIONS, TRACE, 40.0) == 80.0
+    assert corrections.correct(SPEC, TRACE, 40.0) == 80.0
 
 
 def test_effects_by_a_renderer_not_yet_drawn_take_as_long_as_by_the_other() -> None:
     corrections = CostCorrections()
-    corrections.update(CAMERA_COST_CORRECTIONS, TRACE, 10.0, median_ms=35.0, added_ms=20.0)
-    assert corrections.correct(CAMERA_COST_CORRECTIONS, RASTER, 10.0) == 30.0
-    corrections.update(CAMERA_COST_CORRECTIONS, RASTER, 10.0, median_ms=12.0, added_ms=2.0)
-    assert corrections.correct(CAMERA_COST_CORRECTIONS, RASTER, 10.0) == 12.0
-    assert corrections.correct(CAMERA_COST_CORRECTIONS, TRACE, 10.0) == 35.0
+    corrections.update(SPEC, TRACE, 10.0, median_ms=35.0, added_ms=20.0)
+    assert corrections.correct(SPEC, RASTER, 10.0) == 30.0
+    corrections.update(SPEC, RASTER, 10.0, median_ms=12.0, added_ms=2.0)
+    assert corrections.correct(SPEC, RASTER, 10.0) == 12.0
+    assert corrections.correct(SPEC, TRACE, 10.0) == 35.0
 
 
 def test_added_times_belong_to_a_camera_with_its_effects_whatever_the_target() -> None:
     corrections = CostCorrections()
-    corrections.update(CAMERA_COST_CORRECTIONS, TRACE, 10.0, median_ms=30.0, added_ms=20.0)
-    settings = replace(CAMERA_COST_CORRECTIONS.render_settings, accuracy_target=AccuracyTarget(1.0))
-    assert (
-        corrections.correct(replace(CAMERA_COST_CORRECTIONS, render_settings=settings), TRACE, 10.0)
-        == 30.0
-    )
+    corrections.update(SPEC, TRACE, 10.0, median_ms=30.0, added_ms=20.0)
+    settings = replace(SPEC.render_settings, accuracy_target=AccuracyTarget(1.0))
+    assert corrections.correct(replace(SPEC, render_settings=settings), TRACE, 10.0) == 30.0
     fog = EffectSettings((EffectSetting(Fog(0.1, 1.0, 1.0, 1.0), EffectMode.ALWAYS),))
-    assert (
-        corrections.correct(replace(CAMERA_COST_CORRECTIONS, effect_settings=fog), TRACE, 10.0)
-        == 10.0
-    )
+    assert corrections.correct(replace(SPEC, effect_settings=fog), TRACE, 10.0) == 10.0
     corrections.clear()
-    assert corrections.correct(CAMERA_COST_CORRECTIONS, TRACE, 10.0) == 10.0
+    assert corrections.correct(SPEC, TRACE, 10.0) == 10.0
 
 
 @pytest.mark.parametrize(("median_ms", "factor"), [(1e6, 10.0), (1e-6, 0.1), (-1.0, 0.1)])
 def test_incredible_times_are_limited(median_ms: float, factor: float) -> None:
     corrections = CostCorrections()
-    corrections.update(CAMERA_COST_CORRECTIONS, TRACE, 10.0, median_ms=median_ms, added_ms=0.0)
-    assert corrections.factor(TRACE) == factor
+    corrections.update(SPEC, TRACE, 10.0, median_ms=median_ms, added_ms=0.0)
+    assert corrections.load_factor(TRACE) == factor
 
 
 def test_stages_of_the_model_and_time_samples_are_not_added() -> None:

@@ -1,8 +1,4 @@
-"""Composition and text of bounds; tests/server/render/test_error_bound.py tests that they hold.
-
-Displacement of edges by texels, searched by brute force in small images.
-
-Rounding errors; tests/server/render/test_error_bound.py compares them with rays."""
+"""Bounds and their parts; tests/server/render/test_error_bound.py tests that they hold."""
 
 from __future__ import annotations
 
@@ -93,7 +89,7 @@ def test_repeated_bound_is_cached() -> None:
 
 
 def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
-    numbers = make_bound(RASTER, PerPixel()).as_dict()
+    numbers = make_bound(RASTER, PerPixel()).numbers_by_name()
     assert set(numbers) == {
         *("max_px", "rms_px", "max_deg", "rms_deg"),
         *("edge_px", "outline_px", "marker_px"),
@@ -101,7 +97,7 @@ def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
         *("faces_px", "rounding_px"),
     }
     assert all(isinstance(value, float) for value in numbers.values())
-    assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).as_dict()
+    assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).numbers_by_name()
 
 
 def test_marker_error_is_the_sum_of_both() -> None:
@@ -207,19 +203,13 @@ def test_error_is_half_a_texel_of_the_image_and_a_little() -> None:
     assert 0.2 * faces_px < bound.geometric.rms_px < faces_px / math.sqrt(3.0)
 
 
-def make_plan_of_rounding_error(
-    camera: OmniCamera, kind: RendererKind, surface: MirrorSurface
-) -> RenderPlan:
-    return plan_from_settings(RenderSettings(surface), camera, kind=kind, reason="test")
-
-
 def rounding_px(
     camera: OmniCamera,
     kind: RendererKind,
     surface: MirrorSurface = PerPixel(),  # noqa: B008 - frozen
 ) -> float:
-    bound = error_bound(camera, make_plan_of_rounding_error(camera, kind, surface))
-    return component_px(bound, "rounding")
+    plan = plan_from_settings(RenderSettings(surface), camera, kind=kind, reason="test")
+    return component_px(error_bound(camera, plan), "rounding")
 
 
 @pytest.mark.parametrize(
@@ -231,7 +221,7 @@ def test_atlas_coordinates_are_more_precise_than_their_bound(
     mirror: Mirror, rim_deg: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
-    plan = make_plan_of_rounding_error(camera, RendererKind.RASTER, PerPixel())
+    plan = plan_from_settings(RenderSettings(), camera, kind=RASTER, reason="test")
     atlas = pack_atlas(plan.face_regions, guard_texels=GUARD_TEXELS, max_texels=16384)
     pixels = pixel_sample_positions(camera)[::3, ::3, 0]
     directions, on_mirror = direction_from_pixel(camera, pixels)

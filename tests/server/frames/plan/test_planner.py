@@ -15,35 +15,21 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan import candidates as candidate_table
 from catoptra_server.frames.plan import plans as explicit_choice
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.candidates import generate_calibration_plans
 from catoptra_server.frames.plan.costs import CostCache, PlanTiming
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene
+from helpers.invented_costs import NamedRenderer, make_pool, measure_per_sample
 from helpers.worlds import make_omni_camera, make_test_world
 
 CAMERA = make_omni_camera(width_px=100)
 CAMERA_STATES = (CameraState(Pose.identity()),)
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
 MS_PER_SAMPLE = {TRACE: 5.0, RASTER: 1.0}
-
-
-class _NamedRenderer:
-    """Renderer with a description only."""
-
-    def __init__(self, name: str) -> None:
-        self.name, self.closed = name, False
-
-    def describe(self) -> str:
-        return self.name
-
-    def close(self) -> None:
-        self.closed = True
 
 
 class FakeCostMeasurement:
@@ -62,17 +48,16 @@ class FakeCostMeasurement:
         camera_states: Sequence[CameraState],
     ) -> list[PlanTiming]:
         self.measured_kinds.append(kind)
-        plans = generate_calibration_plans(kind, camera, surface)
-        return [PlanTiming(p, {"all": MS_PER_SAMPLE[kind] * p.samples**2}) for p in plans]
+        measure = measure_per_sample(MS_PER_SAMPLE[kind])
+        return measure(renderer, kind, camera, surface, camera_states)
 
     def create_raster(self) -> Any:
-        self.created.append(_NamedRenderer("raster"))
+        self.created.append(NamedRenderer("raster"))
         return self.created[-1]
 
     def create_planner(self, cache: CostCache | None = None) -> RenderPlanner:
-        renderer: Any = _NamedRenderer("trace")
-        choice = RendererChoice(renderer, TRACE, "test", {RASTER: self.create_raster})
-        return RenderPlanner(RendererPool(choice), cache, measure=self)
+        pool = make_pool(factories={RASTER: self.create_raster})
+        return RenderPlanner(pool, cache, measure=self)
 
 
 def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> OmniCameraSpec:  # noqa: B008 - frozen
@@ -287,7 +272,7 @@ def test_stages_without_rates_are_added() -> None:
     planner = FakeCostMeasurement().create_planner()
     camera = camera_spec(AccuracyTarget(1.0))
     plan = planner.choose_plan(camera, CAMERA_STATES).plan
-    assert planner.added_ms(camera, plan, {"all": 5.0, "Fog": 1.0, "encode": 0.5}) == 1.5
+    assert planner.added_ms(camera, plan, {"raster": 5.0, "Fog": 1.0, "encode": 0.5}) == 1.5
 
 
 def test_requested_renderer_draws() -> None:

@@ -1,12 +1,4 @@
-"""Plans from explicit numbers, with defaults for the rest.
-
-Sizes of views from plans and settings.
-
-Plan choice with invented costs: plan, reason and neighbours.
-
-A renderer whose faces cannot show the image is replaced, or refused with the reason.
-
-Long exposures have as many time samples as the budget of rays allows."""
+"""Plans by numbers and by targets, with reasons; sizes of views; limits of long exposures."""
 
 from __future__ import annotations
 
@@ -58,7 +50,7 @@ from helpers.worlds import make_omni_camera, make_plan
 CAMERA = make_omni_camera(width_px=360)
 
 
-def make_plan_of_explicit_plan(
+def plan_raster(
     settings: RenderSettings, *, rim_deg: float = 120.0, width_px: int = 360
 ) -> RenderPlan:
     camera = make_omni_camera(width_px=width_px, rim_deg=rim_deg)
@@ -66,7 +58,7 @@ def make_plan_of_explicit_plan(
 
 
 def test_plan_by_default_has_a_texel_a_pixel() -> None:
-    plan = make_plan_of_explicit_plan(RenderSettings())
+    plan = plan_raster(RenderSettings())
     assert (plan.samples, plan.face_samples) == (DEFAULT_SAMPLES, DEFAULT_FACE_SAMPLES)
     # Square texels would need 1.01 image widths; texels of two densities a little less.
     assert plan.face_size_px == 360
@@ -75,7 +67,7 @@ def test_plan_by_default_has_a_texel_a_pixel() -> None:
 
 
 def test_plan_takes_explicit_numbers() -> None:
-    plan = make_plan_of_explicit_plan(
+    plan = plan_raster(
         RenderSettings(Tessellation(8, 8), samples=3, face_size_px=100, face_samples=4)
     )
     assert (plan.samples, plan.face_size_px, plan.face_samples) == (3, 100, 4)
@@ -85,7 +77,7 @@ def test_plan_takes_explicit_numbers() -> None:
 
 @pytest.mark.parametrize(("rim_deg", "faces"), [(120.0, 5), (125.26, 5), (125.27, 6), (150.0, 6)])
 def test_plan_when_the_rim_looks_above_125_deg_has_a_sixth_face(rim_deg: float, faces: int) -> None:
-    assert len(make_plan_of_explicit_plan(RenderSettings(), rim_deg=rim_deg).faces) == faces
+    assert len(plan_raster(RenderSettings(), rim_deg=rim_deg).faces) == faces
 
 
 def test_incidence_of_an_exact_mirror_ends_at_the_rim() -> None:
@@ -105,12 +97,12 @@ def test_incidence_when_the_rim_is_below_the_horizon_is_the_rim() -> None:
     assert max_incidence_rad(camera, Tessellation(4, 4)) == camera.rim_rad
 
 
-CAMERA_VIEW_SIZE = make_omni_camera(width_px=100)
+SMALL = make_omni_camera(width_px=100)
 
 
 def test_view_of_settings_has_their_samples_and_the_texels_of_five_faces() -> None:
     settings = RenderSettings(PerPixel(), samples=3, face_size_px=64, face_samples=2)
-    size = omni_view_size(CAMERA_VIEW_SIZE, settings, has_effects=True)
+    size = omni_view_size(SMALL, settings, has_effects=True)
     assert (size.num_pixels, size.samples_per_pixel, size.samples_per_texel) == (10_000, 9, 2)
     # Side faces up to the rim of 120 degrees, 45 degrees of them above the horizon in the corners.
     assert 4 * 64 * 64 < size.num_texels <= 5 * 64 * 64
@@ -118,11 +110,9 @@ def test_view_of_settings_has_their_samples_and_the_texels_of_five_faces() -> No
 
 
 def test_view_of_a_trace_plan_has_no_faces() -> None:
-    plan = make_plan(CAMERA_VIEW_SIZE)
-    assert plan_view_size(CAMERA_VIEW_SIZE, plan).num_texels > 0
-    assert (
-        plan_view_size(CAMERA_VIEW_SIZE, replace(plan, renderer=RendererKind.TRACE)).num_texels == 0
-    )
+    plan = make_plan(SMALL)
+    assert plan_view_size(SMALL, plan).num_texels > 0
+    assert plan_view_size(SMALL, replace(plan, renderer=RendererKind.TRACE)).num_texels == 0
 
 
 @pytest.mark.parametrize(("width", "height"), [(320, 240), (1, 1)])
@@ -306,21 +296,17 @@ def test_faces_of_a_configured_size_are_as_coarse_as_configured() -> None:
     assert choice.plan.renderer is RASTER
 
 
-CAMERA_EXPOSURE_BUDGET = make_omni_camera(width_px=640)
+LARGE = make_omni_camera(width_px=640)
 MOVING = CameraState(Pose.identity(), shutter=Shutter(0.02, 0.0, 1e6))
 
 
-def make_plan_of_exposure_budget(samples: int) -> RenderPlan:
+def plan_large(samples: int) -> RenderPlan:
     settings = RenderSettings(samples=samples)
-    return plan_from_settings(
-        settings, CAMERA_EXPOSURE_BUDGET, kind=RendererKind.TRACE, reason="test"
-    )
+    return plan_from_settings(settings, LARGE, kind=RendererKind.TRACE, reason="test")
 
 
 def count_time_samples(state: CameraState, samples: int) -> int:
-    limited = limit_time_samples(
-        state, CAMERA_EXPOSURE_BUDGET, make_plan_of_exposure_budget(samples)
-    )
+    limited = limit_time_samples(state, LARGE, plan_large(samples))
     assert limited.shutter is not None
     return limited.shutter.num_time_samples
 
@@ -350,7 +336,7 @@ def test_near_objects_take_time_samples(distance_m: float, time_samples: int) ->
 def test_many_far_objects_stay_within_the_budget_by_their_triangles() -> None:
     far = DynamicObject(ROBOT_MESH, Pose.from_rpy((90.0, 0.0, 0.0)))
     count = count_time_samples(replace(MOVING, objects=200 * (far,)), 1)
-    pixels = CAMERA_EXPOSURE_BUDGET.width_px * CAMERA_EXPOSURE_BUDGET.height_px
+    pixels = LARGE.width_px * LARGE.height_px
     assert count < MAX_EXPOSURE_RAYS / (pixels + 200 * 20 * len(ROBOT_MESH))
     assert count >= 2
 
@@ -360,7 +346,7 @@ def test_decisions_name_the_limit_at_the_effects_of_the_shutter() -> None:
         EffectDecision(name, name != "RollingShutter", 9.0, 0.5, "fast")
         for name in ("RollingShutter", "MotionBlur", "Fog")
     )
-    limited = limit_time_samples(MOVING, CAMERA_EXPOSURE_BUDGET, make_plan_of_exposure_budget(2))
+    limited = limit_time_samples(MOVING, LARGE, plan_large(2))
     explained = explain_limit(decisions, MOVING, limited)
     assert [one.reason for one in explained] == [
         "fast",

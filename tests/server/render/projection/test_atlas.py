@@ -1,4 +1,4 @@
-""""""
+"""Packed regions never overlap; atlas and lookup map hold the directions of the camera model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-""""""
+"""Near and far planes around surfaces, and the projection of a perspective camera."""
 
 from __future__ import annotations
 

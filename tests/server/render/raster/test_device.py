@@ -1,6 +1,4 @@
-"""Split positions hold 48 bits.
-
-Angles between samples against the camera model's scale."""
+"""The device, its programs and uniforms; positions of 48 bits; angles between samples."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Faces, texels and draw calls of a frame, counted."""
+
 from __future__ import annotations
 
 import math
@@ -15,17 +17,16 @@ from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.face_pass import DrawCounts
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World, linear_from_srgb
 from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import mask_away_from_edges
-from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from helpers.opengl import make_raster
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan
 
 
 @pytest.fixture(scope="module")
 def renderer(device: GlDevice) -> RasterRenderer:
-    world = make_test_world()
-    return RasterRenderer(build_scene(world), world, device=device)
+    return make_raster(device)
 
 
 def count_draws(
@@ -110,7 +111,7 @@ def test_cell_without_surfaces_has_no_draw_call(
 ) -> None:
     post = Item("post", Box((0.2, 0.2, 0.2)), Pose.from_rpy(at), Material((0.5, 0.5, 0.5)))
     small = World("post", (post,), background=(0.2, 0.2, 0.2))
-    renderer = RasterRenderer(build_scene(small), small, device=device)
+    renderer = make_raster(device, small)
     rendered = count_draws(renderer, 120.0, CameraState(Pose.identity()))
     assert (rendered.num_cells, rendered.num_draw_calls, rendered.num_triangles) == (
         5,
@@ -124,7 +125,7 @@ def test_cell_without_objects_has_no_draw_call(
     device: GlDevice, at: tuple[float, float, float], faces: int
 ) -> None:
     empty = World("empty", (), background=(0.2, 0.2, 0.2))
-    renderer = RasterRenderer(build_scene(empty), empty, device=device)
+    renderer = make_raster(device, empty)
     here = CameraState(Pose.identity())
     assert count_draws(renderer, 120.0, here).num_draw_calls == 0
     rendered = count_draws(renderer, 120.0, replace(here, objects=(place_cube(*at),)))

@@ -1,4 +1,4 @@
-""""""
+"""The polygon around the rim, and the lookup maps of camera model and mirror mesh."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.frames.plan.plans import max_incidence_rad
 from catoptra_server.render.projection.atlas import pack_atlas
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.mirror_pass import (
     atlas_definitions,
@@ -28,8 +27,8 @@ from catoptra_server.render.raster.mirror_pass import (
 )
 from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
-from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
+from helpers.opengl import make_raster
 from helpers.worlds import make_omni_camera, make_plan
 
 # Off centre, not square, cut by the image: no part of the mirror may be left out.
@@ -51,7 +50,7 @@ def test_polygon_contains_every_sample_that_sees_the_mirror(camera: OmniCamera) 
 
 def test_more_samples_than_a_texture_contains_are_rejected(device: GlDevice) -> None:
     camera = make_omni_camera(width_px=1100)
-    renderer = RasterRenderer(build_scene(World("empty", ())), World("empty", ()), device=device)
+    renderer = make_raster(device, World("empty", ()))
     with pytest.raises(DomainError, match=r"16\^2 samples of 1100 x 1100 px are too many"):
         renderer.prepare(camera, make_plan(camera, samples=16, face_size_px=32))
 

@@ -1,4 +1,4 @@
-""""""
+"""Means in linear light, images read back, and long exposures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.passes import (
     LINEAR_DTYPE,
@@ -18,10 +17,10 @@ from catoptra_server.render.raster.passes import (
 )
 from catoptra_server.render.renderer import sample_shutter
 from catoptra_server.world.camera_state import CameraState, Shutter
-from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
-from helpers.worlds import make_plan, make_test_world
+from helpers.opengl import make_raster
+from helpers.worlds import make_plan
 
 WIDTH, HEIGHT = 5, 3  # an odd width: rows of 15 bytes have no alignment
 EXPOSURE = CameraState(Pose.identity())
@@ -82,10 +81,6 @@ def test_image_when_read_back_has_its_rows_and_its_light_beyond_white(device: Gl
 LASTING = replace(DRIVING_STATE, shutter=Shutter(0.04, 0.03, 5))
 
 
-def make_renderer(device: GlDevice) -> RasterRenderer:
-    return RasterRenderer(build_scene(make_test_world()), make_test_world(), device=device)
-
-
 def mean_of_time_samples(
     view: object, camera_state: CameraState
 ) -> np.ndarray[tuple[int, int, int]]:
@@ -97,7 +92,7 @@ def mean_of_time_samples(
 
 
 def test_long_exposure_is_the_mean_of_its_time_samples_by_row(device: GlDevice) -> None:
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     np.testing.assert_allclose(
         view.render_linear(LASTING), mean_of_time_samples(view, LASTING), atol=1e-6
     )
@@ -107,7 +102,7 @@ def test_long_exposure_is_the_mean_of_its_time_samples_by_row(device: GlDevice) 
 def test_rows_that_show_one_time_sample_each_are_those_of_sharp_images(device: GlDevice) -> None:
     # No exposure, so every row has one sample; the effects behind still change the whole image.
     rolling = replace(DRIVING_STATE, shutter=Shutter(0.0, 0.05, 7))
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     for _ in range(2):  # nothing of a frame limits the next one
         np.testing.assert_array_equal(
             view.render_linear(rolling), mean_of_time_samples(view, rolling).astype(np.float32)
@@ -124,7 +119,7 @@ def test_rows_that_show_one_time_sample_each_are_those_of_sharp_images(device: G
 def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(
     device: GlDevice,
 ) -> None:
-    renderer = make_renderer(device)
+    renderer = make_raster(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(DRIVING_STATE)
     assert view.pass_names == ("faces", "mirror")

@@ -11,7 +11,6 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
-from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.mirror_pass import make_lookup_texture
 from catoptra_server.render.raster.range_pass import RangePass
@@ -20,6 +19,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA, DYNAMIC_OBJECT, make_effect
+from helpers.opengl import make_raster
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, Ranges, trace_ranges
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
@@ -64,8 +64,7 @@ def test_renderers_when_an_object_is_in_view_measure_equal_ranges(device: GlDevi
 
 
 def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(CAMERA_STATE, (make_effect("Vignetting"),))
     assert "ranges" not in view.pass_names

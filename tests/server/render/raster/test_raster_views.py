@@ -1,6 +1,4 @@
-"""The passes of a frame follow from ranges and shutter; passes without a use do not exist.
-
-The passes of a perspective frame follow from effects and shutter, as a mirror's do."""
+"""The passes of a frame follow from effects, ranges and shutter; none exists without a use."""
 
 from __future__ import annotations
 
@@ -18,8 +16,7 @@ from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSett
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
-from catoptra_server.render.image_changer import ImageChanger, measure_change
-from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.image_changer import measure_change
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.camera_state import FogMedium, Shutter
@@ -29,6 +26,7 @@ from catoptra_server.world.world_description import Twist, srgb_from_linear
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
 from helpers.image_changers import open_changer_or_skip
 from helpers.image_comparison import level_differences
+from helpers.opengl import make_raster
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
@@ -37,7 +35,7 @@ from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 def test_exposure_has_only_the_passes_that_are_needed(
     device: GlDevice, has_ranges: bool, has_shutter: bool
 ) -> None:
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     state = replace(DRIVING_STATE, shutter=SHUTTER) if has_shutter else CAMERA_STATE
     before = view.memory_bytes
     light = view.render_linear(state, EFFECTS[:1] if has_ranges else ())
@@ -70,8 +68,7 @@ def test_passes_when_rendered_are_those_of_effects_and_shutter_and_none_of_fog(
     shutter: Shutter | None,
     names: tuple[str, ...],
 ) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     camera_state = dataclasses.replace(CAMERA_STATE, fog=fog, shutter=shutter)
     view.render(camera_state, tuple(make_effect(name) for name in effects))
@@ -79,7 +76,7 @@ def test_passes_when_rendered_are_those_of_effects_and_shutter_and_none_of_fog(
     view.close()
 
 
-CAMERA_LENS_PASSES = PerspectiveCamera(60, 40, 1.4)
+LENS = PerspectiveCamera(60, 40, 1.4)
 
 
 @pytest.mark.parametrize(
@@ -94,9 +91,8 @@ CAMERA_LENS_PASSES = PerspectiveCamera(60, 40, 1.4)
 def test_passes_when_rendered_are_those_of_effects_and_shutter(
     device: GlDevice, effects: tuple[str, ...], shutter: Shutter | None, names: tuple[str, ...]
 ) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
-    view = renderer.prepare_perspective(CAMERA_LENS_PASSES, 2)
+    renderer = make_raster(device)
+    view = renderer.prepare_perspective(LENS, 2)
     camera_state = dataclasses.replace(CAMERA_STATE, shutter=shutter)
     view.render(camera_state, tuple(make_effect(name) for name in effects))
     assert view.pass_names == names
@@ -104,9 +100,8 @@ def test_passes_when_rendered_are_those_of_effects_and_shutter(
 
 
 def test_linear_light_without_effects_is_what_the_plain_pass_encodes(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
-    view = renderer.prepare_perspective(CAMERA_LENS_PASSES, 2)
+    renderer = make_raster(device)
+    view = renderer.prepare_perspective(LENS, 2)
     light = view.render_linear(CAMERA_STATE)
     assert light.shape == (40, 60, 3)
     plain = view.render(CAMERA_STATE).rgb
@@ -116,14 +111,9 @@ def test_linear_light_without_effects_is_what_the_plain_pass_encodes(device: GlD
     view.close()
 
 
-def make_renderer(device: GlDevice, changer: ImageChanger | None = None) -> RasterRenderer:
-    world = make_test_world()
-    return RasterRenderer(build_scene(world), world, device=device, image_changer=changer)
-
-
 def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
     effects = (make_effect("Vignetting"),)
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     light, rgb = view.render_linear(CAMERA_STATE, effects), view.render(CAMERA_STATE, effects).rgb
     assert (light.dtype, light.shape) == (np.float32, rgb.shape)
     # Half a level is rounding, the rest the table's steps.
@@ -133,7 +123,7 @@ def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
 
 
 def test_view_when_rendered_by_another_thread_raises(device: GlDevice) -> None:
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     errors: list[str] = []
 
     def draw() -> None:
@@ -165,7 +155,7 @@ EFFECTS = tuple(
 def test_image_when_no_effect_changes_it_is_the_usual_one(
     device: GlDevice, surface: MirrorSurface, samples: int
 ) -> None:
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA, surface, samples=samples))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA, surface, samples=samples))
     usual = view.render(CAMERA_STATE).rgb
     encoded = srgb_from_linear(view.render_linear(CAMERA_STATE).astype(np.float64))
     assert level_differences(usual, np.rint(255.0 * encoded).astype(np.uint8)).max() <= 1
@@ -173,7 +163,7 @@ def test_image_when_no_effect_changes_it_is_the_usual_one(
 
 
 def test_view_without_effects_writes_no_linear_light(device: GlDevice) -> None:
-    renderer = make_renderer(device)
+    renderer = make_raster(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(CAMERA_STATE)
     assert view.pass_names == ("faces", "mirror")
@@ -188,7 +178,7 @@ def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(device: GlDevice) 
         tuple(EffectSetting(effect, EffectMode.AUTO) for effect in (*moving, *EFFECTS[1:]))
     )
     summaries = SceneSummarizer(build_scene(world), world)
-    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_raster(device).prepare(CAMERA, make_plan(CAMERA))
     built: dict[bool, object] = {}
     faster = (0.0, *np.geomspace(0.03, 3.0, 9))
     for speed_m_s in (*faster, *reversed(faster)) * 3:
@@ -206,8 +196,8 @@ def test_effects_by_the_kernel_are_those_of_numpy(device: GlDevice) -> None:
     plan = make_plan(CAMERA, samples=2)
     with ExitStack() as stack:
         changer = open_changer_or_skip(stack)
-        numpy = make_renderer(device).prepare(CAMERA, plan)
-        native = make_renderer(device, changer).prepare(CAMERA, plan)
+        numpy = make_raster(device).prepare(CAMERA, plan)
+        native = make_raster(device, changer=changer).prepare(CAMERA, plan)
         for view in (numpy, native):
             stack.callback(view.close)
         for state in (CAMERA_STATE, DRIVING_STATE):
@@ -220,7 +210,9 @@ def test_effects_by_the_kernel_are_those_of_numpy(device: GlDevice) -> None:
 def test_effects_by_the_kernel_are_measured_and_have_no_passes(device: GlDevice) -> None:
     thresholds = {effect.name: 0.5 for effect in EFFECTS}
     with ExitStack() as stack:
-        view = make_renderer(device, open_changer_or_skip(stack)).prepare(CAMERA, make_plan(CAMERA))
+        view = make_raster(device, changer=open_changer_or_skip(stack)).prepare(
+            CAMERA, make_plan(CAMERA)
+        )
         stack.callback(view.close)
         image = view.render(CAMERA_STATE, EFFECTS, thresholds)
         assert view.pass_names == ("faces", "mirror", "ranges")
@@ -234,14 +226,3 @@ def test_effects_by_the_kernel_are_measured_and_have_no_passes(device: GlDevice)
     assert list(image.stage_ms)[:4] == ["faces", "mirror", "ranges", "readback"]
     assert set(thresholds) < set(image.stage_ms)
     assert not image.rgb.flags.writeable
-
-
-def test_frames_without_effects_are_not_read_back_for_the_kernel(device: GlDevice) -> None:
-    with ExitStack() as stack:
-        view = make_renderer(device, open_changer_or_skip(stack)).prepare(CAMERA, make_plan(CAMERA))
-        stack.callback(view.close)
-        view.render(CAMERA_STATE)
-        assert view.pass_names == ("faces", "mirror")
-        # Encoded on the device: a shutter alone needs no image changer.
-        view.render(replace(DRIVING_STATE, shutter=Shutter(0.02, 0.0, 2)))
-        assert view.pass_names == ("accumulate", "encode")

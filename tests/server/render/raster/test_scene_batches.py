@@ -29,6 +29,7 @@ from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import Item, Light, MeshFile, World, srgb_from_linear
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
 from helpers.mesh_file_samples import export_mesh
+from helpers.opengl import make_raster
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -133,7 +134,7 @@ def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
         lambda self, objects: (created.append(self), original(self, objects)),
     )
     empty = World("empty", ())
-    renderer = RasterRenderer(build_scene(empty), empty, device=device)
+    renderer = make_raster(device, empty)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(CAMERA_STATE)
     assert [objects.buffer_bytes for objects in created] == [0] * len(created)
@@ -146,10 +147,7 @@ def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
 
 
 def test_objects_are_sent_to_the_faces_that_may_see_them(device: GlDevice) -> None:
-    world = make_test_world()
-    view = RasterRenderer(build_scene(world), world, device=device).prepare(
-        make_omni_camera(), make_plan(make_omni_camera())
-    )
+    view = make_raster(device).prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(CAMERA_STATE)
     alone = view.face_counts
     behind = (place_cube(0.31, 0.17, -30.0),)
@@ -162,8 +160,7 @@ def test_objects_are_sent_to_the_faces_that_may_see_them(device: GlDevice) -> No
 
 
 def test_buffer_grows_once_and_is_kept(device: GlDevice) -> None:
-    world = make_test_world()
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     held = []
     for count in (2, 1, 0, 2):
@@ -179,7 +176,7 @@ def test_object_in_a_world_of_textures_only_gets_the_plain_program(
 ) -> None:
     textured = make_test_world(texture=write_smooth_texture(tmp_path / "waves.png"))
     world = dataclasses.replace(textured, items=textured.items[:1])
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device, world)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     assert "face" not in renderer.program_names
     view.render(WITH_ROBOTS)

@@ -1,4 +1,4 @@
-""""""
+"""Programs and buffers of a static scene."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import DirectionalLight, Light, World
 from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.opengl import make_raster
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,
     DIRECTIONAL_LIGHT,
@@ -42,7 +43,7 @@ def shadow_programs(renderer: RasterRenderer) -> list[str]:
 
 
 def test_camera_states_without_shadows_build_nothing_for_them(device: GlDevice) -> None:
-    renderer = RasterRenderer(build_scene(WORLD), WORLD, device=device)
+    renderer = make_raster(device, WORLD)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(AT)
     assert shadow_programs(renderer) == []
@@ -57,7 +58,7 @@ def test_camera_states_without_shadows_build_nothing_for_them(device: GlDevice) 
 
 def test_world_without_shadow_casting_lights_builds_nothing_for_them(device: GlDevice) -> None:
     world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT,))
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device, world)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(dataclasses.replace(AT, has_shadows=True))
     assert shadow_programs(renderer) == []
@@ -109,7 +110,7 @@ def test_lights_when_as_many_as_are_allowed_are_rendered(device: GlDevice) -> No
     ]
     point_lights = [dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)] * 40
     world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT, *lights, *point_lights))
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer = make_raster(device, world)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     lit = view.render(AT).rgb.astype(int)
     shadowed = view.render(dataclasses.replace(AT, has_shadows=True)).rgb

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
-from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
-from catoptra_server.render.trace.trace_renderer import TraceRenderer
 from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.long_cases import quick_cases
@@ -26,6 +26,7 @@ from helpers.motion_reference import (
     load_world_setup,
     time_samples,
 )
+from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=240)
@@ -43,23 +44,22 @@ STATES = {
 }
 
 
-def make_rays(world: str, samples: int, threads: int = 2) -> tuple[TraceRenderer, KernelRays]:
+@contextmanager
+def open_rays(
+    world: str, samples: int, *, threads: int = 2, camera: OmniCamera = CAMERA
+) -> Iterator[KernelRays]:
+    """Rays of a camera in a bundled world, on a kernel."""
     setup = load_world_setup(world)
-    try:
-        renderer = TraceRenderer(setup.scene, setup.world, threads=threads, engine="kernel")
-    except KernelUnavailableError as error:
-        pytest.skip(str(error))
-    rays = renderer._engine.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples)))
-    assert isinstance(rays, KernelRays)
-    return renderer, rays
+    with open_kernel(setup.world, scene=setup.scene, threads=threads) as engine:
+        rays = engine.prepare(omni_ray_table(camera, make_plan(camera, samples=samples)))
+        yield rays
+        rays.close()
 
 
 @pytest.fixture(scope="module")
 def rays() -> Iterator[KernelRays]:
-    renderer, rays = make_rays("four_legged_2006", 2)
-    yield rays
-    rays.close()
-    renderer.close()
+    with open_rays("four_legged_2006", 2) as rays:
+        yield rays
 
 
 def expose(rays: KernelRays, state: CameraState, shutter: Shutter) -> TracedFrame:
@@ -134,11 +134,9 @@ def test_rows_when_also_blurred_are_means_about_their_own_times(rays: KernelRays
 
 @pytest.mark.parametrize("samples", [1, 3, 4])
 def test_blur_at_other_numbers_of_samples_is_the_mean_of_64_frames(samples: int) -> None:
-    renderer, rays = make_rays("corridor", samples)
     state = driving_camera_state(START_POSES["corridor"], 0.5, 30.0)
-    assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 64))
-    rays.close()
-    renderer.close()
+    with open_rays("corridor", samples) as rays:
+        assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 64))
 
 
 def test_exposure_without_motion_is_the_sharp_frame(rays: KernelRays) -> None:
@@ -157,10 +155,8 @@ def test_exposure_without_motion_is_the_sharp_frame(rays: KernelRays) -> None:
 def test_exposure_when_traced_by_other_threads_has_the_same_bytes() -> None:
     frames = []
     for threads in (1, 3):
-        renderer, rays = make_rays("four_legged_2006", 2, threads)
-        frames.append(expose(rays, STATES["passes an object"], BOTH))
-        rays.close()
-        renderer.close()
+        with open_rays("four_legged_2006", 2, threads=threads) as rays:
+            frames.append(expose(rays, STATES["passes an object"], BOTH))
     np.testing.assert_array_equal(frames[0].image, frames[1].image)
     assert frames[0].changes == frames[1].changes
 
@@ -210,17 +206,9 @@ def test_blur_at_640_px_is_within_2_and_8_levels_of_64_frames(
 ) -> None:
     start = START_POSES[world]
     state = driving_camera_state(start, speed_m_s, turn_deg_s, crossing_object(start))
-    setup = load_world_setup(world)
-    try:
-        renderer = TraceRenderer(setup.scene, setup.world, threads=2, engine="kernel")
-    except KernelUnavailableError as error:
-        pytest.skip(str(error))
-    rays = renderer._engine.prepare(omni_ray_table(FULL_CAMERA, make_plan(FULL_CAMERA, samples=2)))
-    assert isinstance(rays, KernelRays)
-    blurred = levels(expose(rays, state, BLUR).image)
-    difference = np.abs(blurred - levels(mean_frame(rays, state, 0.0, 64))).max(axis=-1)
-    rays.close()
-    renderer.close()
+    with open_rays(world, 2, camera=FULL_CAMERA) as rays:
+        blurred = levels(expose(rays, state, BLUR).image)
+        difference = np.abs(blurred - levels(mean_frame(rays, state, 0.0, 64))).max(axis=-1)
     # The mirror, which is pi / 4 of the image; the rest is black in both.
     assert np.quantile(difference, 1.0 - 0.01 * np.pi / 4.0) <= 2.0
     assert np.quantile(difference, 1.0 - 0.001 * np.pi / 4.0) <= 8.0

@@ -12,7 +12,6 @@ from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaste
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_caster import (
     EmbreeRayCaster,
-    SceneRayCaster,
     commit_ray_caster,
 )
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
@@ -21,10 +20,11 @@ from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
-Commit = Callable[[SceneMesh], SceneRayCaster]
+Caster = EmbreeRayCaster | KernelRayCaster
+Commit = Callable[[SceneMesh], Caster]
 
 
-def commit_to_kernel(scene: SceneMesh) -> SceneRayCaster:
+def commit_to_kernel(scene: SceneMesh) -> Caster:
     try:
         return KernelRayCaster(scene)
     except KernelUnavailableError as error:
@@ -84,7 +84,7 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
 def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fail(scene: SceneMesh, instruction_set: str) -> SceneRayCaster:
+    def fail(scene: SceneMesh, instruction_set: str) -> Caster:
         raise KernelUnavailableError("a test")
 
     scene = build_scene(make_room_world())

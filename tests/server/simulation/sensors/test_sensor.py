@@ -1,6 +1,4 @@
-"""Replies of a mounted part.
-
-Environment of a robot: the nearer of scene and boxes."""
+"""Replies of a mounted part; the nearer of scene and boxes."""
 
 from __future__ import annotations
 

@@ -2,14 +2,14 @@
 
 Belongs to the thread of the renderers. The rays of a camera are kept as long as there is room.
 
-* Labels are found along the rays of the picture where its rays and times are theirs: proofs and
-  hits serve both, and the picture keeps its bytes. Else they are traced by themselves.
+* Labels are found along the rays of the picture where rays and times are the same: proofs and hits
+  serve both, and the bytes of the picture do not change. Else labels are traced alone.
 * Occluded fraction: of the pixels that an object would have alone in the world, the part that
-  others hide. Rays in a cone around the object's box are cast at its own triangles; at most 4096 of
-  them, evenly spread over the image, leave a standard error below 0.01.
-* _Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
-  of the exact camera model. It is unknown where the point is outside that image, or where that
-  pixel's ray meets something else first.
+  others hide. Rays in a cone around the object's box are cast at the object's own triangles; at
+  most 4096, evenly spread over the image, leave a standard error below 0.01.
+* Flow: the point that a pixel shows moves with the object; the exact camera model has the point's
+  pixel in the other exposure. The flow is unknown where the point is outside that image, or where
+  that pixel's ray meets something else first.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from catoptra_server.frames.labels.labels import (
     RaySource,
     SceneLabels,
     build_label_rays,
+    find_valid_pixels,
     label_exposure,
-    mask_of_rays,
 )
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
@@ -62,10 +62,205 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
-_MAX_RAYS = 4096
+# Rays of labels take 13 bytes a sample besides the pictures': two cameras of 2048 px stay.
+_MAX_RAY_BYTES = 256 * 2**20
 
-# Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
-_RayTest = Callable[[Floats, Floats], Bools]
+
+class LabelRenderer:
+    """Ground truth in one scene."""
+
+    def __init__(
+        self, renderer: TraceRenderer, scene: SceneMesh, instruction_set: str = AUTO
+    ) -> None:
+        """Number the scene's objects.
+
+        Args:
+            renderer: Traces the rays; closed by the owner.
+            scene: The same scene.
+            instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
+
+        Raises:
+            DomainError: The world has more objects than labels number.
+        """
+        self._renderer = renderer
+        self.labels = SceneLabels(scene)
+        """Numbers of objects and classes."""
+        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
+        self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
+
+    def render(
+        self,
+        image: LabelledImage,
+        channels: Collection[str],
+        other: CameraState | None = None,
+        found_beside: PixelLabels | None = None,
+    ) -> GroundTruth:
+        """Ground truth of an exposure.
+
+        Args:
+            image: The image to label.
+            channels: Names of the channels that are wanted.
+            other: State of the frame that `flow` leads to, with the objects of that frame; None:
+                there is no such frame, and the flow is unknown.
+            found_beside: Labels of `request` for the same exposure and channels, found with the
+                picture; None: labels are traced now.
+
+        Raises:
+            DomainError: There is no channel of a name.
+        """
+        wanted = {channel.name for channel in parse_channels(tuple(channels))}
+        found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
+        if "flow" in wanted:
+            found |= self._flow_of(image, found, other)
+        if "valid" in wanted:
+            found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
+        objects = self.labels.describe(image.camera_state.objects)
+        return GroundTruth(
+            {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
+        )
+
+    def request(self, image: LabelledImage, channels: Collection[str]) -> LabelRequest | None:
+        """Labels that the rays of a picture find while it is drawn, for a part of the time.
+
+        Args:
+            image: The image, of which no picture is drawn yet.
+            channels: Names of the channels that are wanted.
+
+        Returns:
+            The request; None where the picture has other rays or times.
+
+        Raises:
+            DomainError: There is no channel of a name.
+        """
+        is_of_same_rays = image.ray_source == RaySource(image.camera)
+        wanted = {channel.name for channel in parse_channels(tuple(channels))}
+        if not is_of_same_rays or image.camera_state.shutter is not None or wanted <= {"valid"}:
+            return None
+        return self._make_request(image, wanted)
+
+    def _make_request(self, image: LabelledImage, wanted: set[str]) -> LabelRequest:
+        # Flow begins at the points of the objects that pixels show.
+        needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
+        centres = self._prepare(image.ray_source, 1).table
+        return LabelRequest(frozenset(needed), self._tables(image.camera_state), centres)
+
+    def _trace(self, image: LabelledImage, wanted: set[str]) -> PixelLabels:
+        """Labels without a picture."""
+        request = self._make_request(image, wanted)
+        # Only agreement takes more rays than one for each pixel's centre.
+        samples = image.samples if "agreement" in wanted else 1
+        rays = self._prepare(image.ray_source, samples).rays
+        return rays.label_pixels(label_exposure(image.camera_state), request)
+
+    def measure_occlusion(self, image: LabelledImage, truth: GroundTruth) -> dict[int, float]:
+        """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
+        prepared = self._prepare(image.ray_source, 1)
+        ids = truth.channels["ids"]
+        return self._meter.measure(truth.objects, ids, prepared.grid, image.camera_state)
+
+    def _tables(self, camera_state: CameraState) -> LabelTables:
+        """Numbers of the objects of an exposure."""
+        numbers = [self.labels.number_of(placed) for placed in camera_state.objects]
+        return LabelTables(
+            self.labels.triangle_numbers,
+            np.array(numbers, dtype=np.uint16),
+            self.labels.class_table,
+        )
+
+    def _flow_of(
+        self, image: LabelledImage, found: PixelLabels, other: CameraState | None
+    ) -> PixelLabels:
+        if other is None:
+            height_px, width_px = image.camera.height_px, image.camera.width_px
+            unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
+            return {"flow": unknown}
+        motions = {
+            self.labels.number_of(there): there.world_from_object @ here.world_from_object.inverse()
+            for here in image.camera_state.objects
+            for there in other.objects
+            if self.labels.number_of(here) == self.labels.number_of(there)
+        }
+        gone = {self.labels.number_of(here) for here in image.camera_state.objects} - set(motions)
+        flow = _find_flow(
+            self._renderer,
+            self._prepare(image.ray_source, 1).rays,
+            image.ray_source,
+            other,
+            found["point"],
+            found["ids"],
+            motions,
+            gone,
+        )
+        return {"flow": flow}
+
+    def _prepare(self, source: RaySource, samples: int) -> _PreparedRays:
+        """Rays of an image, prepared at the first use."""
+        key = source, samples
+        prepared = self._prepared.pop(key, None)
+        if prepared is None:
+            prepared = _PreparedRays(build_label_rays(source, samples), self._renderer)
+        self._prepared[key] = prepared
+        while len(self._prepared) > 2 and self._memory_bytes > _MAX_RAY_BYTES:
+            self._prepared.pop(next(iter(self._prepared))).close()
+        return prepared
+
+    @property
+    def _memory_bytes(self) -> int:
+        return sum(prepared.memory_bytes for prepared in self._prepared.values())
+
+    def close(self) -> None:
+        """Free all rays."""
+        while self._prepared:
+            self._prepared.popitem()[1].close()
+
+
+def project_points(camera: LabelCamera, in_mirror: Floats) -> tuple[Floats, Bools]:
+    """(n, 2) pixels of (n, 3) points in the mirror frame, and validity, within the image alone."""
+    if isinstance(camera, PerspectiveCamera):
+        pixel, valid = camera.pixel_from_direction(in_mirror)
+    elif camera.is_central:
+        pixel, valid = pixel_from_direction(camera, in_mirror)
+    else:
+        pixel, valid = pixel_from_direction(camera, _aim_rays(camera, in_mirror))
+    size = (camera.width_px, camera.height_px)
+    inside = ((pixel >= 0.0) & (pixel < size)).all(axis=-1)
+    return pixel, valid & inside
+
+
+class _PreparedRays:
+    """Rays of an image, and what labels derive from them once."""
+
+    def __init__(self, table: RayTable, renderer: TraceRenderer) -> None:
+        self.table = table
+        self._renderer = renderer
+        self._rays: TracedRays | None = None
+
+    @property
+    def rays(self) -> TracedRays:
+        """The same rays, ready to be traced by themselves: not needed beside a picture."""
+        if self._rays is None:
+            self._rays = self._renderer.prepare_rays(self.table)
+        return self._rays
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the rays, and of what the engine needs for them."""
+        return (self._rays or self.table).memory_bytes
+
+    def close(self) -> None:
+        """Free what belongs to the rays."""
+        if self._rays is not None:
+            self._rays.close()
+
+    @cached_property
+    def mask(self) -> npt.NDArray[np.uint8]:
+        """(h, w) 1 where a pixel's centre has a ray, else 0."""
+        return find_valid_pixels(self.table).astype(np.uint8)
+
+    @cached_property
+    def grid(self) -> _PixelRayGrid:
+        """The same rays in rows, for occluded fractions."""
+        return _PixelRayGrid(self.table)
 
 
 class _PixelRayGrid:
@@ -80,10 +275,15 @@ class _PixelRayGrid:
         """(h, w, 3) metres."""
         if table.origins is not None:
             self.origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
-        self.valid = mask_of_rays(table)
+        self.valid = find_valid_pixels(table)
         """(h, w) mask."""
         self.max_miss_m = float(np.linalg.norm(self.origins, axis=-1).max(initial=0.0))
         """Largest distance of an origin from the viewpoint."""
+
+
+_MAX_RAYS = 4096
+# Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
+_RayTest = Callable[[Floats, Floats], Bools]
 
 
 class _OcclusionMeter:
@@ -117,7 +317,7 @@ class _OcclusionMeter:
             objects: All objects of the exposure.
             ids: (h, w) numbers that the pixels' centres meet.
             rays: Rays of the pixels.
-            camera_state: The exposure; its middle counts.
+            camera_state: The exposure, whose middle counts.
         """
         placed = {self._labels.number_of(one): one for one in camera_state.objects}
         in_view = np.bincount(ids.reshape(-1), minlength=2**16) > 0
@@ -180,7 +380,7 @@ def _hidden_fraction(
     object_from_mirror: Pose,
     is_visible: Bools,
 ) -> float:
-    """Fraction of the pixels whose rays meet a mesh that do not show it."""
+    """Fraction of the pixels whose rays meet a mesh that is not shown there."""
     starts, ways = (
         grid.reshape(-1, 3)[pixels].astype(np.float64) for grid in (rays.origins, rays.directions)
     )
@@ -192,7 +392,6 @@ def _hidden_fraction(
 
 
 _Flow = npt.NDArray[np.float32]
-
 # A point is visible if the ray of its pixel ends as far away, up to float32 and to the slope of its
 # facet: a pixel's ray passes the point by a few hundred thousandths of the distance.
 _SAME_RANGE = 2e-3
@@ -221,11 +420,11 @@ def _find_flow(
         renderer: Traces the rays that tell whether a point is visible.
         rays: Rays of the pixels' centres.
         source: Camera of both images.
-        other: State of the other exposure; its middle counts.
+        other: State of the other exposure, whose middle counts.
         points: (h, w, 3) points that the pixels show, world frame; nan where they show none.
         ids: (h, w) numbers of the objects that these belong to.
         motions: Motion of each moving object by number, world there from world here.
-        gone: Numbers of objects that the other exposure lacks.
+        gone: Numbers of objects that are missing in the other exposure.
     """
     camera = source.camera
     is_radial = isinstance(camera, OmniCamera) and camera.plane.is_radial
@@ -259,19 +458,6 @@ def _find_flow(
     there = _displace(source, pixel)
     flow[rows[is_visible], columns[is_visible]] = (there - here)[is_visible]
     return flow
-
-
-def project_points(camera: LabelCamera, in_mirror: Floats) -> tuple[Floats, Bools]:
-    """(n, 2) pixels of (n, 3) points in the mirror frame, and validity, within the image alone."""
-    if isinstance(camera, PerspectiveCamera):
-        pixel, valid = camera.pixel_from_direction(in_mirror)
-    elif camera.is_central:
-        pixel, valid = pixel_from_direction(camera, in_mirror)
-    else:
-        pixel, valid = pixel_from_direction(camera, _aim_rays(camera, in_mirror))
-    size = (camera.width_px, camera.height_px)
-    inside = ((pixel >= 0.0) & (pixel < size)).all(axis=-1)
-    return pixel, valid & inside
 
 
 def _sharp(other: CameraState) -> CameraState:
@@ -403,191 +589,3 @@ def _pack_rays(origins: Floats, directions: Floats) -> RayTable:
         bits.view("<u2")[..., 0],
         np.ascontiguousarray(blocks[1]),
     )
-
-
-# Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
-_MAX_RAY_BYTES = 256 * 2**20
-
-
-class _PreparedRays:
-    """Rays of an image, and what labels derive from them once."""
-
-    def __init__(self, table: RayTable, renderer: TraceRenderer) -> None:
-        self.table = table
-        self._renderer = renderer
-        self._rays: TracedRays | None = None
-
-    @property
-    def rays(self) -> TracedRays:
-        """The same rays, ready to be traced by themselves: not needed beside a picture."""
-        if self._rays is None:
-            self._rays = self._renderer.prepare_rays(self.table)
-        return self._rays
-
-    @property
-    def memory_bytes(self) -> int:
-        """Size of the rays, and of what the engine needs for them."""
-        return (self._rays or self.table).memory_bytes
-
-    def close(self) -> None:
-        """Free what belongs to the rays."""
-        if self._rays is not None:
-            self._rays.close()
-
-    @cached_property
-    def mask(self) -> npt.NDArray[np.uint8]:
-        """(h, w) 1 where a pixel's centre has a ray, else 0."""
-        return mask_of_rays(self.table).astype(np.uint8)
-
-    @cached_property
-    def grid(self) -> _PixelRayGrid:
-        """The same rays in rows, for occluded fractions."""
-        return _PixelRayGrid(self.table)
-
-
-class LabelRenderer:
-    """Ground truth in one scene."""
-
-    def __init__(
-        self, renderer: TraceRenderer, scene: SceneMesh, instruction_set: str = AUTO
-    ) -> None:
-        """Number the scene's objects.
-
-        Args:
-            renderer: Traces the rays; closed by its owner.
-            scene: The same scene.
-            instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
-
-        Raises:
-            DomainError: The world has more objects than labels number.
-        """
-        self._renderer = renderer
-        self.labels = SceneLabels(scene)
-        """Numbers of objects and classes."""
-        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
-        self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
-
-    def render(
-        self,
-        image: LabelledImage,
-        channels: Collection[str],
-        other: CameraState | None = None,
-        found_beside: PixelLabels | None = None,
-    ) -> GroundTruth:
-        """Ground truth of an exposure.
-
-        Args:
-            image: The image that they are of.
-            channels: Names of the channels that are wanted.
-            other: State of the frame that `flow` leads to, with the objects of that frame; None:
-                there is no such frame, and the flow is unknown.
-            found_beside: Labels of `request` for the same exposure and channels, found while its
-                picture was drawn; None: they are traced now.
-
-        Raises:
-            DomainError: There is no channel of a name.
-        """
-        wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
-        if "flow" in wanted:
-            found |= self._flow_of(image, found, other)
-        if "valid" in wanted:
-            found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
-        objects = self.labels.describe(image.camera_state.objects)
-        return GroundTruth(
-            {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
-        )
-
-    def request(self, image: LabelledImage, channels: Collection[str]) -> LabelRequest | None:
-        """Labels that the rays of a picture find while it is drawn, for a part of the time.
-
-        Args:
-            image: The image, of which no picture is drawn yet.
-            channels: Names of the channels that are wanted.
-
-        Returns:
-            The request; None where labels are of other rays or times than the picture.
-
-        Raises:
-            DomainError: There is no channel of a name.
-        """
-        is_of_same_rays = image.ray_source == RaySource(image.camera)
-        wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        if not is_of_same_rays or image.camera_state.shutter is not None or wanted <= {"valid"}:
-            return None
-        return self._make_request(image, wanted)
-
-    def _make_request(self, image: LabelledImage, wanted: set[str]) -> LabelRequest:
-        # Flow begins at the points of the objects that pixels show.
-        needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
-        centres = self._prepare(image.ray_source, 1).table
-        return LabelRequest(frozenset(needed), self._tables(image.camera_state), centres)
-
-    def _trace(self, image: LabelledImage, wanted: set[str]) -> PixelLabels:
-        """Labels without a picture."""
-        request = self._make_request(image, wanted)
-        # Only agreement takes more rays than those of the pixels' centres.
-        samples = image.samples if "agreement" in wanted else 1
-        rays = self._prepare(image.ray_source, samples).rays
-        return rays.label_pixels(label_exposure(image.camera_state), request)
-
-    def measure_occlusion(self, image: LabelledImage, truth: GroundTruth) -> dict[int, float]:
-        """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
-        prepared = self._prepare(image.ray_source, 1)
-        ids = truth.channels["ids"]
-        return self._meter.measure(truth.objects, ids, prepared.grid, image.camera_state)
-
-    def _tables(self, camera_state: CameraState) -> LabelTables:
-        """Numbers of the objects of an exposure."""
-        numbers = [self.labels.number_of(placed) for placed in camera_state.objects]
-        return LabelTables(
-            self.labels.triangle_numbers,
-            np.array(numbers, dtype=np.uint16),
-            self.labels.class_table,
-        )
-
-    def _flow_of(
-        self, image: LabelledImage, found: PixelLabels, other: CameraState | None
-    ) -> PixelLabels:
-        if other is None:
-            height_px, width_px = image.camera.height_px, image.camera.width_px
-            unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
-            return {"flow": unknown}
-        motions = {
-            self.labels.number_of(there): there.world_from_object @ here.world_from_object.inverse()
-            for here in image.camera_state.objects
-            for there in other.objects
-            if self.labels.number_of(here) == self.labels.number_of(there)
-        }
-        gone = {self.labels.number_of(here) for here in image.camera_state.objects} - set(motions)
-        flow = _find_flow(
-            self._renderer,
-            self._prepare(image.ray_source, 1).rays,
-            image.ray_source,
-            other,
-            found["point"],
-            found["ids"],
-            motions,
-            gone,
-        )
-        return {"flow": flow}
-
-    def _prepare(self, source: RaySource, samples: int) -> _PreparedRays:
-        """Rays of an image, prepared at the first use."""
-        key = source, samples
-        prepared = self._prepared.pop(key, None)
-        if prepared is None:
-            prepared = _PreparedRays(build_label_rays(source, samples), self._renderer)
-        self._prepared[key] = prepared
-        while len(self._prepared) > 2 and self._memory_bytes > _MAX_RAY_BYTES:
-            self._prepared.pop(next(iter(self._prepared))).close()
-        return prepared
-
-    @property
-    def _memory_bytes(self) -> int:
-        return sum(prepared.memory_bytes for prepared in self._prepared.values())
-
-    def close(self) -> None:
-        """Free all rays."""
-        while self._prepared:
-            self._prepared.popitem()[1].close()

@@ -1,4 +1,4 @@
-"""What labels are of: the image, the rays of its pixels, and the objects of its world.
+"""Subjects of labels: an image, the rays of the pixels, and the objects of the world.
 
 The image decides the objects in view, the rows of a rolling shutter and a displaced capture camera.
 Of a displaced one each pixel has the ray of the point that its light came from (`Misalignment`);
@@ -63,7 +63,7 @@ class RaySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledImage:
-    """The image that labels are of: everything about it that they depend on."""
+    """An image to label: everything that labels depend on."""
 
     camera: LabelCamera
     """Exact model of the camera."""
@@ -95,45 +95,6 @@ def build_label_rays(source: RaySource, samples: int) -> RayTable:
     return table if source.readout_s == 0.0 else replace(table, times=_row_times(source, table))
 
 
-def _build_table(source: RaySource, samples: int) -> RayTable:
-    camera = source.camera
-    if isinstance(camera, PerspectiveCamera):
-        return lens_ray_table(camera, samples)
-    look_up: Callable[[Floats, Floats], tuple[Floats | None, Floats, Bools]]
-    if source.misalignment is None:
-        look_up = partial(rays_from_pixel_grid, camera)
-    else:
-        look_up = partial(_misaligned_rays, camera, source.misalignment)
-    return build_ray_table(camera, samples, look_up)
-
-
-def _misaligned_rays(
-    camera: OmniCamera, misalignment: Misalignment, u: Floats, v: Floats
-) -> tuple[Floats | None, Floats, Bools]:
-    """Rays of a grid of a displaced camera: those of the points that its pixels look up."""
-    lookup = lookup_offset_map(misalignment, camera)
-    # Offsets vary by hundredths of a pixel from one pixel to the next: samples have their pixel's.
-    # Tiles of the last row and column may reach beyond the image.
-    rows = np.minimum(v.astype(np.intp), camera.height_px - 1)
-    columns = np.minimum(u.astype(np.intp), camera.width_px - 1)
-    at = lookup[rows[:, None], columns]
-    points = np.stack(np.meshgrid(u, v), axis=-1) + at[..., :2]
-    origins, directions, valid = ray_from_pixel(camera, points)
-    return None if camera.is_central else origins, directions, valid & (at[..., 2] > 0.0)
-
-
-def _row_times(source: RaySource, table: RayTable) -> npt.NDArray[np.float32]:
-    """(t, samples^2, 16) times of rays within the whole exposure, 0 to 1, by their rows."""
-    samples = table.samples
-    block = np.arange(samples * samples) // samples
-    lane = np.arange(BLOCK_RAYS) // TILE_PX
-    row_in_tile = (block[:, None] * TILE_PX + lane) // samples
-    row = (table.tiles // table.num_tile_columns * TILE_PX)[:, None, None] + row_in_tile
-    total_s = source.exposure_s + source.readout_s
-    fraction = (row + 0.5) / table.height_px - 0.5
-    return np.asarray(0.5 + source.readout_s / total_s * fraction, dtype=np.float32)
-
-
 def label_exposure(camera_state: CameraState) -> TracedExposure:
     """The exposure as its labels see it: sharp, at its middle or at each row's time."""
     # Neither light nor air has labels.
@@ -144,7 +105,7 @@ def label_exposure(camera_state: CameraState) -> TracedExposure:
     return MovingExposure(trajectory(plain))
 
 
-def mask_of_rays(table: RayTable) -> Bools:
+def find_valid_pixels(table: RayTable) -> Bools:
     """(h, w) whether a pixel's centre has a ray, of a table of one sample a pixel."""
     bits = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little")
     grid = assemble_grid(table, bits[..., None].astype(np.float32), fill=np.float32(0.0))
@@ -152,20 +113,11 @@ def mask_of_rays(table: RayTable) -> Bools:
 
 
 _Numbers = npt.NDArray[np.uint16]
-
 # Values of 16 bits, some of them for robots.
 _MAX_OBJECTS = 65000
 _MAX_NUMBER = 65535
-# Headings that a box may have: those of the largest walls of its object.
+# Headings that a box may have: of the object's largest walls.
 _MAX_HEADINGS = 16
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Extent:
-    """Box around an object of the static scene."""
-
-    world_from_box: Pose
-    half_size_m: Floats
 
 
 class SceneLabels:
@@ -211,7 +163,7 @@ class SceneLabels:
         return first + max(placed.number - 1, 0) % (_MAX_NUMBER + 1 - first)
 
     def describe(self, objects: tuple[DynamicObject, ...]) -> tuple[LabelledObject, ...]:
-        """All objects of the world and those of an exposure, by ascending number."""
+        """All objects of the world and of an exposure, by ascending number."""
         static = [
             self._label(number, one.name, one.class_name, extent)
             for number, (one, extent) in enumerate(
@@ -246,6 +198,53 @@ class SceneLabels:
             scene.object_index[order], np.arange(len(scene.objects) + 1)
         ).tolist()
         return tuple(_enclose(scene, order[begin:end]) for begin, end in pairwise(bounds))
+
+
+def _build_table(source: RaySource, samples: int) -> RayTable:
+    camera = source.camera
+    if isinstance(camera, PerspectiveCamera):
+        return lens_ray_table(camera, samples)
+    look_up: Callable[[Floats, Floats], tuple[Floats | None, Floats, Bools]]
+    if source.misalignment is None:
+        look_up = partial(rays_from_pixel_grid, camera)
+    else:
+        look_up = partial(_misaligned_rays, camera, source.misalignment)
+    return build_ray_table(camera, samples, look_up)
+
+
+def _misaligned_rays(
+    camera: OmniCamera, misalignment: Misalignment, u: Floats, v: Floats
+) -> tuple[Floats | None, Floats, Bools]:
+    """Rays of a grid of a displaced camera: of the points that the pixels look up."""
+    lookup = lookup_offset_map(misalignment, camera)
+    # Offsets vary by hundredths of a pixel from one pixel to the next: samples have their pixel's.
+    # Tiles of the last row and column may reach beyond the image.
+    rows = np.minimum(v.astype(np.intp), camera.height_px - 1)
+    columns = np.minimum(u.astype(np.intp), camera.width_px - 1)
+    at = lookup[rows[:, None], columns]
+    points = np.stack(np.meshgrid(u, v), axis=-1) + at[..., :2]
+    origins, directions, valid = ray_from_pixel(camera, points)
+    return None if camera.is_central else origins, directions, valid & (at[..., 2] > 0.0)
+
+
+def _row_times(source: RaySource, table: RayTable) -> npt.NDArray[np.float32]:
+    """(t, samples^2, 16) times of rays within the whole exposure, 0 to 1, by their rows."""
+    samples = table.samples
+    block = np.arange(samples * samples) // samples
+    lane = np.arange(BLOCK_RAYS) // TILE_PX
+    row_in_tile = (block[:, None] * TILE_PX + lane) // samples
+    row = (table.tiles // table.num_tile_columns * TILE_PX)[:, None, None] + row_in_tile
+    total_s = source.exposure_s + source.readout_s
+    fraction = (row + 0.5) / table.height_px - 0.5
+    return np.asarray(0.5 + source.readout_s / total_s * fraction, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extent:
+    """Box around an object of the static scene."""
+
+    world_from_box: Pose
+    half_size_m: Floats
 
 
 def _extent_of(placed: DynamicObject) -> _Extent:

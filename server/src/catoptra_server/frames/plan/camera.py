@@ -1,12 +1,12 @@
 """Cameras to render: camera models with settings, their variants, and the choice of a viewpoint.
 
 A variant changes nothing of the camera that it belongs to: a viewer may try what accuracy and
-effects cost while the robot's own client goes on with the frames it chose.
+effects cost while the robot's own client goes on with other frames.
 
-A mirror without a viewpoint has a ray for each sample. Seen from afar, its rays and those from its
-best viewpoint are one: they miss it by millimetres, an angle that falls with the distance of what
-they show. `Central=auto` leaves the choice to each frame, by the nearest thing of the scene. From
-the near limit on, the image errs by at most the allowed pixels.
+A mirror without a viewpoint has a ray for each sample. Rays miss the best viewpoint by millimetres,
+an angle that falls with the distance of the thing in view: from afar both are one. `Central=auto`
+leaves the choice to each frame, by the nearest thing of the scene. From the near limit on, the
+image errs by at most the allowed pixels.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class OmniCameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveCameraSpec:
-    """A perspective camera with the effects of its frames."""
+    """A perspective camera with the effects of the frames."""
 
     camera: PerspectiveCamera
     effect_settings: EffectSettings = NO_EFFECT_SETTINGS
@@ -57,7 +57,7 @@ CameraSpec = OmniCameraSpec | PerspectiveCameraSpec
 
 
 POLYGON_COUNTS = (16, 64, 256, 1024, 4096)
-"""Mirror meshes of a variant: those of the paper. Finer ones take seconds to prepare."""
+"""Mirror meshes of a variant, as in the paper. Finer ones take seconds to prepare."""
 # 4 x 4 samples are the finest level of the study of accuracy and cost.
 MAX_SAMPLES = 4
 _MAX_EFFECTS = 64
@@ -81,7 +81,7 @@ _EXACT = RenderSettings(samples=MAX_SAMPLES, renderer=_EXACT_RENDERER.value)
 
 @dataclass(frozen=True, slots=True)
 class CameraVariant:
-    """Changes of a camera's settings; None leaves a value as the camera has it."""
+    """Changes of a camera's settings; None leaves a value unchanged."""
 
     max_error_px: float | None = None
     """Tolerance; 0 for none."""
@@ -96,7 +96,7 @@ class CameraVariant:
     """Modes of effects by name."""
     reference: ReferenceKind | None = None
     picture: Picture | None = None
-    """Hand of the image: the finished picture is turned round, whatever its effects."""
+    """Hand of the image: the finished picture is turned round, with any effects."""
     channels: tuple[str, ...] = ()
     """Channels of labels beside the picture, by name."""
 
@@ -145,7 +145,7 @@ class CameraVariant:
 
     def _change_settings(self, settings: RenderSettings) -> RenderSettings:
         is_explicit = self.polygons is not None or self.samples is not None
-        # Numbers that a target would overrule take its place.
+        # Numbers replace a target, which would overrule them.
         target = AccuracyTarget() if is_explicit else settings.accuracy_target
         return replace(
             settings,
@@ -181,7 +181,7 @@ def parse_renderer(name: str) -> RendererKind:
     """Renderer of a name.
 
     Raises:
-        DomainError: There is none of that name.
+        DomainError: The name is unknown.
     """
     return _parse(RendererKind, name, "renderer")
 
@@ -199,7 +199,7 @@ def parse_reference(name: str) -> ReferenceKind:
     """Reference of a name.
 
     Raises:
-        DomainError: There is none of that name.
+        DomainError: The name is unknown.
     """
     return _parse(ReferenceKind, name, "reference")
 
@@ -208,7 +208,7 @@ def parse_picture(name: str) -> Picture:
     """Hand of a name.
 
     Raises:
-        DomainError: There is none of that name.
+        DomainError: The name is unknown.
     """
     return _parse(Picture, name, "picture")
 

@@ -12,7 +12,7 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 | any      | other  | samples: averaging, read-back, time between the stages             |
 
 * Drawn frames differ from timed ones in two ways. The load of the machine and the viewpoint
-  multiply all times of a renderer; stages that no timed plan has, such as effects, add to them.
+  multiply all times of a renderer; stages that no timed plan has, such as effects, are added.
   Predictions are within 25 % of drawn frames in 27 of 30 cases
   (`tests/measurements/predicted_times.py`).
 * Rates are stored on disk, so that a restarted server does not measure again. A file belongs to one
@@ -91,7 +91,7 @@ class CostModel:
 
 
 def describe_rates(rates: Mapping[str, Rates]) -> str:
-    """Rates for a log: of each stage the constant, and the rates per million of its quantities."""
+    """Rates for a log: of each stage the constant, and the rates per million of the quantities."""
     stages = [(f"{group} {stage}", r) for group in rates for stage, r in rates[group].items()]
     return "; ".join(
         f"{name} {constant:.3g} ms + {', '.join(f'{rate:.3g}' for rate in others)} ms/million"
@@ -292,13 +292,13 @@ class CostCorrections:
         self._factors: dict[RendererKind, float] = {}
         self._added_ms: dict[_EffectsKey, dict[RendererKind, float]] = {}
 
-    def factor(self, kind: RendererKind) -> float:
+    def load_factor(self, kind: RendererKind) -> float:
         """Factor by which a renderer's frames take longer than calibrated ones."""
         return self._factors.get(kind, 1.0)
 
     def correct(self, camera: OmniCameraSpec, kind: RendererKind, ms: float) -> float:
-        """Milliseconds of a drawn frame, from those of the cost model."""
-        return self.factor(kind) * ms + self._find_added_ms(camera, kind)
+        """Milliseconds of a drawn frame, from the cost model's."""
+        return self.load_factor(kind) * ms + self._find_added_ms(camera, kind)
 
     def update(
         self,

@@ -1,11 +1,11 @@
-"""Error bound of a plan: the largest distance by which its frames displace any outline.
+"""Error bound of a plan: the largest displacement of any outline in a frame.
 
 Each sample of a frame shows the scene in some direction. `geometric` bounds the distance between
 that sample and the pixel to which the camera model projects that direction, over the visible image,
 in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound of a
-plan, before anything is rendered; each frame adds what its scene contributes. A bound, not an
-estimate: tests compare it with every ray of trace and with silhouettes of raster. It is never
-exceeded, and never twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
+plan, before anything is rendered; each frame adds the share of the scene. A bound, not an estimate:
+tests compare it with every ray of trace and with silhouettes of raster. None is ever exceeded, or
+twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
 
 | component | cause                                 | computed in                                  |
 |-----------|---------------------------------------|----------------------------------------------|
@@ -22,15 +22,15 @@ samples, which is `sampling` and adds to any measurement in a frame (`marker_err
 the centroid of a disc); objects smaller than four of a face's texels; the tessellation of the scene
 itself; grey levels.
 
-Faces. A texel holds the mean of its samples, and the image a bilinear mix of four texels; a
+Faces. A texel holds the mean of some samples, and the image a bilinear mix of four texels; a
 straight edge appears where that mix passes one half. With one sample a texel the edge is displaced
 by at most half a texel. For let L be the signed distance from the edge at the texel centres, and w
 the bilinear weights at a point with L(point) = sum w L and half of the weight on centres with L >
 0: the largest such L(point) within a square of centres is 1/2, for an edge along the texels. Texels
-need not be square for that. With more samples a texel holds steps of its coverage, and the
-displacement depends on the sample pattern. An object smaller than a texel may be missed, and
-corners are rounded off (the tip of a right angle by 0.7 texels); that displaces nothing of the
-remainder. The bound is for edges with a radius of curvature of at least two texels.
+need not be square for that. With more samples a texel holds steps of coverage, and the displacement
+depends on the sample pattern. An object smaller than a texel may be missed, and corners are rounded
+off (the tip of a right angle by 0.7 texels); that displaces nothing of the remainder. The bound is
+for edges with a radius of curvature of at least two texels.
 
 Rounding. Trace and the shader of mirror meshes hold directions as float32, each component rounded
 to a part in 2^24 =: 1 / u. A direction that is off by an angle is displaced by that angle times at
@@ -72,6 +72,226 @@ from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.render.renderer import FaceRegion, RenderPlan
 from catoptra_server.world.mirror_mesh import Tessellation
 
+
+@dataclass(frozen=True, slots=True)
+class ErrorBound:
+    """Bound of a plan for a camera."""
+
+    geometric: GeometricError
+    """Displacement of samples, all components together."""
+    sampling: _SamplingError
+    """Further displacement by the spacing of the samples."""
+    components: tuple[_ErrorComponent, ...]
+    """Components of the geometric error."""
+    rim_radius_px: float
+    polygons_by_radius_px: tuple[float, ...] = ()
+    """Displacement by flat facets in rings of equal width, from the centre to the rim; empty for
+    the exact model."""
+
+    @property
+    def outline_error_px(self) -> float:
+        """Largest displacement of an outline: geometric error and sampling.
+
+        An accuracy target limits this number, which every frame carries.
+        """
+        return self.geometric.max_px + self.sampling.edge_error_px
+
+    def outline_error_at_px(self, radius: float) -> float:
+        """Largest displacement of an outline at a place in the image.
+
+        Args:
+            radius: Distance from the image centre, over the rim's, 0 to 1.
+        """
+        rings = self.polygons_by_radius_px
+        if not rings:
+            return self.outline_error_px
+        own_px = rings[min(int(radius * len(rings)), len(rings) - 1)]
+        others_px = sum(p.max_px for p in self.components if p.name not in ("polygons", "rim"))
+        rim_px = next(p.max_px for p in self.components if p.name == "rim")
+        # Straight sides cut into the outermost part of the image alone. Its ring is one wider.
+        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / len(rings)
+        geometric_px = max(own_px + others_px, rim_px if radius >= rim_ring else 0.0)
+        return geometric_px + self.sampling.edge_error_px
+
+    @property
+    def marker_error_px(self) -> float:
+        """Largest error of the measured centre of a marker of at least one pixel."""
+        return self.geometric.max_px + self.sampling.centroid_error_px
+
+    def numbers_by_name(self) -> dict[str, float]:
+        """All numbers by their names in a frame header; a component is `<name>_px`."""
+        geometric, sampling = self.geometric, self.sampling
+        numbers = {
+            "max_px": geometric.max_px,
+            "rms_px": geometric.rms_px,
+            "max_deg": geometric.max_deg,
+            "rms_deg": geometric.rms_deg,
+            "edge_px": sampling.edge_error_px,
+            "outline_px": self.outline_error_px,
+            "marker_px": self.marker_error_px,
+        }
+        footprint = sampling.texel_footprint
+        if footprint is not None:
+            numbers["texels_per_px_min"] = footprint.min_texels_per_px
+            numbers["texels_per_px_median"] = footprint.median_texels_per_px
+            numbers["texels_per_px_max"] = footprint.max_texels_per_px
+        return numbers | {f"{part.name}_px": part.max_px for part in self.components}
+
+    def __str__(self) -> str:
+        geometric, sampling = self.geometric, self.sampling
+        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.components)
+        text = (
+            f"displaced by at most {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
+            f"{geometric.rms_px:.2g} px rms ({parts}); samples add {sampling.edge_error_px:.2g} px"
+        )
+        footprint = sampling.texel_footprint
+        if footprint is None:
+            return text
+        density = f"{footprint.min_texels_per_px:.2g} to {footprint.max_texels_per_px:.2g}"
+        undersampled = ", undersampled" if sampling.is_undersampled else ""
+        return f"{text}; {density} texels a px{undersampled}"
+
+
+@dataclass(frozen=True, slots=True)
+class _ErrorComponent:
+    """Contribution of one cause."""
+
+    name: str
+    max_px: float
+    """Largest displacement by this cause alone."""
+    reason: str
+
+
+# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
+# samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
+_PIXEL_CENTROID_ERROR_PX = 0.07
+
+
+@dataclass(frozen=True, slots=True)
+class _SamplingError:
+    """Error of a plan's samples."""
+
+    samples: int
+    """Samples along a pixel's side."""
+    edge_error_px: float
+    """Largest displacement of an outline."""
+    texel_footprint: TexelFootprint | None
+    """Texels of the faces; None without faces."""
+
+    @property
+    def centroid_error_px(self) -> float:
+        """Largest displacement of the measured centroid of a disc of one pixel or more."""
+        return self.edge_error_px + _PIXEL_CENTROID_ERROR_PX
+
+    @property
+    def minification(self) -> float:
+        """Largest number of texels from one sample to the next; 0 without faces."""
+        return (
+            self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
+        )
+
+    @property
+    def is_undersampled(self) -> bool:
+        """Whether one lookup a sample skips texels anywhere in the image."""
+        return self.minification > 1.0
+
+
+# Candidates of a target are some 130 plans a camera; two cameras' fit. 3 to 27 ms at 640 px, 2
+# microseconds from the cache.
+@lru_cache(maxsize=256)
+def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
+    """Error bound of a plan for a camera.
+
+    Raises:
+        DomainError: A mirror mesh under an orthographic camera, which has no pinhole.
+    """
+    components = _additive_components(camera, plan)
+    geometric = sum_errors(error for _, error, _ in components)
+    if isinstance(plan.surface, Tessellation):
+        gap = rim_gap(camera, plan.surface)
+        geometric = apply_floor(geometric, gap)
+        reason = f"{plan.surface.sectors} straight sides end within the rim"
+        components = (*components, ("rim", gap, reason))
+    named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
+    return ErrorBound(
+        geometric,
+        _sampling_error(camera, plan),
+        named,
+        camera.rim_radius_px,
+        facet_error_by_radius(camera, plan.surface)
+        if isinstance(plan.surface, Tessellation)
+        else (),
+    )
+
+
+def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
+    """Bound of a frame, from the plan's.
+
+    Args:
+        camera: The plan's camera.
+        angle_rad: Largest displacement by the scene's coordinates
+            (`bounds/coordinate_rounding`).
+    """
+    error = _scene_error(camera, angle_rad)
+    reason = "float32 coordinates of corners and viewpoint"
+    return replace(
+        bound,
+        geometric=sum_errors((bound.geometric, error)),
+        components=(*bound.components, _ErrorComponent("scene", error.max_px, reason)),
+    )
+
+
+# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
+# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
+# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
+# rounding of corners included (tests/server/render/test_scene_rounding.py).
+_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
+# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
+# their size over distance in llvmpipe.
+_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+
+
+def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
+    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
+    if plan.renderer.uses_faces:
+        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
+    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
+    return replace(_TRACE_COORDINATES, miss_m=miss_m)
+
+
+_Component = tuple[str, GeometricError, str]  # name, error, reason
+
+
+def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Component, ...]:
+    """Components that add up."""
+    has_faces, has_mesh = plan.renderer.uses_faces, isinstance(plan.surface, Tessellation)
+    components: list[_Component] = []
+    if isinstance(plan.surface, Tessellation):
+        components.append(_facet_component(camera, plan.surface))
+    if has_faces:
+        components.append(_face_component(camera, plan))
+    # Trace intersects no rasterized corner: the mesh is evaluated in float64 at each sample.
+    if has_faces and has_mesh:
+        corners = _corner_error(camera, plan.samples)
+        components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
+    cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
+    return (*components, ("rounding", _rounding_error(camera, plan), cause))
+
+
+def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
+    size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
+    reason = f"{size}, {tessellation.interpolation.value} interpolated"
+    return "polygons", facet_error(camera, tessellation), reason
+
+
+def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
+    error = _face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
+    displacement = _max_edge_displacement_texels(plan.face_samples)
+    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
+    return "faces", error, reason
+
+
 # Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
 # radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
 # in the standard sample patterns of drivers, and a twentieth in reserve; searched in
@@ -93,7 +313,7 @@ def _face_lookup_error(
 ) -> GeometricError:
     """Displacement by the texels of face regions.
 
-    The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
+    The rms is of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
     """
     footprint = texel_footprint(camera, regions)
     displacement = _max_edge_displacement_texels(face_samples)
@@ -109,13 +329,12 @@ def _face_lookup_error(
 # Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
 # 0.51 u where the largest was 2.44 u.
 _RMS_FRACTION_OF_MAX = 0.2
-
-# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and its rotation into the
+# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and the rotation into the
 # world, three products and two sums of rounded factors, each at most 1 u of a component. All at
 # their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
 # was 2.4 u.
 _TRACE_ULPS = 3.0
-# The shader of a mesh interpolates the direction between corners: about ten operations, all of them
+# The shader of a mesh interpolates the direction between corners: about ten operations, all
 # well conditioned, each at most 1 u.
 _SHADER_ULPS = 8.0
 # An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at
@@ -123,33 +342,6 @@ _SHADER_ULPS = 8.0
 _ATLAS_ULPS = 3.0
 # The rasterizer snaps corners to 256ths of a rendered pixel: half a step along both sides.
 _CORNER_PX = math.sqrt(2.0) / 512.0
-
-# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
-# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
-# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
-# rounding of corners included (tests/server/render/test_scene_rounding.py).
-_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
-# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
-# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
-# their size over distance in llvmpipe.
-_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
-
-
-def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
-    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
-    if plan.renderer.uses_faces:
-        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
-    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
-    return replace(_TRACE_COORDINATES, miss_m=miss_m)
-
-
-def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
-    """Displacement by the scene's coordinates.
-
-    Args:
-        angle_rad: As of `bounds/coordinate_rounding`.
-    """
-    return _angle_error(camera, angle_rad)
 
 
 def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
@@ -161,6 +353,15 @@ def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     if isinstance(plan.surface, PerPixel):
         return lookup
     return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
+
+
+def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement by the scene's coordinates.
+
+    Args:
+        angle_rad: As of `bounds/coordinate_rounding`.
+    """
+    return _angle_error(camera, angle_rad)
 
 
 def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
@@ -202,40 +403,6 @@ def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
     )
 
 
-# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
-# samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
-_PIXEL_CENTROID_ERROR_PX = 0.07
-
-
-@dataclass(frozen=True, slots=True)
-class _SamplingError:
-    """Error of a plan's samples."""
-
-    samples: int
-    """Samples along a pixel's side."""
-    edge_error_px: float
-    """Largest displacement of an outline."""
-    texel_footprint: TexelFootprint | None
-    """Texels of the faces; None without faces."""
-
-    @property
-    def centroid_error_px(self) -> float:
-        """Largest displacement of the measured centroid of a disc of one pixel or more."""
-        return self.edge_error_px + _PIXEL_CENTROID_ERROR_PX
-
-    @property
-    def minification(self) -> float:
-        """Largest number of texels from one sample to the next; 0 without faces."""
-        return (
-            self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
-        )
-
-    @property
-    def is_undersampled(self) -> bool:
-        """Whether one lookup a sample skips texels anywhere in the image."""
-        return self.minification > 1.0
-
-
 def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
     """Error of a plan's samples in a camera's image."""
     has_texels = plan.renderer.uses_faces
@@ -244,169 +411,3 @@ def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
         edge_error_px=math.sqrt(0.5) / plan.samples,
         texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _ErrorComponent:
-    """Contribution of one cause."""
-
-    name: str
-    max_px: float
-    """Largest displacement by this cause alone."""
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorBound:
-    """Bound of a plan for a camera."""
-
-    geometric: GeometricError
-    """Displacement of samples, all components together."""
-    sampling: _SamplingError
-    """Further displacement by the spacing of the samples."""
-    components: tuple[_ErrorComponent, ...]
-    """Components of the geometric error."""
-    rim_radius_px: float
-    polygons_by_radius_px: tuple[float, ...] = ()
-    """Displacement by flat facets in rings of equal width, from the centre to the rim; empty for
-    the exact model."""
-
-    @property
-    def outline_error_px(self) -> float:
-        """Largest displacement of an outline: geometric error and sampling.
-
-        An accuracy target limits this number, and every frame carries it.
-        """
-        return self.geometric.max_px + self.sampling.edge_error_px
-
-    def outline_error_at_px(self, radius: float) -> float:
-        """Largest displacement of an outline at a place in the image.
-
-        Args:
-            radius: Distance from the image centre over that of the rim, 0 to 1.
-        """
-        rings = self.polygons_by_radius_px
-        if not rings:
-            return self.outline_error_px
-        own_px = rings[min(int(radius * len(rings)), len(rings) - 1)]
-        others_px = sum(p.max_px for p in self.components if p.name not in ("polygons", "rim"))
-        rim_px = next(p.max_px for p in self.components if p.name == "rim")
-        # Straight sides cut into the outermost part of the image alone. Its ring is one wider.
-        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / len(rings)
-        geometric_px = max(own_px + others_px, rim_px if radius >= rim_ring else 0.0)
-        return geometric_px + self.sampling.edge_error_px
-
-    @property
-    def marker_error_px(self) -> float:
-        """Largest error of the measured centre of a marker of at least one pixel."""
-        return self.geometric.max_px + self.sampling.centroid_error_px
-
-    def as_dict(self) -> dict[str, float]:
-        """All numbers by their names in a frame header; a component is `<name>_px`."""
-        geometric, sampling = self.geometric, self.sampling
-        numbers = {
-            "max_px": geometric.max_px,
-            "rms_px": geometric.rms_px,
-            "max_deg": geometric.max_deg,
-            "rms_deg": geometric.rms_deg,
-            "edge_px": sampling.edge_error_px,
-            "outline_px": self.outline_error_px,
-            "marker_px": self.marker_error_px,
-        }
-        footprint = sampling.texel_footprint
-        if footprint is not None:
-            numbers["texels_per_px_min"] = footprint.min_texels_per_px
-            numbers["texels_per_px_median"] = footprint.median_texels_per_px
-            numbers["texels_per_px_max"] = footprint.max_texels_per_px
-        return numbers | {f"{part.name}_px": part.max_px for part in self.components}
-
-    def __str__(self) -> str:
-        geometric, sampling = self.geometric, self.sampling
-        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.components)
-        text = (
-            f"displaced by at most {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
-            f"{geometric.rms_px:.2g} px rms ({parts}); samples add {sampling.edge_error_px:.2g} px"
-        )
-        footprint = sampling.texel_footprint
-        if footprint is None:
-            return text
-        density = f"{footprint.min_texels_per_px:.2g} to {footprint.max_texels_per_px:.2g}"
-        undersampled = ", undersampled" if sampling.is_undersampled else ""
-        return f"{text}; {density} texels a px{undersampled}"
-
-
-# Candidates of a target are some 130 plans a camera; two cameras' fit. 3 to 27 ms at 640 px, 2
-# microseconds from the cache.
-@lru_cache(maxsize=256)
-def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
-    """Error bound of a plan for a camera.
-
-    Raises:
-        DomainError: A mirror mesh under an orthographic camera, which has no pinhole.
-    """
-    components = _additive_components(camera, plan)
-    geometric = sum_errors(error for _, error, _ in components)
-    if isinstance(plan.surface, Tessellation):
-        gap = rim_gap(camera, plan.surface)
-        geometric = apply_floor(geometric, gap)
-        reason = f"{plan.surface.sectors} straight sides end within the rim"
-        components = (*components, ("rim", gap, reason))
-    named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
-    return ErrorBound(
-        geometric,
-        _sampling_error(camera, plan),
-        named,
-        camera.rim_radius_px,
-        facet_error_by_radius(camera, plan.surface)
-        if isinstance(plan.surface, Tessellation)
-        else (),
-    )
-
-
-def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
-    """Bound of a frame, from that of its plan.
-
-    Args:
-        camera: The plan's camera.
-        angle_rad: Largest displacement by the scene's coordinates
-            (`bounds/coordinate_rounding`).
-    """
-    error = _scene_error(camera, angle_rad)
-    reason = "float32 coordinates of corners and viewpoint"
-    return replace(
-        bound,
-        geometric=sum_errors((bound.geometric, error)),
-        components=(*bound.components, _ErrorComponent("scene", error.max_px, reason)),
-    )
-
-
-_Component = tuple[str, GeometricError, str]  # name, error, reason
-
-
-def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Component, ...]:
-    """Components that add up."""
-    has_faces, has_mesh = plan.renderer.uses_faces, isinstance(plan.surface, Tessellation)
-    components: list[_Component] = []
-    if isinstance(plan.surface, Tessellation):
-        components.append(_facet_component(camera, plan.surface))
-    if has_faces:
-        components.append(_face_component(camera, plan))
-    # Trace intersects no rasterized corner: its mesh is evaluated in float64 at each sample.
-    if has_faces and has_mesh:
-        corners = _corner_error(camera, plan.samples)
-        components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
-    cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
-    return (*components, ("rounding", _rounding_error(camera, plan), cause))
-
-
-def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
-    size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
-    reason = f"{size}, {tessellation.interpolation.value} interpolated"
-    return "polygons", facet_error(camera, tessellation), reason
-
-
-def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
-    error = _face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
-    displacement = _max_edge_displacement_texels(plan.face_samples)
-    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
-    return "faces", error, reason

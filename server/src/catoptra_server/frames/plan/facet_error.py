@@ -1,6 +1,6 @@
-"""Displacement by a mirror mesh, evaluated on its facets in float64; and the measure of any error.
+"""Displacement by a mirror mesh, evaluated on the facets in float64; and the measure of any error.
 
-On a facet all is known in closed form: a point, its pixel in the capture camera, the direction
+On a facet all is known in closed form: a point, the pixel in the capture camera, the direction
 interpolated there, and the pixel to which the camera model projects that direction. The distance of
 the two pixels is the error. A grid of each triangle is evaluated, borders included, and only in
 sectors that neither mesh nor cube repeat.
@@ -64,6 +64,11 @@ def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
     )
 
 
+def weighted_rms(values: Floats, weight: Floats) -> float:
+    """Root mean square over image areas."""
+    return math.sqrt(float((np.square(values) * weight).sum() / weight.sum()))
+
+
 # Rings of the bound by place: a picture of 640 px has rings of 5 px.
 _NUM_RADII = 64
 _SAME_RADIUS = 1e-9
@@ -96,6 +101,17 @@ def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tup
     return _facet_errors(camera, tessellation)[1]
 
 
+def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
+    """Distance by which the mesh ends within the rim, largest at the centres of the outer edges."""
+    radius_px = camera.rim_radius_px
+    chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
+    # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
+    gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
+    t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
+    gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
+    return GeometricError(gap_px, 0.0, gap_deg, 0.0)
+
+
 @lru_cache(maxsize=256)
 def _facet_errors(
     camera: OmniCamera, tessellation: Tessellation
@@ -118,9 +134,9 @@ def _facet_errors(
     reserve = (1.0 + math.pi / tessellation.sectors / steps) / (1.0 - 1.0 / steps**2)
     error = GeometricError(
         max_px=reserve * float(error_px[projected.is_near_image].max()),
-        rms_px=_weighted_rms(error_px, area),
+        rms_px=weighted_rms(error_px, area),
         max_deg=reserve * math.degrees(float(error_rad[projected.is_near_image].max())),
-        rms_deg=math.degrees(_weighted_rms(error_rad, area)),
+        rms_deg=math.degrees(weighted_rms(error_rad, area)),
     )
     return error, _max_by_radius(camera, projected, reserve * error_px)
 
@@ -129,7 +145,7 @@ def _max_by_radius(
     camera: OmniCamera, projected: _ProjectedPoints, error_px: Floats
 ) -> tuple[float, ...]:
     """Largest of (n, q) errors in each ring that a triangle reaches into."""
-    # By whole triangles: between the points of its grid an error belongs to all of a triangle.
+    # By whole triangles: between grid points an error belongs to all of a triangle.
     radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * _NUM_RADII
     largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
     # Corners on the border of two rings belong to both.
@@ -139,17 +155,6 @@ def _max_by_radius(
         float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
         for ring in range(_NUM_RADII)
     )
-
-
-def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Distance by which the mesh ends within the rim, largest at the centres of its outer edges."""
-    radius_px = camera.rim_radius_px
-    chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
-    # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
-    gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
-    t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
-    gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
-    return GeometricError(gap_px, 0.0, gap_deg, 0.0)
 
 
 def _distinct_triangles(camera: OmniCamera, tessellation: Tessellation) -> tuple[Floats, Floats]:
@@ -188,7 +193,7 @@ def _grid_steps(num_triangles: int) -> int:
 
 @lru_cache(maxsize=len(_STEP_COUNTS))
 def _triangle_grid(steps: int) -> tuple[Floats, Floats]:
-    """(q, 3) barycentric weights of a grid with its borders, and the (q,) quadrature.
+    """(q, 3) barycentric weights of a grid with borders, and the (q,) quadrature.
 
     The quadrature is the rule of the three side midpoints, exact for quadratics, on triangles of
     two steps: points with two even indices weigh nothing, those on a border half.
@@ -211,7 +216,7 @@ class _ProjectedPoints:
     is_in_image: Bools
     """(n, q)."""
     is_near_image: Bools
-    """(n, q) in the image, or no farther from it than a grid step."""
+    """(n, q) in the image, or no farther away than a grid step."""
 
 
 def _project_points(camera: OmniCamera, points: Floats, steps: int) -> _ProjectedPoints:
@@ -264,7 +269,7 @@ def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Flo
 
 
 def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
-    """(n, q) angles between the looked-up directions and those of the camera model."""
+    """(n, q) angles between the looked-up directions and the camera model's."""
     ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.scale_px
     t = camera.projection.t_from_radius_ratio(ratio)
     level = point_px * (2.0 * t / np.where(ratio > 0.0, ratio, 1.0))[..., None]
@@ -276,7 +281,3 @@ def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Fl
     chord = np.linalg.norm(unit - model_direction, axis=-1)
     angle: Floats = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     return angle
-
-
-def _weighted_rms(values: Floats, weight: Floats) -> float:
-    return math.sqrt(float((np.square(values) * weight).sum() / weight.sum()))

@@ -103,7 +103,7 @@ class RenderPlanner:
         return choice
 
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
-        """Plan by explicit numbers, with its bound where the error has one."""
+        """Plan by explicit numbers, with a bound where the error has one."""
         kind, reason = self._choose_renderer(camera)
         others = [one for one in RendererKind if self.renderers.is_usable(one)]
         return choose_by_settings(camera, kind, reason, usable=others)
@@ -133,7 +133,7 @@ class RenderPlanner:
         return self._corrections.correct(camera, plan.renderer, model.predict_frame_ms(plan))
 
     def update_times(self, camera: OmniCameraSpec, choice: PlanChoice) -> PlanChoice:
-        """Choice with the times of itself and its neighbours as predicted now."""
+        """Choice with times of plan and neighbours as predicted now."""
         if choice.predicted_ms is None:
             return choice
         more_accurate, faster = (
@@ -186,7 +186,7 @@ class RenderPlanner:
     def _make_table(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> CandidateTable:
-        """Measure all renderers for a camera, and bound all its candidates."""
+        """Measure all renderers for a camera, and bound all candidates."""
         if self._follow_settings(camera).bound is None:
             return CandidateTable(CostModel(camera.camera, {}), ())
         return self._calibration.make_table(camera, camera_states)
@@ -197,7 +197,7 @@ class RenderPlanner:
 
 
 def _options_of(table: CandidateTable, renderer: str) -> tuple[PlanOption, ...]:
-    """Candidates of a requested renderer; all without one, or where it has none."""
+    """Candidates of a requested renderer; all without a request, or where there are none."""
     own = tuple(one for one in table.options if one.plan.renderer.value == renderer)
     return own or table.options
 

@@ -1,9 +1,9 @@
 """A camera's plan: by explicit numbers, or the one of many candidates that meets a target.
 
-Explicit numbers, those of the robot's file and defaults for the rest, are followed as they are, by
-the chosen renderer if it can show the image; nothing is weighed. For an accuracy target every
+Explicit numbers, of the robot's file with defaults for the rest, are followed as they are, by the
+chosen renderer if able to show the image; nothing is weighed. For an accuracy target every
 candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. A perspective
-image needs neither faces nor mirror: its plan is a number of samples. Sizes of views in memory
+image needs neither faces nor mirror: the plan is a number of samples. Sizes of views in memory
 follow from a plan's numbers alone.
 
 * Candidates that another one beats in both error and time are dropped; the others form a Pareto
@@ -11,8 +11,8 @@ follow from a plan's numbers alone.
   neighbours: a client sees the price of a little more accuracy, and the gain of a little less.
 * A tolerance takes the cheapest plan within, a budget the most accurate. In conflict the budget
   wins.
-* A long exposure is limited in rays, not in milliseconds, so that a frame depends on its camera
-  state and plan alone. An object costs the rays that may meet it, and the placing of its triangles.
+* A long exposure is limited in rays, not in milliseconds, so that a frame depends on camera state
+  and plan alone. An object costs the rays that may meet it, and the placing of the triangles.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def plan_from_settings(
 def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:
     """Largest incidence angle that a frame looks up, radians.
 
-    Above the horizon a polygon looks higher than its corners. Corners up to the rim's elevation e
+    Above the horizon a polygon looks higher than the corners. Corners up to the rim's elevation e
     and 2 pi / S apart in azimuth span directions up to atan(tan e / cos(pi / S)).
     """
     elevation = camera.rim_rad - 0.5 * math.pi
@@ -185,7 +185,7 @@ class PlanOption:
 
 @dataclass(frozen=True, slots=True)
 class PlanChoice:
-    """Plan of a camera, with its bound and its neighbours on the Pareto front."""
+    """Plan of a camera, with bound and neighbours on the Pareto front."""
 
     plan: RenderPlan
     bound: ErrorBound | None
@@ -280,7 +280,7 @@ _FINE_FACES_PX = 1.2
 def choose_by_settings(
     camera: OmniCameraSpec, kind: RendererKind, reason: str, *, usable: Collection[RendererKind]
 ) -> PlanChoice:
-    """Plan of a camera without an accuracy target, with its bound where the error has one.
+    """Plan of a camera without an accuracy target, with a bound where the error has one.
 
     Args:
         kind: The chosen renderer.
@@ -339,11 +339,11 @@ def _unusable_faces_px(camera: OmniCameraSpec, bound: ErrorBound | None) -> floa
     """Displacement by faces that cannot be made fine enough to show the image; 0 for others.
 
     The largest faces have too few texels for a mirror next to k = 2, whose image is all of a tiny
-    part of the sphere. Faces of a configured size are as coarse as their owner wants them.
+    part of the sphere. Faces of a configured size are as coarse as the owner wants.
     """
     if bound is None or camera.render_settings.face_size_px:
         return 0.0
-    faces_px = bound.as_dict().get("faces_px", 0.0)
+    faces_px = bound.numbers_by_name().get("faces_px", 0.0)
     allowed_px = max(_FINE_FACES_PX, _MAX_FACES_FRACTION * bound.rim_radius_px)
     return faces_px if faces_px > allowed_px else 0.0
 

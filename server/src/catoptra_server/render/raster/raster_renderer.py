@@ -20,7 +20,7 @@ from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, fit_s
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import OutputImage
 from catoptra_server.render.raster.raster_views import (
-    RasterOmniView,
+    RasterView,
     ViewPasses,
     make_lens_passes,
     make_lookup_map,
@@ -83,7 +83,7 @@ class RasterRenderer:
         effects = f"image effects by {self._image_changer.description}"
         return f"raster: {self._device}, {self._triangles} triangles, {effects}"
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterView:
         """Prepare a view of an omnidirectional camera.
 
         Face pass and lookup map are built here; later passes when a frame first needs
@@ -128,17 +128,17 @@ class RasterRenderer:
         undo.callback(faces.close)
         return faces
 
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterOmniView:
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
         """Prepare a view of a perspective camera; samples: along a side of each pixel."""
         return self._make_lens_view(camera, samples)
 
-    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterOmniView:
+    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
         """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_lens_view(camera.perspective_camera, samples, camera.mirror_from_camera)
 
     def _make_lens_view(
         self, camera: PerspectiveCamera, samples: int, mirror_from_camera: Floats | None = None
-    ) -> RasterOmniView:
+    ) -> RasterView:
         """View of a perspective camera whose frame is rotated in the mirror frame."""
         self._check_thread()
         cell = make_lens_projection(
@@ -159,8 +159,8 @@ class RasterRenderer:
             self._warm_up(view)
         return view
 
-    def _make_view(self, passes: ViewPasses) -> RasterOmniView:
-        return RasterOmniView(self._device, passes, self._image_changer, thread=self._thread)
+    def _make_view(self, passes: ViewPasses) -> RasterView:
+        return RasterView(self._device, passes, self._image_changer, thread=self._thread)
 
     @property
     def _max_texels(self) -> int:

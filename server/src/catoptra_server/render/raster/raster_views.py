@@ -61,7 +61,7 @@ from catoptra_server.world.camera_state import CameraState
 _SequenceKey = tuple[bool, bool, bool]
 
 
-class RasterOmniView:
+class RasterView:
     """A camera, and the sequences of passes that its frames needed so far."""
 
     def __init__(
@@ -161,7 +161,7 @@ class RasterOmniView:
             self._sequences[key] = (
                 self._passes.make_output(has_shutter=has_shutter)
                 if is_encoded
-                else self._passes.make_exposure(has_ranges=has_ranges, has_shutter=has_shutter)
+                else self._passes.make_linear(has_ranges=has_ranges, has_shutter=has_shutter)
             )
         return self._sequences[key]
 
@@ -244,14 +244,14 @@ class ViewPasses:
         if not has_shutter:
             return _PassSequence((self.faces, self.make_image_pass(self.output.target, ENCODED)))
         # Sharp images are added up in linear light, so the sum is encoded by a pass of its own.
-        exposed = self.make_exposure(has_ranges=False, has_shutter=True)
+        exposed = self.make_linear(has_ranges=False, has_shutter=True)
         assert exposed.light is not None
         encode = AveragePass(
             self.context, self.programs, exposed.light.texture, 1, self.output.target, name="encode"
         )
         return _PassSequence((*exposed.passes, encode), exposed.light)
 
-    def make_exposure(self, *, has_ranges: bool, has_shutter: bool) -> _PassSequence:
+    def make_linear(self, *, has_ranges: bool, has_shutter: bool) -> _PassSequence:
         """Sequence to linear light that is read back, with ranges or without."""
         ranges = self.make_range_pass() if has_ranges else None
         light = self._make_light()

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 _NO_HIT_M = 1e30
 
 
-class SceneRayCaster(Protocol):
+class _SceneRayCaster(Protocol):
     """Distances in a scene; twin: `simulation/sensors/sensor.py:RayCaster`."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
@@ -44,7 +44,7 @@ class SceneRayCaster(Protocol):
         """(n,) distances and triangles; infinite and -1 without a hit."""
 
 
-def commit_ray_caster(scene: SceneMesh, instruction_set: str = AUTO) -> SceneRayCaster:
+def commit_ray_caster(scene: SceneMesh, instruction_set: str = AUTO) -> _SceneRayCaster:
     """Commit a scene for distance queries: to the kernel, or to embreex where that cannot run.
 
     Args:

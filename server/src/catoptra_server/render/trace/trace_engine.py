@@ -97,7 +97,7 @@ class TraceRequest:
     has_ranges: bool = False
     """Whether ranges are wanted, too."""
     thresholds: Mapping[str, float] = field(default_factory=dict)
-    """Change that nobody sees, grey levels, by effect: see `OmniView.render`."""
+    """Change that nobody sees, grey levels, by effect: see `View.render`."""
     labels: LabelRequest | None = None
     """Labels that are wanted, too, of an exposure at rest; an engine may leave out labels."""
 

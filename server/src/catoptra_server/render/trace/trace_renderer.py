@@ -94,15 +94,15 @@ class TraceRenderer:
         """One-line description for logs: engine, threads and scene size."""
         return f"trace: {self._engine.description}, {self._triangles} triangles"
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceView:
         """Prepare a view of an omnidirectional camera."""
         return self._make_view(camera, omni_ray_table(camera, plan))
 
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceOmniView:
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceView:
         """Prepare a view of a perspective camera; samples: along a side of each pixel."""
         return self._make_view(camera, lens_ray_table(camera, samples))
 
-    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceOmniView:
+    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceView:
         """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_view(camera.perspective_camera, face_ray_table(camera, samples))
 
@@ -110,9 +110,9 @@ class TraceRenderer:
         """Prepare rays whose hits are wanted, instead of an image."""
         return self._engine.prepare(table)
 
-    def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
+    def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceView:
         """View of a camera's rays."""
-        return TraceOmniView(camera, self._engine.prepare(table), self._engine.image_changer)
+        return TraceView(camera, self._engine.prepare(table), self._engine.image_changer)
 
     def close(self) -> None:
         """Free the engine."""
@@ -170,7 +170,7 @@ def create_engine(
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
 
 
-class TraceOmniView:
+class TraceView:
     """The rays of one camera."""
 
     def __init__(self, camera: RadialCamera, rays: TracedRays, image_changer: ImageChanger) -> None:

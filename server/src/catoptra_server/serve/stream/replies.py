@@ -356,7 +356,7 @@ def _plan_reply(
         plan=str(choice.plan),
         target_met=choice.target_met,
         error_bound_px=choice.bound.outline_error_px if choice.bound else None,
-        error_bounds=choice.bound.as_dict() if choice.bound else None,
+        error_bounds=choice.bound.numbers_by_name() if choice.bound else None,
         cost_ms=choice.predicted_ms,
         median_frame_ms=state.median_ms,
         more_accurate=plan_alternative(choice.more_accurate),

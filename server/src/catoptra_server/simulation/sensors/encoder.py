@@ -134,7 +134,7 @@ def _read_description(item: ConfiguredSensor) -> EncoderDescription:
         name=item.name,
         interval_s=item.interval_s,
         mount=item.mount,
-        # Any other name is that of a joint of the chassis, such as a flipper.
+        # Any other name is a joint's of the chassis, such as a flipper.
         shaft=shafts[0] if shafts else shaft_name,
         resolution_rad=item.section.get_float("Resolution", 0.01745, min_value=1e-6, max_value=6.3),
         noise_rad=item.get_float("Noise", 0.0, 10.0),

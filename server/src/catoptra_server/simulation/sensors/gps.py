@@ -83,7 +83,7 @@ class GpsSensor:
         return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: a fix is of one time."""
+        """Nothing to integrate: a fix has one time."""
 
     def read(self, context: SensorContext) -> GpsReading:
         """Coordinates, where enough satellites are in view."""

@@ -52,7 +52,7 @@ class GroundTruthSensor:
         return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: the pose is that of the robot."""
+        """Nothing to integrate: the pose is the robot's."""
 
     def read(self, context: SensorContext) -> GroundTruthReading:
         """True pose of the chassis or the sensor."""

@@ -1,9 +1,9 @@
 """Inertial navigation: the pose in the world, with errors that grow with time.
 
 Noise makes random walks of position and heading, the simplest model of integrated white noise,
-whose variance grows with time however time is cut into ticks. UDK's Precision is a steady error
-per metre and per radian, sampled once for a robot. Source: INS.uc, where noise grows with distance
-only; here also while the robot stands, as that of a real instrument does.
+whose variance grows with time however time is cut into ticks. UDK's Precision is a steady error per
+metre and per radian, sampled once for a robot. Source: INS.uc, where noise grows with distance
+only; here also while the robot stands, as in a real instrument.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class InsSensor:
         is_drifting = self._description.is_drifting
         error_x, error_y, error_yaw = self._error if is_drifting else self._reading_error(context)
         error_roll, error_pitch = self._tilt_error_rad
-        # Errors along world axes; those of z, roll and pitch are constant between two SET POSE, as
+        # Errors along world axes; of z, roll and pitch they are constant between two SET POSE, as
         # the base stays on its floor.
         return InsReading(
             self.name,

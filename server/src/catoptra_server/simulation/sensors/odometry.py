@@ -88,7 +88,7 @@ class OdometrySensor:
         root_distance = math.sqrt(abs(distance))
         measured_distance = errors.distance_scale * distance
         measured_distance += errors.distance_noise_m * root_distance * float(of_distance)
-        # The drift is clockwise in either direction of driving, unlike that of unequal wheels.
+        # The drift is clockwise in either direction of driving, unlike with unequal wheels.
         measured_turn = errors.turn_scale * turn + errors.drift_rad_per_m * abs(distance)
         measured_turn += errors.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
         measured_turn += errors.heading_noise_rad * root_distance * float(of_heading)

@@ -79,11 +79,11 @@ class RangeScannerSensor:
         return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: a scan is of one time."""
+        """Nothing to integrate: a scan has one time."""
 
     def read(self, context: SensorContext) -> RangeScanReading:
         """Ranges of all beams, with noise, clamped to the scanner's limits."""
-        # One origin, broadcast to all beams: a scan is of one time and one position.
+        # One origin, broadcast to all beams: a scan has one time and one position.
         pose, scanner = context.world_from_robot, self._description
         origin = pose.transform_points(self._robot_from_scanner.translation)
         ranges = context.environment.distances(origin, pose.rotate_directions(self._beams_in_robot))

@@ -53,7 +53,7 @@ class RfidSensor:
         return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: the tags in range are of one time."""
+        """Nothing to integrate: tags are found at one time."""
 
     def read(self, context: SensorContext) -> RfidReading:
         """Numbers of the tags in range."""

@@ -1,6 +1,6 @@
 """What all sensors have in common: interface, environment, mounted parts, and the row of a kind.
 
-A sensor is updated in every tick of its robot and read when its report is due. It measures the
+A sensor is updated in every tick of the robot and read when a report is due. Each measures the
 world through one ray caster, Embree's in the server and exact rooms in tests. Other robots are
 boxes that are intersected directly: 0.6 ms a cycle of the P2AT among seven others
 (`tests/measurements/sensor_times.py`).

@@ -82,7 +82,7 @@ class SonarRing:
         return tuple(_part(description) for description in self._descriptions)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: a range is of one time."""
+        """Nothing to integrate: a range has one time."""
 
     def read(self, context: SensorContext) -> SonarReadings:
         """Shortest echo of each cone, with noise, clamped to the sonar's limits."""

@@ -70,7 +70,7 @@ class TouchSensorBank:
         )
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: a contact is of one time."""
+        """Nothing to integrate: a contact has one time."""
 
     def read(self, context: SensorContext) -> TouchReadings:
         """Whether each switch is pressed."""

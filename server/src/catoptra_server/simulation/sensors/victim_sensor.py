@@ -66,7 +66,7 @@ class VictimSensor:
         return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Nothing to integrate: the victims in view are of one time."""
+        """Nothing to integrate: victims are found at one time."""
 
     def read(self, context: SensorContext) -> VictimReading:
         """Victims in view, each with its position in the sensor's frame."""

@@ -1,10 +1,4 @@
-"""Exposures as the kernel's structure, and the table of objects' meshes.
-
-Boxes around the parts of a dynamic object.
-
-Flow as the kernel's structure: motions about the scene's centre, numbers without a place.
-
-Arrays that the kernel writes labels into, and tiles of rays that belong together."""
+"""Exposures, boxes of objects, labels and flow as the kernel's structures."""
 
 from __future__ import annotations
 
@@ -231,7 +225,7 @@ def test_triangles_that_all_overlap_have_one_box() -> None:
 
 CENTRE = np.array((100.0, -50.0, 2.0))
 TURN = Pose.from_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.3))
-TABLES = FlowTables(
+FLOW_TABLES = FlowTables(
     points=np.zeros((4, 6, 3), dtype=np.float32),
     ids=np.zeros((4, 6), dtype=np.uint16),
     motions={7: TURN},
@@ -244,7 +238,7 @@ TABLES = FlowTables(
 
 
 def test_motions_are_about_the_centre_of_the_scene() -> None:
-    flow, owned = flow_arrays(TABLES, CENTRE)
+    flow, owned = flow_arrays(FLOW_TABLES, CENTRE)
     assert flow.shape == (4, 6, 2)
     motion_of = (ctypes.c_int32 * 2**16).from_address(owned.struct.motion_of)
     assert [motion_of[number] for number in (0, 7, 8, 9)] == [-1, 0, -1, -2]
@@ -255,7 +249,7 @@ def test_motions_are_about_the_centre_of_the_scene() -> None:
 
 
 def test_tables_have_even_steps_and_central_cameras_no_origins() -> None:
-    _, owned = flow_arrays(TABLES, CENTRE)
+    _, owned = flow_arrays(FLOW_TABLES, CENTRE)
     assert owned.struct.num_nodes == 20
     np.testing.assert_allclose(owned.struct.nodes_per_unit, 40.0, rtol=1e-6)
     assert owned.struct.origin_r is None
@@ -263,7 +257,7 @@ def test_tables_have_even_steps_and_central_cameras_no_origins() -> None:
 
 SOURCE = RaySource(CAMERAS["paper"])
 CENTRES = build_label_rays(SOURCE, 1)
-TABLES_LABEL_ARRAYS = LabelTables(*(np.zeros(4, dtype=np.uint16) for _ in range(3)))
+LABEL_TABLES = LabelTables(*(np.zeros(4, dtype=np.uint16) for _ in range(3)))
 
 
 def match(table: RayTable, centres: RayTable) -> CentreMatch:
@@ -282,7 +276,7 @@ def match(table: RayTable, centres: RayTable) -> CentreMatch:
 
 def test_only_wanted_channels_have_an_address() -> None:
     whole = CentreMatch(CENTRES, np.zeros(4, dtype=np.int32), np.zeros(4, dtype=np.uint8))
-    request = LabelRequest(frozenset({"range", "ids"}), TABLES_LABEL_ARRAYS, CENTRES)
+    request = LabelRequest(frozenset({"range", "ids"}), LABEL_TABLES, CENTRES)
     arrays, owned = label_arrays(whole, request)
     assert list(arrays) == ["range", "ids"]
     assert arrays["range"].shape == arrays["ids"].shape == (SIDE_PX, SIDE_PX)

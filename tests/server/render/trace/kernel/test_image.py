@@ -1,6 +1,4 @@
-"""Stages are made of an effect's numbers and maps, once a camera.
-
-The kernel's stages against the effects' own formulas."""
+"""Stages of the kernel against the formulas of their effects."""
 
 from __future__ import annotations
 

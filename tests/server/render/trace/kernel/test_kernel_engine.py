@@ -1,6 +1,4 @@
-"""The kernel's outputs: the same bytes for all threads and packets, nearly so for all sets.
-
-The rays of a camera: labels beside a picture where its rays can find them."""
+"""The same bytes for all threads and packets; labels beside a picture."""
 
 from __future__ import annotations
 

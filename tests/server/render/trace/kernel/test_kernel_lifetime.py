@@ -14,7 +14,7 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.kernel import kernel_engine as kernel_rays
+from catoptra_server.render.trace.kernel import kernel_engine as module
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
@@ -31,7 +31,6 @@ from helpers.trace_kernels import make_omni_table, open_kernel
 from helpers.worlds import CAMERA_STATE, make_test_world
 
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
-EMPTY = World("w", (), background=(1.0, 1.0, 1.0))
 FLOOR = World("w", (Item("floor", Rectangle((9.0, 9.0)), Pose.identity(), WHITE),))
 TABLE = make_omni_table(width_px=40)
 BELOW = face_ray_table(FaceCamera(Face.C, 16), 1)
@@ -44,8 +43,8 @@ def test_view_when_memory_is_short_is_refused(monkeypatch: pytest.MonkeyPatch) -
         struct.tile_columns = 2**25
         return struct
 
-    real = kernel_rays.ray_table_struct
-    monkeypatch.setattr(kernel_rays, "ray_table_struct", huge)
+    real = module.ray_table_struct
+    monkeypatch.setattr(module, "ray_table_struct", huge)
     with open_kernel(FLOOR) as engine, pytest.raises(KernelError, match="out of memory"):
         engine.prepare(BELOW)
 

@@ -1,8 +1,4 @@
-"""Instruction sets by the flags of a processor, and the choice among them.
-
-Paths of the kernel and of Embree, and the reasons for which one is missing.
-
-Loading of the kernel's library, and its device's errors."""
+"""Instruction sets by a processor's flags, files of the libraries, and errors of loading."""
 
 from __future__ import annotations
 
@@ -15,9 +11,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
-from catoptra_server.render.trace.kernel import library as instruction_sets
-from catoptra_server.render.trace.kernel import library as kernel_library
-from catoptra_server.render.trace.kernel import library as library_files
+from catoptra_server.render.trace.kernel import library as module
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     Fields,
@@ -80,7 +74,7 @@ def test_instruction_set_when_nothing_is_known_is_the_least(tmp_path: Path) -> N
 @pytest.fixture
 def avx2_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     """A processor with AVX2."""
-    monkeypatch.setattr(instruction_sets, "available_instruction_sets", lambda: ("avx2", "sse4.2"))
+    monkeypatch.setattr(module, "available_instruction_sets", lambda: ("avx2", "sse4.2"))
 
 
 @pytest.mark.usefixtures("avx2_processor")
@@ -106,7 +100,7 @@ def test_choice_when_unknown_names_all_sets(requested: str) -> None:
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder in the place of the package's own."""
-    monkeypatch.setattr(library_files, "__file__", str(tmp_path / "library_files.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "library.py"))
     monkeypatch.delenv("CATOPTRA_KERNEL", raising=False)
     return tmp_path
 
@@ -192,7 +186,7 @@ INSTRUCTION_SET = available_instruction_sets()[0]
 
 def replace_library(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     """Let the kernel's library be another file."""
-    monkeypatch.setattr(kernel_library, "kernel_library_path", lambda instruction_set: path)
+    monkeypatch.setattr(module, "kernel_library_path", lambda instruction_set: path)
 
 
 @pytest.fixture(autouse=True)
@@ -230,7 +224,7 @@ def test_library_when_of_another_release_names_the_structure(
         _fields_: ClassVar[Fields] = [("more", ctypes.c_void_p)]
 
     changed = (*STRUCTURES[:number], Longer, *STRUCTURES[number + 1 :])
-    monkeypatch.setattr(kernel_library, "STRUCTURES", changed)
+    monkeypatch.setattr(module, "STRUCTURES", changed)
     # A name of its own: libraries are checked once each.
     (tmp_path / "kernel.so").symlink_to(kernel_library_path(INSTRUCTION_SET))
     replace_library(monkeypatch, tmp_path / "kernel.so")
@@ -246,7 +240,7 @@ def test_library_knows_the_sizes_of_these_structures_alone() -> None:
 def test_device_when_embree_is_missing_is_unavailable(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: tmp_path / "none.so")
+    monkeypatch.setattr(module, "embree_library_path", lambda: tmp_path / "none.so")
     with pytest.raises(KernelUnavailableError, match=r"none\.so"):
         KernelDevice(INSTRUCTION_SET, 1)
 
@@ -255,14 +249,14 @@ def test_device_when_embree_is_another_library_names_the_missing_function(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = kernel_library_path(INSTRUCTION_SET)
-    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: path)
+    monkeypatch.setattr(module, "embree_library_path", lambda: path)
     with pytest.raises(KernelUnavailableError, match="has no function rtcNewDevice"):
         KernelDevice(INSTRUCTION_SET, 1)
 
 
 def test_device_when_its_path_is_very_long_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
     # Longer than the buffer of the kernel's errors.
-    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: Path("/" + 4000 * "x"))
+    monkeypatch.setattr(module, "embree_library_path", lambda: Path("/" + 4000 * "x"))
     with pytest.raises(KernelUnavailableError, match="no native kernel: /xxx"):
         KernelDevice(INSTRUCTION_SET, 1)
 

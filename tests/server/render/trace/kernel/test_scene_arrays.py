@@ -1,8 +1,4 @@
-"""Arrays of scenes, objects and lights as the kernel's structures point to them.
-
-Texels with their border.
-
-Triangles joined to flat surfaces, their outer edges, and spheres around small triangles."""
+"""Scenes, objects, lights and textures as the kernel's arrays; flat surfaces and spheres."""
 
 from __future__ import annotations
 

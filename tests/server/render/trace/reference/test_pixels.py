@@ -1,6 +1,4 @@
-"""Radiance of hits against the shading model, with every triangle tested for shadows.
-
-Labels of the two engines agree, with and without a viewpoint, still and moving."""
+"""Radiance of hits against the shading model; labels of both engines agree."""
 
 from __future__ import annotations
 

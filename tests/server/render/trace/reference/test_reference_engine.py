@@ -82,7 +82,7 @@ def test_pixels_are_the_means_of_their_samples(samples: int) -> None:
     np.testing.assert_allclose(mean_pixels(blocks, samples)[0, ..., 0], expected)
 
 
-CAMERA_REFERENCE_ENGINE = make_omni_camera(width_px=90)
+LARGER_CAMERA = make_omni_camera(width_px=90)
 EXPOSURE = replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True)
 
 
@@ -98,7 +98,7 @@ def test_image_does_not_depend_on_batches_and_threads(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
         texture=write_smooth_texture(tmp_path / "waves.png"),
     )
-    table = omni_ray_table(CAMERA_REFERENCE_ENGINE, make_plan(CAMERA_REFERENCE_ENGINE, samples=2))
+    table = omni_ray_table(LARGER_CAMERA, make_plan(LARGER_CAMERA, samples=2))
     whole = make_engine(world).prepare(table).render_linear(EXPOSURE)
     monkeypatch.setattr(module, "_RAYS_PER_BATCH", rays_per_batch)
     parts = make_engine(world, threads=3).prepare(table).render_linear(EXPOSURE)
@@ -108,7 +108,7 @@ def test_image_does_not_depend_on_batches_and_threads(
 def test_scene_has_its_own_lights_and_objects_have_all_of_the_world() -> None:
     lamp = PointLight((0.5, 0.0, -1.0), (3.0, 3.0, 3.0))
     world = make_test_world(lights=(HEMISPHERE_LIGHT, lamp))
-    table = omni_ray_table(CAMERA_REFERENCE_ENGINE, make_plan(CAMERA_REFERENCE_ENGINE))
+    table = omni_ray_table(LARGER_CAMERA, make_plan(LARGER_CAMERA))
     exposure = replace(CAMERA_STATE, objects=TWO_ROBOTS)
     images = []
     for lights in (world.lights, (HEMISPHERE_LIGHT,)):
@@ -131,7 +131,7 @@ def test_description_names_engine_and_threads() -> None:
 
 
 def test_rays_take_no_more_memory_than_their_table() -> None:
-    table = omni_ray_table(CAMERA_REFERENCE_ENGINE, make_plan(CAMERA_REFERENCE_ENGINE))
+    table = omni_ray_table(LARGER_CAMERA, make_plan(LARGER_CAMERA))
     assert make_engine(make_test_world()).prepare(table).memory_bytes == table.memory_bytes
 
 

@@ -44,8 +44,9 @@ _MAX_BOXES = 8
 # A division that saves less of the boxes' surface does not pay for the sides that are added.
 _LEAST_SAVING = 0.05
 _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
+# A line of the processor's cache.
 _LINE_BYTES = 64
-# Channel of each member of the structure.
+# Member of LabelsStruct of each channel.
 _MEMBERS = {
     "range": "range_m",
     "normal": "normal",

@@ -67,6 +67,7 @@ from catoptra_server.world.camera_state import NoiseSeed
     _BLOOM,
     _BAYER,
 ) = range(13)
+# A line of the processor's cache, which the kernel's rows of vectors begin at.
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})

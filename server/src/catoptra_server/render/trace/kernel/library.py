@@ -47,11 +47,13 @@ LIBRARY_OF_INSTRUCTION_SET = {
     "avx2": "libcatoptra_trace_avx2.so",
     "avx512": "libcatoptra_trace_avx2.so",
 }
+# Written by build_kernel.py where nothing could be built.
 REASON_NAME = "not_built.txt"
 # The wheels of embreex name their copy of Embree by a hash, which changes from version to version.
 _EMBREE_PATTERN = "libembree4*.so*"
 PACKET_WIDTHS = (1, 4, 8, 16)
 """Rays of a packet; 1 for single rays."""
+# ERROR_SIZE of `src/device.h`.
 _ERROR_BYTES = 256
 _Float32s = npt.NDArray[np.float32]
 

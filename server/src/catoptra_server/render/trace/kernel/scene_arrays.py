@@ -52,6 +52,7 @@ _MAX_LARGE = 4000
 _MAX_CLUSTERS = 500
 # Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad.
 _SAME_NORMAL = 1.0 - 5e-11
+# Texture coordinates at one point, by the planes of two triangles.
 _SAME_UV = 1e-9
 # Corners of neighbours result from different sums: within a nanometre both are one vertex.
 _SAME_POSITION_DIGITS = 9

@@ -39,11 +39,13 @@ NUM_SETS = 4
 RAYS_PER_NODE = 32
 # Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
 _MAX_NEAR_NODES = 48_000
+# A byte each, on the device as well.
 _MAX_TEXELS = 2_000_000
 # Between nodes: fine enough for the foot of a goal post.
 _MIN_NODE_DISTANCE_M = 0.05
 # Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
 _MAX_SIDE_NODES = 1000
+# Four nodes each, of the 48 000 that are measured.
 _MAX_SMALL_TRIANGLES = 8000
 # Lower things occlude nothing of a plane: markings lie on floors, posters on walls.
 _MIN_HEIGHT_M = 0.005
@@ -57,9 +59,11 @@ _INSET_M = 0.005
 # Rays of which more than this share meet back faces within the radius start inside a solid, or on
 # its side: at the foot of a wall half of a node's rays are inside.
 _INSIDE_SHARE = 0.1
+# 64 000 rays: enough for each call, few enough to share among threads.
 _NODES_AT_ONCE = 2000
 # Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
 _NUM_FILLED = 2
+# Shorter sides are left as they are: the tent would level their only steps.
 _MIN_FILTERED = 4
 _DIRECTIONS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
 _Indices = npt.NDArray[np.int32]
@@ -67,7 +71,7 @@ _Numbers = npt.NDArray[np.intp]
 
 
 class _TriangleCaster(Protocol):
-    """First hits of rays; `ray_caster.SceneRayCaster`."""
+    """First hits of rays; what `ray_caster.py:commit_ray_caster` returns."""
 
     def closest_triangles(
         self, origins: Floats, directions: Floats

@@ -2,8 +2,8 @@
  * to the device's threads.
  * Float64 twin: reference/reference_engine.py. The frame owns its state, plan and lists of
  * candidates, freed before the call returns; outputs are Python's.
- * Threads: the calling thread, which takes part in the pool's work. One frame at a time on a
- * device. */
+ * Threads: the calling thread, which takes part in the pool's work. Passes of several callers
+ * follow one another. */
 #define _GNU_SOURCE
 #include "beam_origins.h"
 #include "beams.h"
