@@ -6,6 +6,8 @@ from pathlib import Path
 
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.recipe_file import read_recipe
+from catoptra_server.datasets.sample import RenderedSample, SampleDescriber
+from catoptra_server.datasets.sample_renderer import SampleRenderer
 
 CAMERA = 'Cameras=(Robot="p2at_omni",Width=64,Height=64)'
 FISHEYE = 'Cameras=(Robot="p2at_omni",Model="equidistant_220",Width=64,Height=64)'
@@ -57,3 +59,13 @@ def write_drive(folder: Path, *, lines: tuple[str, ...] = ("Channels=all",)) -> 
 def stage_recipe(path: Path) -> DatasetStage:
     """Stage of a recipe's file."""
     return DatasetStage(read_recipe(path))
+
+
+def render_samples(path: Path, *indices: int) -> list[RenderedSample]:
+    """Samples of a recipe, drawn in the order of the indices."""
+    stage = stage_recipe(path)
+    describer, renderer = SampleDescriber(stage), SampleRenderer(stage)
+    try:
+        return [renderer.render_sample(describer.describe_sample(index)) for index in indices]
+    finally:
+        renderer.close()

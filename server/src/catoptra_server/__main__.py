@@ -1,8 +1,8 @@
-"""Entry point of `catoptra-server`: the server, or one of its commands.
+"""Entry point of `catoptra-server`: the server, or another command.
 
 No module with libraries is imported before the command is known: the doctor runs where the server's
-libraries cannot be loaded, and signals end the process already while they are loaded. To add a
-command, write its `main`, a case and a line of COMMANDS.
+libraries cannot be loaded, and signals end the process already while modules are loaded. To add
+a command, write a `main`, a case and a line of COMMANDS.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: Sequence[str], termination: Termination) -> int:
-    # Matched by hand: argparse's subparsers would import every command for its options.
+    # Matched by hand: argparse's subparsers would import every command for the options.
     match words:
         case ["doctor", *rest]:
             from catoptra_server.commands.doctor.command import main as doctor
@@ -85,7 +85,7 @@ def _describe_unknown(word: str) -> str:
 
 
 def _serve(words: Sequence[str], termination: Termination) -> int:
-    # Modules live as long as the process: collections while they are loaded find nothing.
+    # Modules live as long as the process: collections during the imports find nothing.
     gc.disable()
     from catoptra_server.commands.serve import main as serve
 

@@ -13,7 +13,7 @@ import pytest
 
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.__main__ import COMMANDS
-from catoptra_server.commands import serve as module
+from catoptra_server.commands import serve as serve_module
 from catoptra_server.commands.serve import main, parse_arguments
 from catoptra_server.commands.server import ListeningAddress, Options, serve
 from catoptra_server.config.server_file import ServerOptions
@@ -307,7 +307,7 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
 
         await serve(options, announce_and_end, stop)
 
-    monkeypatch.setattr(module, "serve", serve_and_end)
+    monkeypatch.setattr(serve_module, "serve", serve_and_end)
     status = serve_words(
         *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
         *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
@@ -355,7 +355,7 @@ def test_error_that_ends_the_server_has_its_status_and_line(
     async def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(module, "serve", fail)
+    monkeypatch.setattr(serve_module, "serve", fail)
     assert serve_words("--robot", "p2at_omni", "--world", "four_legged_2006") == status
     assert line in capfd.readouterr().err
 
@@ -377,7 +377,7 @@ def test_camera_beyond_the_memory_limit_is_rejected(
 def test_image_port_when_there_is_none_is_announced_as_off(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    module._print_addresses(ListeningAddress("127.0.0.1", 1, None, 2))
+    serve_module._print_addresses(ListeningAddress("127.0.0.1", 1, None, 2))
     assert capfd.readouterr().out == (
         "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
     )
@@ -385,7 +385,7 @@ def test_image_port_when_there_is_none_is_announced_as_off(
 
 def test_link_of_the_page_is_the_second_line(capfd: pytest.CaptureFixture[str]) -> None:
     link = "http://localhost:5080/?token=secret"
-    module._print_addresses(ListeningAddress("0.0.0.0", 1, 3, 2, link))
+    serve_module._print_addresses(ListeningAddress("0.0.0.0", 1, 3, 2, link))
     assert capfd.readouterr().out == (
         f"listening control=0.0.0.0:1 image=0.0.0.0:3 stream=0.0.0.0:2\nlive page: {link}\n"
     )

@@ -18,8 +18,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.usarsim.commands import Init
-from catoptra_server.commands import server as app
-from catoptra_server.commands import server as server_threads
+from catoptra_server.commands import server as server_module
 from catoptra_server.commands.server import ListeningAddress, Options, ServerThreads, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.config.startup import read_startup_config
@@ -142,7 +141,7 @@ class _FakeRenderer:
 def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRenderer:
     renderer = _FakeRenderer(view)
     choice = RendererChoice(renderer, RendererKind.TRACE, "fake")  # type: ignore[arg-type] # fake enough
-    monkeypatch.setattr(server_threads, "choose_renderer", lambda *args, **kwargs: choice)
+    monkeypatch.setattr(server_module, "choose_renderer", lambda *args, **kwargs: choice)
     return renderer
 
 
@@ -190,7 +189,7 @@ def test_server_warns_of_its_host_before_it_listens(
         stop.set()
 
     use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(app, "warn_of_exposure", record)
+    monkeypatch.setattr(server_module, "warn_of_exposure", record)
     run_scenario(serve_for(make_options(tmp_path), visit))
 
 
@@ -203,7 +202,7 @@ def test_server_when_no_renderer_can_run_does_not_start(
     async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         raise AssertionError("the server listens without a renderer")
 
-    monkeypatch.setattr(server_threads, "choose_renderer", reject)
+    monkeypatch.setattr(server_module, "choose_renderer", reject)
     with pytest.raises(DomainError, match="no renderer today"):
         run_scenario(serve_for(make_options(tmp_path), visit))
 
@@ -306,8 +305,10 @@ def test_stream_client_when_it_connects_before_the_stream_is_loaded_is_served(
 
     use_renderer(monkeypatch, FakeView())
     # Without the connection it would wait for ever.
-    monkeypatch.setattr(app, "_FIRST_FRAME_TIME_S", None)
-    monkeypatch.setattr(app, "load_deferred_modules", lambda *_, **__: connected.wait(DEADLINE_S))
+    monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
+    monkeypatch.setattr(
+        server_module, "load_deferred_modules", lambda *_, **__: connected.wait(DEADLINE_S)
+    )
     run_scenario(serve_for(make_options(tmp_path), visit))
 
 
@@ -321,7 +322,7 @@ def test_modules_are_loaded_soon_also_where_no_client_connects(
         stop.set()
 
     use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(app, "load_deferred_modules", lambda *_, **__: loaded.set())
+    monkeypatch.setattr(server_module, "load_deferred_modules", lambda *_, **__: loaded.set())
     run_scenario(serve_for(make_options(tmp_path), visit))
 
 
@@ -334,8 +335,8 @@ def test_server_that_is_stopped_at_once_loads_nothing_more(
         stop.set()
 
     use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(app, "_FIRST_FRAME_TIME_S", None)
-    monkeypatch.setattr(app, "load_deferred_modules", lambda *_, **__: loaded.set())
+    monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
+    monkeypatch.setattr(server_module, "load_deferred_modules", lambda *_, **__: loaded.set())
     run_scenario(serve_for(make_options(tmp_path), visit))
     assert not loaded.is_set()
 
@@ -353,7 +354,7 @@ def test_page_when_its_default_port_is_in_use_takes_a_free_one(
     with socket.create_server((HOST, 0)) as occupied, socket.create_server((HOST, 0)) as spare:
         control_port, port = spare.getsockname()[1], occupied.getsockname()[1]
         spare.close()
-        monkeypatch.setattr(app, "VIEW_PORT", port)
+        monkeypatch.setattr(server_module, "VIEW_PORT", port)
         options = dataclasses.replace(
             make_options(tmp_path),
             server_options=ServerOptions(control_port=control_port, has_images=False),
@@ -415,7 +416,7 @@ def test_server_that_cannot_load_the_page_serves_the_rest(
         stop.set()
 
     use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(app, "load_view_modules", fail)
+    monkeypatch.setattr(server_module, "load_view_modules", fail)
     run_scenario(serve_for(make_options(tmp_path), visit))
     assert "the live page is not served: injected" in caplog.text
 
@@ -439,7 +440,7 @@ def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
         may_end.set()
 
     use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(app, "load_view_modules", load)
+    monkeypatch.setattr(server_module, "load_view_modules", load)
     run_scenario(scenario())
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.datasets import pictures as contact_sheet
+from catoptra_server.datasets import pictures as pictures_module
 from catoptra_server.datasets.pictures import (
     choose_indices,
     colour_channel,
@@ -72,7 +72,7 @@ def test_page_has_all_channels_of_samples_spread_over_the_data_set(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = draw_dataset(write_drive(tmp_path), tmp_path / "out")
-    monkeypatch.setattr(contact_sheet, "NUM_SAMPLES", 3)
+    monkeypatch.setattr(pictures_module, "NUM_SAMPLES", 3)
     page = write_sheet(folder).read_text(encoding="utf-8")
     HTMLParser().feed(page)
     keys = [int(key) for key in re.findall(r"<h2>(\d+):", page)]

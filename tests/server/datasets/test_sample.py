@@ -23,7 +23,7 @@ from catoptra_server.datasets.sample import (
     wants_annotations,
 )
 from catoptra_server.datasets.sample_renderer import SampleRenderer
-from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
+from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
 
 
 def test_description_depends_on_recipe_and_index_alone(tmp_path: Path) -> None:
@@ -54,18 +54,8 @@ def test_robot_is_seen_by_its_own_mirror_alone(tmp_path: Path) -> None:
     assert lens.state.ego_body is None
 
 
-def render(path: Path, *indices: int) -> list[RenderedSample]:
-    """Samples of a recipe."""
-    stage = stage_recipe(path)
-    describer, renderer = SampleDescriber(stage), SampleRenderer(stage)
-    try:
-        return [renderer.render_sample(describer.describe_sample(index)) for index in indices]
-    finally:
-        renderer.close()
-
-
 def test_every_object_in_view_has_a_record_with_its_pixels(tmp_path: Path) -> None:
-    for sample in render(write_drive(tmp_path), 0, 2):
+    for sample in render_samples(write_drive(tmp_path), 0, 2):
         ids = sample.channels["ids"]
         records = {one["id"]: one for one in sample.metadata["objects"]}
         assert set(records) == set(np.unique(ids).tolist()) - {0}
@@ -77,10 +67,10 @@ def test_every_object_in_view_has_a_record_with_its_pixels(tmp_path: Path) -> No
 
 
 def test_annotations_need_neither_stored_ids_nor_a_valid_mask(tmp_path: Path) -> None:
-    (sample,) = render(write_drive(tmp_path, lines=("Formats=coco",)), 0)
+    (sample,) = render_samples(write_drive(tmp_path, lines=("Formats=coco",)), 0)
     assert not sample.channels
     assert sample.metadata["objects"]
-    (sample,) = render(write_drive(tmp_path, lines=("Channels=range",)), 0)
+    (sample,) = render_samples(write_drive(tmp_path, lines=("Channels=range",)), 0)
     assert "objects" not in sample.metadata
 
 

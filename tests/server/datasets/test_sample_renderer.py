@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.datasets.sample import RenderedSample, SampleDescriber, encode_sample
+from catoptra_server.datasets.sample import encode_sample
 from catoptra_server.datasets.sample_renderer import (
-    SampleRenderer,
     scale_lights,
 )
 from catoptra_server.world.world_description import (
@@ -19,28 +18,21 @@ from catoptra_server.world.world_description import (
     PointLight,
     World,
 )
-from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
-
-
-def render(path: Path, *indices: int) -> list[RenderedSample]:
-    """Samples of a recipe, drawn in the order of the indices."""
-    stage = stage_recipe(path)
-    describer, renderer = SampleDescriber(stage), SampleRenderer(stage)
-    try:
-        return [renderer.render_sample(describer.describe_sample(index)) for index in indices]
-    finally:
-        renderer.close()
+from helpers.dataset_recipes import render_samples, write_drive, write_recipe
 
 
 def test_sample_has_the_same_bytes_in_any_order(tmp_path: Path) -> None:
     path = write_drive(tmp_path)
-    forward, backward = render(path, 0, 1, 2, 3, 4, 5), render(path, 5, 4, 3, 2, 1, 0)
+    forward, backward = (
+        render_samples(path, 0, 1, 2, 3, 4, 5),
+        render_samples(path, 5, 4, 3, 2, 1, 0),
+    )
     for one, other in zip(forward, reversed(backward), strict=True):
         assert encode_sample(one) == encode_sample(other)
 
 
 def test_sample_has_all_channels_in_the_shape_of_the_table(tmp_path: Path) -> None:
-    (sample,) = render(write_drive(tmp_path), 0)
+    (sample,) = render_samples(write_drive(tmp_path), 0)
     assert sample.rgb.shape == (64, 64, 3)
     assert set(sample.channels) == set(LABEL_CHANNELS)
     for name, array in sample.channels.items():
@@ -54,7 +46,7 @@ def test_sample_has_all_channels_in_the_shape_of_the_table(tmp_path: Path) -> No
 
 
 def test_recipe_without_channels_has_none(tmp_path: Path) -> None:
-    (sample,) = render(write_drive(tmp_path, lines=()), 0)
+    (sample,) = render_samples(write_drive(tmp_path, lines=()), 0)
     assert not sample.channels
     assert not sample.objects
 
@@ -65,7 +57,7 @@ def test_brighter_lights_make_a_brighter_picture_and_the_same_labels(tmp_path: P
         folder = tmp_path / str(number)
         folder.mkdir()
         lights = ("[Catoptra.Lights]", f"Brightness=(Min={factor},Max={factor},Levels=1)")
-        pictures += render(write_recipe(folder, *lights, lines=("Channels=ids",)), 1)
+        pictures += render_samples(write_recipe(folder, *lights, lines=("Channels=ids",)), 1)
     dark, bright = pictures
     assert dark.rgb.mean() < 0.8 * bright.rgb.mean()
     np.testing.assert_array_equal(dark.channels["ids"], bright.channels["ids"])
@@ -76,7 +68,7 @@ def test_worlds_that_come_again_after_others_have_the_same_bytes(tmp_path: Path)
     worlds = ("Worlds=warehouse", "Worlds=rescue", "Worlds=four_legged_2006", "Channels=ids,range")
     lights = ("[Catoptra.Lights]", "Brightness=(Min=0.5,Max=1.5,Levels=2)")
     path = write_recipe(tmp_path, *lights, samples=16, lines=worlds)
-    samples = render(path, *range(8), *range(8))
+    samples = render_samples(path, *range(8), *range(8))
     for first, again in zip(samples[:8], samples[8:], strict=True):
         assert encode_sample(first) == encode_sample(again)
 

@@ -14,7 +14,7 @@ from functools import partial
 
 import pytest
 
-from catoptra_server.serve import limits as listener
+from catoptra_server.serve import limits as limits_module
 from catoptra_server.serve.limits import (
     AcceptLoop,
     LoopCalls,
@@ -344,7 +344,7 @@ def test_accept_without_descriptors_pauses_with_a_line_and_continues(
             end.close()
         loop.close()
 
-    monkeypatch.setattr(listener, "_ACCEPT_RETRY_S", 0.05)
+    monkeypatch.setattr(limits_module, "_ACCEPT_RETRY_S", 0.05)
     with caplog.at_level(logging.WARNING):
         run_scenario(scenario())
     assert "the image port accepts no connection for 0.05 s (3 times so far): Too many open" in (

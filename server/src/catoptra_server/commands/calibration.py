@@ -1,6 +1,6 @@
 """`catoptra-server calibration`: a robot's camera as calibration files of other programs.
 
-Every format that describes the camera well enough is written, and CALIBRATION.md about all of them.
+Every format that describes the camera well enough is written, and CALIBRATION.md about all.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _build_parser() -> argparse.ArgumentParser:
 
 
 def find_camera(robot: RobotDescription, name: str) -> OmniCameraDescription:
-    """An omnidirectional camera of a robot by its name; the first for an empty one.
+    """An omnidirectional camera of a robot by name; the first for an empty one.
 
     Raises:
         CatoptraError: The robot has no such camera.

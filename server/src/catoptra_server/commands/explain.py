@@ -1,9 +1,9 @@
 """`catoptra-server explain`: effects that a robot's cameras need in a world, and their cost.
 
 The decisions are the server's own; the milliseconds are medians of frames rendered here. Effects
-with a stage of their own have its time. All others change what the renderer traces or rasterizes:
-their time is the difference between frames with and without them. Effects are added in optical
-order, so that all times and the rest add up to the frame.
+with a stage of their own take that stage's time. All others change what the renderer traces or
+rasterizes: their time is the difference between frames with and without. Effects are added in
+optical order, so that all times and the rest add up to the frame.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class _CameraEffectReport:
     """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
 
     def __str__(self) -> str:
-        # Sums of the numbers as they are printed, so that the lines agree to the last digit.
+        # Sums of the numbers as printed, so that the lines agree to the last digit.
         effects_ms = sum(round(ms, 1) for ms in self.effect_ms.values())
         other_ms = round(self.other_ms, 1)
         head = f"{self.robot} {self.camera}: {self.plan}"
@@ -160,7 +160,7 @@ class _CameraEffectReport:
             f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
             f"{other_ms:.1f} ms for all else"
         )
-        # Only a mirror without a viewpoint has a line of it.
+        # Only a mirror without a viewpoint has this line.
         viewpoint = (self.viewpoint,) if self.viewpoint else ()
         effects = format_decisions(self.effects, self.effect_ms)
         return "\n".join((head, *viewpoint, effects, cost))
@@ -297,7 +297,7 @@ def measure_effect_times(
 
     Args:
         render: Renders a view, as `ViewCache.render`.
-        request: View of a camera with its effects.
+        request: View of a camera with effects.
         num_frames: Frames of each kind that count, beside two that do not.
         clock: Clock in seconds.
     """
@@ -305,12 +305,12 @@ def measure_effect_times(
     drawn = [one.effect for one in view.effect_decisions if _acts_on_frame(one)]
     staged = [name for name in drawn if name in view.image.stage_ms]
     unstaged = [name for name in drawn if name not in view.image.stage_ms]
-    # From none of them to all: each kind of frame has one more.
+    # From none to all: each kind of frame has one more.
     requests = [_leave_out(request, unstaged[count:]) for count in range(len(unstaged) + 1)]
     rest_ms: list[list[float]] = [[] for _ in requests]
     stages_ms: dict[str, list[float]] = {name: [] for name in staged}
     for number in range(_WARM_UP + num_frames):
-        # By turns, so that another load of the machine slows all of them alike.
+        # By turns, so that another load of the machine slows all alike.
         for variant, times in zip(requests, rest_ms, strict=True):
             begin_s = clock()
             rendered = render(variant)
@@ -331,7 +331,7 @@ def measure_effect_times(
 
 
 def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
-    """Same view without some of its effects."""
+    """Same view without some effects."""
     camera = request.camera
     if not names:
         return request
@@ -345,12 +345,12 @@ def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
 
 
 def _acts_on_frame(decision: EffectDecision) -> bool:
-    """Whether a frame draws an effect: where it is on, and where the frame itself decided."""
+    """Whether a frame draws an effect: which is on, or was decided by the frame itself."""
     return decision.enabled or decision.basis is DecisionBasis.MEASURED
 
 
 def _limit_by_later(times_ms: Sequence[float]) -> list[float]:
-    """Times of frames with ever more effects, none above that of a frame with more.
+    """Times of frames with ever more effects, none above a frame with more.
 
     The whole frame keeps its own time: what the noise of a measurement takes from one effect, it
     gives to the one before.

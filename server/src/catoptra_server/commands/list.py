@@ -20,7 +20,7 @@ from pathlib import Path
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
-from catoptra_server.config.known_names import BUNDLED_FOLDER, bundled_files
+from catoptra_server.config.known_names import bundled_files
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import (
@@ -46,7 +46,7 @@ class _ListEntry:
     name: str
     description: str
     path: str
-    """File that describes it."""
+    """File that describes the name."""
 
     def __str__(self) -> str:
         return f"  {self.name}\n      {self.description}\n      {self.path}"
@@ -91,13 +91,10 @@ def _list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
     """Yield the entries of each kind, sorted by name."""
     for kind in kinds:
         match kind:
-            case "robots" | "worlds" | "datasets":
+            case "robots" | "worlds" | "datasets" | "landmarks":
                 yield from (_describe_file(kind, path) for path in bundled_files(kind))
             case "cameras":
                 yield from map(_describe_camera, read_camera_files(()))
-            case "landmarks":
-                files = sorted((BUNDLED_FOLDER / kind).glob("*.csv"))
-                yield from (_describe_file(kind, path) for path in files)
             case _:
                 yield from sorted(_list_classes(), key=lambda entry: (entry.name, entry.path))
 
@@ -147,7 +144,7 @@ def _describe_equipment(robot: RobotDescription) -> str:
 
 
 def describe_version() -> str:
-    """Version of the server, Python, system, and the kernel's instruction set or its lack."""
+    """Version of the server, Python, system, and the instruction set, or why there is no kernel."""
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return f"catoptra-server {metadata.version('catoptra-server')} ({system}; {_describe_kernel()})"
 

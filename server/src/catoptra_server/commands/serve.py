@@ -1,7 +1,7 @@
-"""Command line of the server: `catoptra-server --robot FILE --world FILE`, its options and its end.
+"""Command line of the server: `catoptra-server --robot FILE --world FILE`, and its options.
 
-The first line on standard output has the addresses: tests, studies and containers parse it. The
-interpreter is handed over within 0.1 ms (Python's default: 5).
+The first line on standard output has the addresses: tests, studies and containers parse that line.
+The interpreter is handed over within 0.1 ms (Python's default: 5).
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def _print_addresses(address: ListeningAddress) -> None:
 
 
 def _describe_listen_error(error: OSError | UnicodeError) -> str:
-    """Reason for which a port cannot be opened, with its remedy."""
+    """Reason for which a port cannot be opened, with a remedy."""
     # Errors of the resolver have numbers of their own, below zero.
     number = error.errno if isinstance(error, OSError) else None
     match number:
@@ -288,7 +288,7 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
 
 
 def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
-    """Options that override those of ini files: the ones given on the command line."""
+    """Options that override ini files: the ones given on the command line."""
     # argparse's destinations are the keys of ServerOptions; None marks an option that is absent.
     keys = ServerOptions.__annotations__
     given = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}

@@ -4,12 +4,12 @@ Three threads: one owns the simulation's clock and robots, one the renderers; th
 asyncio loop owns all sockets. Mailboxes and event queues connect the threads. Rendering has
 niceness 5, so that reports and sockets come first.
 
-**A start loads what its first frame needs**, since loading is two thirds of it: first frame 0.64 s
+**A start loads what the first frame needs**, since loading takes two thirds: first frame 0.64 s
 after the start, 1.16 before (`tests/cost/serving.py`). The stream, the live page and the second
 renderer are loaded in a thread once the ports listen, at the first client of the stream or after
-0.25 s; clients wait in the backlog. No request loads anything: it would be a slow one, and would
-fail where connections have taken all descriptors of open files, since an import opens files. The
-modules that use these import them in a function, with a reference to this head;
+0.25 s; clients wait in the backlog. No request loads anything: such a request would be slow, and
+would fail where connections have taken all descriptors of open files, since an import opens files.
+The modules that use these import inside a function, with a reference to this head;
 `tests/end_to_end/test_loaded_modules.py` finds a missing one. To load OpenCV in a thread beside the
 renderer gained nothing.
 """
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 _STREAM_PORT = 5005
 VIEW_PORT = 5080
-# A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
+# A program that waits for the line of the ports has a first frame 0.05 s later, or 0.1 s where
 # modules are loaded meanwhile.
 _FIRST_FRAME_TIME_S = 0.25
 # Start poses at which candidate plans are timed; their frames stand for all frames of the world.
@@ -97,35 +97,35 @@ _RENDER_NICENESS = 5
 _TCP_DESCRIPTOR_SHARE = 0.2
 _STREAM_DESCRIPTOR_SHARE = 0.5
 _VIEW_DESCRIPTOR_SHARE = 0.1
-# In the order in which clients may need them. NumPy imports some parts at their first use: `ma` in
-# its own `unique`.
+# In the order in which clients may need modules. NumPy imports some parts at their first use:
+# `ma` in `unique`.
 _MODULES = (
     "catoptra_server.serve.stream.peer",
     "numpy.ma",
     "numpy.polynomial",
     "numpy.random",
 )
-# For the rays of GetLandmarks and of sensors, those of mirror meshes, and those of a kernel that
-# cannot be made anew; a server without them runs without embreex.
+# For the rays of GetLandmarks and of sensors, of mirror meshes, and of a kernel that cannot be
+# made anew; a server without these rays runs without embreex.
 _RAY_MODULES = (
     "catoptra_server.render.trace.ray_caster",
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
 )
-# The raster renderer, and what moderngl imports with its first context.
+# The raster renderer, and what moderngl imports with the first context.
 _RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of the server, as the command line states them."""
+    """Options of the server, as on the command line."""
 
     robot_files: tuple[Path, ...]
-    """Robot files; INIT chooses among the robots of all of them."""
+    """Robot files; INIT chooses among the robots of all."""
     world_file: Path
     """World file."""
     server_file: Path | None = None
-    """File with UDK's sections for the server; overrides those of robot files."""
+    """File with UDK's sections for the server; overrides robot files."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that override the same ones of any file."""
     host: str = "127.0.0.1"
@@ -153,9 +153,9 @@ class Options:
     seed: int = 0
     """Seed of all random numbers."""
     max_error_px: float | None = None
-    """Tolerance of every camera, pixels; None = that of the robot's file."""
+    """Tolerance of every camera, pixels; None = as in the robot's file."""
     budget_ms: float | None = None
-    """Time budget of every camera, milliseconds per frame; None = that of the robot's file."""
+    """Time budget of every camera, milliseconds per frame; None = as in the robot's file."""
     memory_limit_mib: int = DEFAULT_LIMIT_BYTES // MIB
     """Memory that each camera's view may take, and the world's meshes and textures together."""
 
@@ -184,7 +184,7 @@ async def serve(
     Args:
         options: the options of the server.
         announce: called once with the addresses, when all ports are open.
-        stop: ends the server, also while it starts.
+        stop: ends the server, also during the start.
 
     Raises:
         CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
@@ -276,7 +276,7 @@ class ServerThreads:
     async def run(self) -> AsyncIterator[None]:
         """Run both threads for the length of a block.
 
-        The simulation ends first: under lockstep its thread waits for frames of the other one.
+        The simulation ends first: under lockstep it waits for frames of the other thread.
         """
         async with AsyncExitStack() as started:
             for worker in self._workers:
@@ -291,7 +291,7 @@ class ServerThreads:
         self.render_thread.run(self._create_view_cache, on_ready)
 
     def _create_view_cache(self) -> ViewCache | None:
-        """Views of the server's cameras, those of each class's omnidirectional camera prepared.
+        """Views of the server's cameras, prepared for each class's omnidirectional cameras.
 
         Runs in the render thread, which owns the OpenGL context. None without any camera.
         """
@@ -345,7 +345,7 @@ class ServerThreads:
 def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
     """Camera states for calibration: upright at the world's start poses, or at the origin.
 
-    The height is that of the first robot with an omnidirectional camera.
+    The height of the first robot with an omnidirectional camera.
     """
     heights_m = [r.viewpoint_height_m(omni) for r in startup.robots for omni in r.omni_cameras]
     height_m = next(iter(heights_m), 0.0)
@@ -380,11 +380,11 @@ async def _open_ports(
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
-        # After the last port: a program that reads the line may connect to any of them at once.
+        # After the last port: a program that reads the line may connect to any at once.
         stream_port = stream.getsockname()[1]
         link = access.link if access is not None else None
         announce(ListeningAddress(host, control.port, image_port, stream_port, link))
-        # Clients of stream and page wait in their backlogs meanwhile, as they would for the line.
+        # Clients of stream and page wait in their backlogs meanwhile, as for the line.
         await _wait_for_first_frame([stream, *([view] if view else [])], stop)
         if not stop.is_set():
             await asyncio.to_thread(load_deferred_modules, server.options.renderer)
@@ -421,7 +421,7 @@ def load_deferred_modules(renderer: str) -> None:
     """Load all modules that a request may need.
 
     Args:
-        renderer: requested renderer; `auto` may change to one that it did not start with.
+        renderer: requested renderer; `auto` may change to another one later.
     """
     for name in _MODULES:
         importlib.import_module(name)
@@ -437,10 +437,10 @@ def load_view_modules() -> None:
 
 
 async def _load_view(view: Listener, stop: asyncio.Event) -> bool:
-    """Load the modules of the live page; False if the server ends or cannot load them."""
+    """Load the modules of the live page; False if the server ends first or loading fails."""
     loading = asyncio.ensure_future(asyncio.to_thread(load_view_modules))
     stopping = asyncio.ensure_future(stop.wait())
-    # A server that ends closes its ports at once, and leaves the thread to its own end.
+    # A server that ends closes its ports at once, and does not wait for the thread.
     await asyncio.wait((loading, stopping), return_when=asyncio.FIRST_COMPLETED)
     stopping.cancel()
     if not loading.done():

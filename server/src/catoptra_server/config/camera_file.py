@@ -1,6 +1,6 @@
 """Camera files, configs/cameras/*.ini, and the robots that carry their cameras.
 
-A camera file has the sections of a lens or a mirror, as a robot file has them, and a section
+A camera file has the sections of a lens or a mirror, as in a robot file, and a section
 [Camera]: `ItemClass` is the class of the lens's or mirror's section, `Title`, `Source` and
 `Licence` are texts. Another camera is another file.
 """
@@ -73,8 +73,8 @@ def read_camera_files(names: Sequence[str]) -> tuple[CameraFile, ...]:
     """Camera files by their paths or bundled names; all bundled ones for no name.
 
     Raises:
-        ConfigError: There is no such file, or it is not one of a camera.
-        CatoptraError: Two cameras have one name, by which results tell them apart.
+        ConfigError: There is no such file, or no camera in the file.
+        CatoptraError: Two cameras have one name: results are distinguished by name.
     """
     paths = [find_configuration("cameras", name) for name in names] or bundled_files("cameras")
     files = tuple(read_camera_file(path) for path in paths)
@@ -86,7 +86,7 @@ def read_camera_files(names: Sequence[str]) -> tuple[CameraFile, ...]:
 def carry_camera(
     camera: CameraFile, path: Path, *, size_px: int | None = None, base_robot: str = _BASE_ROBOT
 ) -> OmniCameraDescription:
-    """Write a robot file in which a robot carries the camera in place of its mirror.
+    """Write a robot file in which a robot carries the camera in place of the mirror.
 
     A lens hangs where the mirror's viewpoint was and looks down. No camera sees the robot itself,
     so that all are compared by what their optics show.
@@ -95,11 +95,11 @@ def carry_camera(
         camera: Camera to carry.
         path: Robot file to write.
         size_px: Width and height of the image; None, and cameras whose parameters are in pixels,
-            keep those of the camera file.
+            keep the size of the camera file.
         base_robot: Robot with the paper's camera elements: a path or a bundled name.
 
     Returns:
-        The camera as a server reads it from the file.
+        The camera as a server reads the file.
 
     Raises:
         ConfigError: One of the files is wrong.
@@ -139,7 +139,7 @@ def _lens_items(camera: CameraFile, base: OmniCameraDescription) -> list[str]:
 
 
 def _mirror_items(camera: CameraFile) -> list[str]:
-    # Viewpoint and capture camera remain those of the base robot.
+    # Viewpoint and capture camera stay as on the base robot.
     return [
         f"StaticMeshes=(ItemClass=class'{camera.item_class}',ItemName=\"OmniMirror\","
         'Parent="OmniCam",Position=(X=0,Y=0,Z=0),Direction=(X=0,Y=0,Z=0))'

@@ -1,7 +1,7 @@
 """What the sections of all cameras share: mount, image, samples, accuracy, effects and memory.
 
-Mounts are in SI units whatever the units of the file. The keys of effects are those of EFFECT_TYPES
-in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a parameter that several effects share.
+Mounts are in SI units whatever the units of the file. The keys of effects are in EFFECT_TYPES of
+`effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a parameter that several effects share.
 An effect without a mode is neither simulated nor reported. The keys are the same for cameras with a
 mirror and without; the latter reject effects of mirrors.
 """
@@ -39,7 +39,7 @@ _DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
 def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
-    """Mount of an item, relative to its Parent or, without one, to the chassis.
+    """Mount of an item, relative to the Parent or, without one, to the chassis.
 
     Args:
         robot: the robot's section, whose bMountByUU switches to Unreal units.
@@ -64,7 +64,7 @@ def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position")
 
 
 def require_on_robot(item: SectionReader, key: str, position_m: Vector) -> None:
-    """Check that a position is near the robot that has it.
+    """Check that a position is near the robot.
 
     Raises:
         ConfigError: The position is more than _MAX_OFFSET_M away in some direction.
@@ -162,7 +162,7 @@ def read_lens_effect_settings(section: SectionReader) -> EffectSettings:
     """Settings of the effects that the section of a camera without a mirror gives a mode.
 
     Raises:
-        ConfigError: for an effect of mirrors, a parameter outside its range or an unknown mode.
+        ConfigError: for an effect of mirrors, a parameter out of range or an unknown mode.
     """
     kinds = [kind for kind in EFFECT_TYPES if not kind.needs_mirror]
     for kind in EFFECT_TYPES:

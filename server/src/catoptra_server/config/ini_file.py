@@ -1,6 +1,6 @@
-"""An ini file with the files it is based on: one reader for each section name.
+"""An ini file merged with its base files: one reader for each section name.
 
-Bases are read first, and each file overrides those it is based on, line by line. What no reader
+Bases are read first, and each file overrides its bases line by line. What no reader
 has read afterwards is an unknown name.
 """
 
@@ -22,7 +22,7 @@ _Sections = dict[str, SectionReader]  # by lower-case name
 
 
 class IniFile:
-    """Sections of a file and of the files it is based on, merged by name regardless of case."""
+    """Sections of a file and of its bases, merged by name regardless of case."""
 
     def __init__(
         self,
@@ -31,29 +31,29 @@ class IniFile:
         *,
         view_limit_bytes: int = DEFAULT_LIMIT_BYTES,
     ) -> None:
-        """Read the file and the files it is based on ([Configuration] BasedOn=, as in UDK).
+        """Read the file and its bases ([Configuration] BasedOn=, as in UDK).
 
-        Several BasedOn= are read in their order: a robot, then the camera that it gets.
+        Several BasedOn= are read in their order: a robot, then its camera.
 
         Args:
             path: the file.
-            kind: kind of bundled files that it may be based on by their name alone.
+            kind: kind of bundled files whose bare names BasedOn= accepts.
             view_limit_bytes: memory that the view of each camera in the file may take.
 
         Raises:
             ConfigError: for an unreadable file, a line outside the grammar, files that are based on
-                each other, or more than _MAX_BASE_FILES of them.
+                each other, or too many of them.
         """
         self.path = path
         self.view_limit_bytes = view_limit_bytes
         self._sections: _Sections = {}
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         seen = {path.resolve()}
-        # Bases first: each file overrides those it is based on.
+        # Bases first: each file overrides its own.
         for sections in _read_files(path, kind, seen):
             self._apply(sections)
         self.paths = tuple(sorted(seen))
-        """Resolved paths of the file and of those that it is based on."""
+        """Resolved paths of the file and of its bases."""
 
     def _apply(self, sections: _Sections) -> None:
         for key, settings in sections.items():
@@ -75,11 +75,15 @@ class IniFile:
         return SectionReader(name, where, (), absence=absence)
 
     def has_section(self, name: str) -> bool:
-        """Whether the file, or one it is based on, has the section."""
+        """Whether the file or one of its bases has the section."""
         return name.lower() in self._sections
 
+    def sections(self) -> list[SectionReader]:
+        """All sections, base files first."""
+        return [*self._sections.values()]
+
     def section_names(self) -> list[str]:
-        """Names of all sections as written, those of base files first."""
+        """Names of all sections as written, base files first."""
         return [settings.name for settings in self._sections.values()]
 
     def unknown_names(self) -> list[UnknownName]:
@@ -96,29 +100,18 @@ class IniFile:
         return unknown
 
 
-def _read_files(path: Path, kind: FileKind, seen: set[Path]) -> list[_Sections]:
-    """Sections of the files that a file is based on, then its own; each file once."""
-    files: list[_Sections] = []
-    _collect_files(path, kind, (), seen, files)
-    return files
-
-
-def _collect_files(
-    path: Path,
-    kind: FileKind,
-    dependents: tuple[Path, ...],
-    seen: set[Path],
-    files: list[_Sections],
-) -> None:
-    """Append the sections of a file after those of its bases.
+def _read_files(
+    path: Path, kind: FileKind, seen: set[Path], dependents: tuple[Path, ...] = ()
+) -> list[_Sections]:
+    """Sections of the bases of a file, then of the file; each file once.
 
     Args:
         path: the file.
         kind: kind of bundled files.
-        dependents: resolved paths of the files that are based on it, directly or not.
         seen: resolved paths of all files read so far, this one included.
-        files: sections read so far.
+        dependents: resolved paths of the files that are based on it, directly or not.
     """
+    files: list[_Sections] = []
     sections = _merge_sections(read_sections(path))
     # Resolved, since a link or a relative path would hide a cycle.
     dependents = (*dependents, path.resolve())
@@ -137,8 +130,8 @@ def _collect_files(
                     "BasedOn", expected=f"at most {_MAX_BASE_FILES} files below the first"
                 )
             seen.add(base.resolve())
-            _collect_files(base, kind, dependents, seen, files)
-    files.append(sections)
+            files += _read_files(base, kind, seen, dependents)
+    return [*files, sections]
 
 
 def _merge_sections(sections: tuple[Section, ...]) -> _Sections:

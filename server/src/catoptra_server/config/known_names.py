@@ -2,8 +2,8 @@
 
 A misspelt name is the commonest mistake in a configuration, and a silent default the hardest to
 find. In sections of this program (`[Catoptra.*]`) an unknown name is an error. Sections of USARSim
-and of its engine carry keys that have no meaning here: there it is a warning, unless the user wants
-all of them reported as errors.
+and of its engine carry keys that have no meaning here: an unknown one is a warning, or an error if
+the user wants to be strict.
 
 Configurations ship by link: `configs` beside this package is a link to the repository's folder, so
 that one copy exists, and a folder of real files in a wheel. `p2at_omni` is robots/p2at_omni.ini.
@@ -21,7 +21,7 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.slotted_dataclass import dataclass
 
 log = logging.getLogger(__name__)
-BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
+_BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 _OWN_PACKAGE = "catoptra"
 FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
 _SUFFIXES = {
@@ -46,18 +46,18 @@ class UnknownName:
     value: str
     where: SourceLocation
     section: str
-    """Name of the section, also for a key of one of its structs."""
+    """Name of the section, also for a key of a struct in the section."""
     suggestion: str = ""
     """Known name that is most similar; empty for none."""
 
     @property
     def is_error(self) -> bool:
-        """Whether the server does not start with it."""
-        # A section of ours that nothing uses may wait for its turn, such as another mirror's.
+        """Whether the server rejects the file."""
+        # A section of ours that nothing uses may be a spare, such as another mirror's.
         return is_own_section(self.section) and bool(self.key or self.suggestion)
 
     def describe(self) -> str:
-        """The problem without its location."""
+        """The problem without the location."""
         what = f"key {self.key} is unknown" if self.key else f"nothing uses [{self.section}]"
         hint = f"; did you mean {self.suggestion}?" if self.suggestion else ""
         return f"{what} and has no effect{hint}" if self.key else f"{what}{hint}"
@@ -83,7 +83,7 @@ def report_unknown_names(names: Iterable[UnknownName], *, is_strict: bool = Fals
 
     Args:
         names: Unknown names of a file that was read.
-        is_strict: Raise for those of all sections.
+        is_strict: Raise for names of all sections.
 
     Raises:
         ConfigError: For the first name that is an error.
@@ -114,7 +114,7 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
         path_or_name: a path, or the bare name of a bundled file.
 
     Returns:
-        The path, which need not exist: `read_sections` reports a missing file with its reason.
+        The path, which need not exist: `read_sections` reports a missing file with the reason.
 
     Raises:
         ConfigError: if a bare name is neither a file nor bundled; the message lists the names.
@@ -139,12 +139,12 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:
     """Bundled files of a kind, sorted by name."""
-    return tuple(sorted((BUNDLED_FOLDER / kind).glob(f"*{_SUFFIXES[kind]}")))
+    return tuple(sorted((_BUNDLED_FOLDER / kind).glob(f"*{_SUFFIXES[kind]}")))
 
 
 def find_bundled_file(kind: FileKind, name: str) -> Path | None:
     """Bundled file of a bare name; None for the text of a path, or where there is none."""
-    path = BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
+    path = _BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
     return path if len(Path(name).parts) == 1 and path.is_file() else None
 
 

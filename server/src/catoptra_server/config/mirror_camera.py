@@ -1,10 +1,10 @@
 """Omnidirectional camera with a mirror, of a robot's section: the three groups of the paper.
 
-`StaticMeshes` has the mirror, `CamTexActors` the effective viewpoint with its texture clients,
-`Cameras` the capture camera at the pinhole: elsewhere it would have no single viewpoint, so that
+`StaticMeshes` has the mirror, `CamTexActors` the effective viewpoint with texture clients,
+`Cameras` the capture camera at the pinhole: elsewhere there would be no single viewpoint, so that
 another position is an error. Source: Schmits & Visser 2009, section 3.
 
-A new mirror is a reader here, with its line in `_READERS`; parameters and domain are those of its
+A new mirror is a reader here and a line of `_READERS`; parameters and domain are stated at its
 class in `optics/mirrors`.
 """
 
@@ -71,7 +71,7 @@ _PINHOLE_TOLERANCE_M = 5e-5
 """Distance off the foci that counts as none: a capture camera so far off the pinhole displaces the
 image by 0.04 px at 360 px. Beyond, the camera is no longer central, which is the effect
 Misalignment, not a camera model."""
-# The paper's meshes end at 4096. A million take 0.3 GB while they are drawn into the lookup map.
+# The paper's meshes end at 4096. A million takes 0.3 GB while the lookup map is drawn.
 _MAX_POLYGONS = 1_000_000
 # A larger prime number of polygons is more likely a typing error than a grid.
 _MAX_SINGLE_RING = 10
@@ -158,7 +158,7 @@ def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
 
 
 def _read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
-    """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
+    """Texture clients N, E, S, W, C, in USARSim's order, and U where the file has one."""
     names = {face: f"USARBot.USARCameraTextureClient{face.name}" for face in Face}
     missing = [n for face, n in names.items() if face is not Face.U and not file.has_section(n)]
     if missing:
@@ -173,7 +173,7 @@ def _read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
         section = file.get_section(names[face])
         if face is Face.U and not file.has_section(section.name):
             continue
-        # USARSim's key; another value than 90 leaves gaps between the faces or lets them overlap.
+        # USARSim's key; another value than 90 leaves gaps or overlaps between the faces.
         fov = section.get_float("FOV", 90.0)
         if abs(fov - 90.0) > 1e-6:
             raise section.make_error("FOV", expected="90: the faces of a cube")
@@ -189,7 +189,7 @@ def _read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
 
 
 def _read_mirror(item: SectionReader, settings: SectionReader) -> Mirror:
-    """Mirror of an item of `StaticMeshes`, with the parameters of its class's section.
+    """Mirror of an item of `StaticMeshes`, with the parameters in the section of its class.
 
     Raises:
         ConfigError: A mesh off the viewpoint, an unknown class, or an impossible parameter.
@@ -253,7 +253,7 @@ def _read_profile(settings: SectionReader) -> Mirror:
     metres = _read_unit_m(settings, 1.0)
     radii, sags = _read_table(settings, "Profile", ("Radii", "Sags"))
     radii_m = tuple(radius * metres for radius in radii)
-    # A measuring machine has a zero of its own.
+    # A measuring machine starts at any height.
     sags_m = tuple((sag - sags[0]) * metres for sag in sags)
     distance_m = settings.get_float("VertexDistance", min_value=1e-9) * metres
     key = "Profile" if settings.has_key("Profile") else "Sags"
@@ -377,14 +377,14 @@ def _image_up_azimuth(item: SectionReader) -> float:
 
 
 def _approximate_viewpoint(settings: SectionReader, camera: OmniCamera) -> tuple[OmniCamera, float]:
-    """The camera with rays that meet in one viewpoint, where its mirror's section wants that.
+    """The camera with rays that meet in one viewpoint, where the mirror's section says so.
 
     `auto` approximates where no point outside the mirror errs by more than CentralErrorPx, which
     holds for measured hyperboloids, and leaves other mirrors to each frame; `always` everywhere,
     and each frame states the error.
 
     Returns:
-        The camera; the error up to which a frame may approximate it, px, 0 for none.
+        The camera; the error of approximation that a frame may accept, px, 0 for none.
     """
     mode = settings.get_choice("Central", ("auto", "always", "never"), "auto")
     error_px = settings.get_float("CentralErrorPx", CENTRAL_ERROR_PX, min_value=1e-6)

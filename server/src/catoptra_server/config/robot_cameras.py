@@ -1,8 +1,8 @@
 """Cameras of a robot's section without a mirror: wide-angle lenses, and perspective cameras.
 
 Both are items of `Cameras=` (UT2004) or `AddParts=` (UDK), and look along the item's x axis; y is
-the right of the image. An item is a lens camera where its class's section has a `Lens`, or a
-`CalibrationFile` of another program. The lens's own keys are those of `LENS_PARAMETERS` without
+the right of the image. An item is a lens camera where the section of its class has a `Lens`, or a
+`CalibrationFile` of another program. The keys of a lens are in LENS_PARAMETERS, here without
 the prefix Lens. Cameras with a mirror: `mirror_camera`.
 """
 
@@ -62,7 +62,7 @@ def is_lens_camera(file: IniFile, item: SectionReader) -> bool:
 def read_lens_camera(
     file: IniFile, robot: SectionReader, item: SectionReader
 ) -> OmniCameraDescription:
-    """Camera of an item, with lens, resolution and effects of the section of its class.
+    """Camera of an item, with lens, resolution and effects of the class's section.
 
     Raises:
         ConfigError: For an unknown lens, an impossible parameter, a field of view beyond the lens's
@@ -102,9 +102,9 @@ def is_perspective_camera(item: SectionReader) -> bool:
 def read_perspective_camera(
     file: IniFile, robot: SectionReader, item: SectionReader
 ) -> PerspectiveCameraDescription:
-    """Camera of an item, with field of view, resolution and effects of the section of its class.
+    """Camera of an item, with field of view, resolution and effects of the class's section.
 
-    Defaults and units (radians) are those of UDK's DefaultUSAR.ini.
+    Defaults and units (radians) as in UDK's DefaultUSAR.ini.
 
     Raises:
         ConfigError: for a value out of range, or a view larger than the file's limit.
@@ -217,7 +217,7 @@ def _read_camera(section: SectionReader) -> OmniCamera:
 
 
 def _read_lens(section: SectionReader) -> RadialProjection:
-    """Lens by its name, with its parameters; those with a default may be missing."""
+    """Lens by name, with parameters; one that has a default may be missing."""
     name = section.get_choice("Lens", list(LENSES))
     lens = LENSES[name]
     fields = {field.name: field for field in dataclasses.fields(lens)}  # type: ignore[arg-type]
@@ -234,7 +234,7 @@ def _read_lens(section: SectionReader) -> RadialProjection:
     try:
         return lens(**values)
     except DomainError as error:
-        # Models name the parameter that is out of its domain; tables as a whole are the last key.
+        # Models name the parameter that is out of the domain; tables as a whole are the last key.
         named = (key for key in keys[1:] if re.search(rf"\b{key}\b", str(error), re.IGNORECASE))
         key = next(named, keys[-1])
         raise section.make_error(key, expected=f"a possible value: {error}") from error

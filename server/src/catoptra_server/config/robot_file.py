@@ -57,7 +57,7 @@ def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
 def read_robots(
     path: Path, *, limit_bytes: int = DEFAULT_LIMIT_BYTES
 ) -> tuple[tuple[RobotDescription, ...], IniFile]:
-    """All robots of a file, in the file's order before those of base files.
+    """All robots of a file, in the file's order, then the robots of base files.
 
     Args:
         path: the file.
@@ -89,21 +89,20 @@ def read_robots(
 
 
 def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
-    """Yield the sections of the file's own robots, then those of the files it is based on."""
-    sections = [file.get_section(name) for name in file.section_names()]
-    for section in sorted(sections, key=lambda s: s.where.file != str(file.path)):
+    """Yield the sections of the file's own robots, then robots of its bases."""
+    for section in sorted(file.sections(), key=lambda s: s.where.file != str(file.path)):
         if section.has_key("SteeringType") or _find_known_base(section) is not None:
-            # Clients name the class in INIT and receive it in frame headers: it has to fit a line.
+            # Clients name the class in INIT and receive the name in frame headers: one line must
+            # hold it.
             section.require_wire_name()
             yield section
 
 
 def find_unserved_robots(file: IniFile) -> list[str]:
     """Sections that describe robots, but none that this server can drive."""
-    sections = [file.get_section(name) for name in file.section_names()]
     return [
         section.name
-        for section in sections
+        for section in file.sections()
         if any(map(section.has_key, _ROBOT_KEYS))
         and not section.has_key("SteeringType")
         and _find_known_base(section) is None
@@ -180,7 +179,7 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
     """Drive base of a robot; keys of the section override USARSim's values for the class."""
     section.get_choice("SteeringType", ["SkidSteered"], "SkidSteered")
     # With a SteeringType the section describes the whole base, and a missing key is an error: the
-    # values of USARSim's class of that name would silently stand in for those of another robot.
+    # values of USARSim's class of that name would silently describe another robot.
     known = None if section.has_key("SteeringType") else _find_known_base(section)
 
     def read_length(key: str, default: float | None, min_m: float = 1e-3) -> float:

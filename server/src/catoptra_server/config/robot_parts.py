@@ -1,19 +1,19 @@
 """Parts of a robot's section other than cameras: sensors, mission packages, joints of the chassis.
 
 Sensors are items of `Sensors=` (UT2004) and `AddParts=` (UDK). The classes, by the last part of a
-class's name, are those of `SENSOR_KINDS` in `simulation/sensors`, each with a reader of its own.
-Parameters are in the section of the class; defaults are those of UDK's DefaultUSAR.ini.
+class's name, are in `SENSOR_KINDS` of `simulation/sensors`, with a reader for each.
+Parameters are in the section of the class; defaults are as in UDK's DefaultUSAR.ini.
 
 Mission packages: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`. The class's section lists the
 joints, an extension of USARSim's form: `Links=(Name="CameraPan",Parent=-1,Position=..,Direction=..,
-MaxSpeed=..,MaxTorque=..,MinRange=..,MaxRange=..)`. USARSim has them in the class's source, so that
-STANDARD_PACKAGES describes the pan-tilt head of UT2004's robots.
+MaxSpeed=..,MaxTorque=..,MinRange=..,MaxRange=..)`. USARSim has joints in the class's source, so
+that STANDARD_PACKAGES describes the pan-tilt head of UT2004's robots.
 
 Joints of the chassis are hinges of `JointParts=`, the list from which UT2004 builds robots:
 `JointParts=(PartName="FRFlipper",JointClass=class'KDHinge',Parent="..",ParentPos=..,ParentAxis=..)`.
 A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed and MotorTorque.
-Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base describe
-them. Source: JointPart of KRobot.uc.
+Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base are
+enough. Source: JointPart of KRobot.uc.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> S
 
 
 def report_unknown_class(item: SectionReader) -> None:
-    """Log a warning for an item of an unknown class, and none for each of its keys."""
+    """Log a warning for an item of an unknown class, but none for each key."""
     suggestion = suggest_name(item.get_class_name("ItemClass"), _READERS, _MIN_SIMILARITY)
     log.warning(
         "%s: class %s is unknown: item %s has no effect%s",
@@ -149,7 +149,7 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
             log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
             return None
         links = standard.links
-    # Location mounts the package as a whole, by the joint of its first link.
+    # Location mounts the package as a whole, by the joint of the first link.
     location = struct.get_vector("Location", links[0].position_m)
     require_on_robot(struct, "Location", location)
     return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
@@ -166,7 +166,7 @@ def _read_package_link(link: SectionReader) -> LinkDescription:
         rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
         max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
         max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
-        # A minimum above the maximum means no limits, as USARSim's CONF lines print it.
+        # A minimum above the maximum means no limits, as in USARSim's CONF lines.
         min_rad=link.get_float("MinRange", 1.0),
         max_rad=link.get_float("MaxRange", 0.0),
     )
@@ -201,7 +201,7 @@ def _read_link(
     Args:
         robot: the robot's section, which has the motors' values.
         part: the struct of the hinge.
-        previous: structs of the hinges before it.
+        previous: structs of the hinges before.
     """
     name = part.get_str("Parent", "").lower()
     numbers = [n for n, one in enumerate(previous) if one.get_str("PartName").lower() == name]
@@ -220,7 +220,7 @@ def _read_link(
         # 10 degrees a second, as in UT2004's USARBot.ini.
         max_speed_rad_s=robot.get_float("MotorSpeed", 0.1745, min_value=0.0, max_value=100.0),
         max_torque=robot.get_float("MotorTorque", 20.0, min_value=0.0),
-        # A minimum above the maximum means no limits: KRobot.uc, as its CONF lines print it.
+        # A minimum above the maximum means no limits: KRobot.uc, as in CONF lines.
         min_rad=part.get_float("MinRange", 1.0),
         max_rad=part.get_float("MaxRange", 0.0),
     )

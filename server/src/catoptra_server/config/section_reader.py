@@ -2,10 +2,10 @@
 
 An error names file, line, key, value and the expected form, and the key that was probably misspelt.
 A reader records which keys were read; the rest is reported as unknown once all readers are done.
-What a key means is decided by its reader, in `robot_file`, `world_file` and their neighbours.
+What a key means is decided in `robot_file`, `world_file` and other readers.
 
-Numbers are finite and bounded: literals that float() accepts beside those of UnrealScript ("nan",
-"inf") are none. Names that clients receive are words of the control protocol.
+Numbers are finite and bounded: "nan" and "inf", which float() accepts, are no literals of
+UnrealScript. Names that clients receive are words of the control protocol.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class SectionReader:
         # included, which the resulting values alone would no longer show.
         self._lines: list[Entry] = []
         self._entries: dict[str, _EntryList] = {}
-        # As readers spell them, by lower-case key.
+        # Spelt as by readers, by lower-case key.
         self._used_keys: dict[str, str] = {}
         # Parsed once, so that all readers of a struct record their keys in the same object.
         self._structs: dict[str, list[SectionReader]] = {}
@@ -82,11 +82,12 @@ class SectionReader:
         self._entries.setdefault(entry.key.lower(), _EntryList()).apply(entry)
 
     def apply_overrides(self, derived: SectionReader) -> None:
-        """Apply a derived section: plain keys replace this one's, + . - ! lines modify them."""
+        """Apply a derived section: plain keys replace values, + . - ! lines modify lists."""
         changed: set[str] = set()
         for entry in derived._lines:
             key = entry.key.lower()
-            # Only the first plain line of a key clears the base's list; the next ones extend it.
+            # Only the first plain line of a key clears the base's list; the next ones extend the
+            # list.
             if key not in changed and not entry.operator:
                 self._entries.pop(key, None)
             changed.add(key)
@@ -106,7 +107,7 @@ class SectionReader:
         self._used_keys.update({key: key for key in self._entries})
 
     def unknown_names(self, section: str = "") -> list[UnknownName]:
-        """Keys that were not read, those of structs included.
+        """Keys that were not read, also in structs.
 
         Args:
             section: Name of the section that a struct is in; this reader's own by default.
@@ -163,7 +164,7 @@ class SectionReader:
             )
 
     def get_class_name(self, key: str) -> str:
-        """Name of a class without its package, in lower case."""
+        """Name of a class without the package, in lower case."""
         return self.get_str(key).rpartition(".")[2].lower()
 
     def get_path(
@@ -285,7 +286,7 @@ class SectionReader:
     ) -> Vector:
         """Three numbers of a struct such as (X=1,Y=2,Z=3).
 
-        A missing member is 0; where the bounds exclude 0 it is an error.
+        A missing member is 0; an error where the bounds exclude 0.
 
         Args:
             key: the key, in any case.
@@ -298,7 +299,7 @@ class SectionReader:
             return default
         example = "(" + ",".join(f"{member}=0" for member in members) + ")"
         struct = self.get_struct(key, example=example)
-        # A box without its Z would be flat, and no warning would say so.
+        # A box without Z would be flat, and no warning would say so.
         missing = 0.0 if min_value <= 0.0 <= max_value else None
         a, b, c = (
             struct.get_float(m, missing, min_value=min_value, max_value=max_value) for m in members
@@ -323,13 +324,13 @@ class SectionReader:
         """Error for a value that is well formed but not acceptable, to be raised by the caller.
 
         Args:
-            key: the key to be named, with the value and line of its last entry if there is one.
+            key: the key to be named, with value and line of the last entry if there is one.
             expected: an acceptable value, as a phrase.
         """
         entries = self._use(key)
         value = entries.last.value if entries else ""
         misspelt = "" if entries else suggest_name(key, self._unused_keys(), _MIN_SIMILARITY)
-        # As the file spells it.
+        # In the spelling of the file.
         hint = f"; is {self._entries[misspelt].last.key} meant to be it?" if misspelt else ""
         return ConfigError(
             self.find_location(key),
@@ -339,7 +340,7 @@ class SectionReader:
         )
 
     def find_location(self, key: str) -> SourceLocation:
-        """File and line of a key's last entry; those of the section without one."""
+        """File and line of a key's last entry, or else of the section."""
         entries = self._use(key)
         return entries.last.where if entries else self.where
 
@@ -357,8 +358,8 @@ def read_columns(
         titles: Names of the columns, for error messages.
 
     Raises:
-        ConfigError: A missing or oversized file, or a row of other than that many numbers, or one
-            that does not increase, at its line.
+        ConfigError: A missing or oversized file, or, at its line, a row with another number of
+            columns or one that does not increase.
     """
     folder = Path(section.find_location(key).file).parent
     path = section.get_path(key, folder)
@@ -389,7 +390,7 @@ def read_columns(
 class _EntryList:
     """Entries of one key, found and removed by value in constant time.
 
-    A plain list would be searched for each + and - line: 40 000 of them took a minute.
+    A plain list would be searched for each + and - line: 40 000 lines took a minute.
     """
 
     def __init__(self) -> None:
@@ -457,10 +458,10 @@ def _parse_number(text: str) -> float | None:
 
 
 def _describe_range(kind: str, min_value: float, max_value: float) -> str:
-    """Kind of number with its bounds: "a number from 0 to 10"."""
+    """Kind of number with bounds: "a number from 0 to 10"."""
     if math.isinf(min_value) and math.isinf(max_value):
         return kind
-    # 2^31 is the default bound of get_int, which no user set: naming it would puzzle.
+    # 2^31 is the default bound of get_int, which no user set: a message with it would puzzle.
     if math.isinf(max_value) or max_value == 2**31:
         return f"{kind} of at least {min_value:g}"
     if math.isinf(min_value):

@@ -1,12 +1,12 @@
-"""Sections of ini files that configure the server itself, as UDK names them:
+"""Sections of ini files that configure the server itself, by UDK's names:
 
     [USARBotAPI.BotServer]         ListenPort, MaxConnections, HandshakeTimeout, IdleTimeout
     [USARBotAPI.UPISImageServer]   bEnableImageServer, ListenPort, FrameSkip, ImageType, LegacyMode,
                                    MaxConnections
     [USARBotAPI.MultiView]         CameraTileX, CameraTileY, CameraWidth, CameraHeight
 
-UDK has them in the file of its robots; a robot's file may have them here too. The time-outs, in
-seconds, are ours; they hold for both ports. A missing key is absent from `ServerOptions`,
+UDK has these sections in the file of robots; so may a robot's file here. The time-outs, in
+seconds, are ours, for both ports. A missing key is absent from `ServerOptions`,
 so that the options of several sources can be layered.
 
 A tile or viewport of the image port has the size of the layout, whatever the camera's own: a camera
@@ -48,7 +48,7 @@ MAX_FRAME_SKIP = 3000
 MAX_CONNECTIONS = 4096
 # A day: a larger number is taken for milliseconds.
 MAX_TIMEOUT_S = 86_400.0
-# UDK's defaults for the keys that its section leaves out.
+# UDK's defaults for keys that the section leaves out.
 _MULTI_VIEW_DEFAULTS = {"CameraTileX": 2, "CameraTileY": 2, "CameraWidth": 320, "CameraHeight": 240}
 
 

@@ -57,7 +57,7 @@ def read_startup_config(
     Args:
         robots: robot files; of the server's options a later file overrides an earlier one.
         world: the world file.
-        server: file with the server's own sections, which overrides those of robot files.
+        server: file with the server's own sections, which overrides robot files.
         limit_bytes: memory that each camera's view may take, and the scene as a whole.
         is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
 
@@ -71,7 +71,7 @@ def read_startup_config(
     options = ServerOptions()
     for file in (*robot_files, *server_files):
         options.update(read_server_options(file))
-    # After every reader: a key is unknown if no reader has read it.
+    # After every reader: only now all known keys have been read.
     for file in (*robot_files, world_file, *server_files):
         report_unknown_names(file.unknown_names(), is_strict=is_strict)
     for file in robot_files:
@@ -139,7 +139,7 @@ def _drop_repeated_classes(
 
 
 def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
-    """The scene with its occlusion map, where the world wants one."""
+    """The scene with an occlusion map, where the world wants one."""
     if not world.ambient_occlusion or not has_embreex():
         return scene
     # Imported here: a server without Embree runs, with the whole sky everywhere.
@@ -152,7 +152,7 @@ def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
 
 
 class _LazyRayCaster:
-    """A ray caster that is built at its first use."""
+    """A ray caster that is built at the first use."""
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene

@@ -2,9 +2,9 @@
 
 `[Package.Class]` sections that may occur twice, `key=value`, the prefixes + . - ! of keys, `;`
 comments (whole line or trailing), quoted strings, class'Package.Name' references and nested struct
-literals (A=1,B=(X=0)). Also accepted, since real files have them: spaces around =, a stray ; after
-a value, text after a struct's closing bracket, missing blank lines, any line end. Prefixes are
-applied, and values typed, by `section_reader`.
+literals (A=1,B=(X=0)). Real files also have, and the reader accepts: spaces around =, a stray ;
+after a value, text after a struct's closing bracket, missing blank lines, any line end. Prefixes
+are applied, and values typed, by `section_reader`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Entry:
     """One `key=value` line."""
 
     key: str
-    """The key as written, without its prefix."""
+    """The key as written, without the prefix."""
     value: str
     """The text after =, without comment and surrounding spaces."""
     operator: str
@@ -44,7 +44,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One `[name]` with the entries below it, in the order of the file."""
+    """One `[name]` with the entries below, in the order of the file."""
 
     name: str
     where: SourceLocation
@@ -125,7 +125,7 @@ def parse_struct(value: str) -> list[tuple[str, str]] | None:
 
 
 def unquote(value: str) -> str:
-    """Value without its quotes, or the name inside class'...'."""
+    """Value without quotes, or the name inside class'...'."""
     if len(value) >= 2 and value[0] == value[-1] == '"':
         return value[1:-1]
     prefix, quote, rest = value.partition("'")
@@ -135,7 +135,7 @@ def unquote(value: str) -> str:
 
 
 def _strip_comment(line: str) -> str:
-    """Line up to its comment; a ; inside quotes is text."""
+    """Line up to the comment; a ; inside quotes is text."""
     quoted = False
     for i, character in enumerate(line):
         if character == '"':

@@ -1,8 +1,8 @@
-"""World files: from `[Catoptra.World]` and its lists of structs to a World, no file of it opened.
+"""World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off. Positions
-are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB
+are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations in radians, colours in sRGB
 bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and textures are loaded by
 `world/scene_mesh.py`. A new shape is a reader and a line of `_SHAPE_READERS`.
 """
@@ -268,7 +268,7 @@ def _read_items(section: SectionReader, folder: Path) -> list[Item]:
 def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: Path) -> Item:
     position = _read_position(struct, "Position", (0.0, 0.0, 0.0))
     pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
-    # A mesh file has materials of its own; a Colour or Texture replaces all of them.
+    # A mesh file has materials of its own; a Colour or Texture replaces all.
     has_own_material = (
         isinstance(shape, MeshFile)
         and not struct.has_key("Colour")

@@ -13,7 +13,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.datasets.dataset_folder import verify_dataset
 from catoptra_server.datasets.dataset_run import (
-    PreparedRun,
     ProgressReport,
     complete_run,
     prepare_run,
@@ -91,12 +90,10 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
     if parsed.ray:
         require_ray()
     run = prepare_run(find_configuration("datasets", parsed.recipe), parsed.out)
+    recipe = run.stage.recipe
     if not run.is_whole or run.missing:
         progress = ProgressReport(
-            run.stage.recipe.name,
-            run.stage.recipe.num_samples,
-            run.num_finished_samples,
-            sys.stderr,
+            recipe.name, recipe.num_samples, run.num_finished_samples, sys.stderr
         )
         try:
             complete_run(run, lambda job, shards: _draw(parsed, job, shards, progress, interrupt))
@@ -104,7 +101,7 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
             remove_parts(run.folder)
             raise
         progress.finish()
-    print(_describe_result(run))
+    print(f"{run.folder}: {recipe.num_samples} samples in {recipe.num_shards} shards")
     _read_back(parsed)
     return 0
 
@@ -130,11 +127,6 @@ def _draw(
 
     workers = LocalWorkers(job, parsed.workers, count=count, interrupt=interrupt)
     yield from workers.draw(shards)
-
-
-def _describe_result(run: PreparedRun) -> str:
-    recipe = run.stage.recipe
-    return f"{run.folder}: {recipe.num_samples} samples in {recipe.num_shards} shards"
 
 
 def _read_back(parsed: argparse.Namespace) -> None:

@@ -1,9 +1,9 @@
 """The folder of a data set: begun, resumed, finished, read back; never one that only looks whole.
 
 While shards are drawn, `unfinished.json` says what the folder is going to hold. The manifest
-`dataset.json` takes its place at the very end, so a folder with a manifest is whole. Beside the
+`dataset.json` replaces that file at the very end, so a folder with a manifest is whole. Beside the
 shards are calibrations, trajectories, COCO annotations and, where pyarrow is installed, a Parquet
-index. They are made from the metadata in the shards, so that they hold what the shards hold.
+index. All are made from the metadata in the shards, and so agree with the shards.
 """
 
 from __future__ import annotations
@@ -82,10 +82,10 @@ class DatasetIdentity:
 
 
 def open_folder(folder: Path, identity: DatasetIdentity) -> bool:
-    """Make a folder ready for a data set; whether it already holds the whole one.
+    """Make a folder ready for a data set; True where the whole one is there already.
 
     Raises:
-        CatoptraError: The folder holds something else: another recipe's samples, those of other
+        CatoptraError: The folder holds something else: samples of another recipe or of other
             code, or files that are no data set's.
     """
     found = _read_identity(folder)
@@ -148,7 +148,7 @@ def require_space(folder: Path, stage: DatasetStage, num_samples: int) -> None:
         stage: Cameras and channels.
         num_samples: Samples to be drawn.
     """
-    sizes = [min_sample_bytes(stage, number) for number in range(len(stage.cameras))]
+    sizes = [_min_sample_bytes(stage, number) for number in range(len(stage.cameras))]
     needed = num_samples * sum(sizes) // len(sizes)
     free = shutil.disk_usage(folder).free
     if free < needed:
@@ -158,7 +158,7 @@ def require_space(folder: Path, stage: DatasetStage, num_samples: int) -> None:
         )
 
 
-def min_sample_bytes(stage: DatasetStage, camera: int) -> int:
+def _min_sample_bytes(stage: DatasetStage, camera: int) -> int:
     """Least size of a sample's files: channels that are not compressed, and very flat pictures."""
     optics = stage.cameras[camera].spec.camera
     pixel_bytes = 3.0 * _MIN_PNG_FRACTION
@@ -181,7 +181,7 @@ def finish_folder(
 
     Args:
         folder: The folder.
-        identity: As it was begun.
+        identity: Identity at the beginning.
         records: Records of all shards.
         details: Further members of the manifest.
     """
@@ -233,7 +233,7 @@ def verify_dataset(folder: Path) -> Iterator[str]:
 
 
 def _check_sample(path: Path, sample: StoredSample, suffixes: set[str]) -> str:
-    """Check the files of a sample; its name."""
+    """Check the files of a sample; the sample's name."""
     if set(sample.files) != suffixes:
         different = sorted(set(sample.files) ^ suffixes)
         raise CatoptraError(
@@ -266,7 +266,7 @@ def decode_array(suffix: str, content: bytes) -> np.ndarray[Any, Any]:
 
 
 def describe_cameras(folder: Path, stage: DatasetStage) -> dict[str, Any]:
-    """Members of the manifest: each camera's model, and its calibration files."""
+    """Members of the manifest: each camera's model and calibration files."""
     return {
         camera.name: {
             "robot": camera.robot.class_name,
@@ -361,7 +361,7 @@ def _trajectory_line(metadata: Mapping[str, Any]) -> str:
 def require_pyarrow() -> None:
     """Raise CatoptraError where pyarrow is missing: before anything is drawn."""
     try:
-        import pyarrow.parquet  # noqa: F401 - asks whether it can be imported
+        import pyarrow.parquet  # noqa: F401 - is there such a package?
     except ImportError as error:
         raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
 

@@ -1,7 +1,7 @@
-"""A data set from its recipe to its manifest, by any workers, and its progress on standard error.
+"""A data set from recipe to manifest, by any workers, with progress on standard error.
 
-A run resumes where it was left: the recipe is checked and compared with the folder before anything
-is drawn, and shards that are whole are not drawn again.
+A run resumes where another ended: the recipe is checked and compared with the folder before
+anything is drawn, and shards that are whole are not drawn again.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class PreparedRun:
     finished: tuple[ShardRecord, ...]
     """Shards of an earlier run."""
     is_whole: bool
-    """Whether the folder already has its manifest."""
+    """Whether the folder already has a manifest."""
 
     @property
     def missing(self) -> list[int]:
@@ -62,7 +62,7 @@ class PreparedRun:
 
 
 def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
-    """Check a recipe, and make its folder ready.
+    """Check a recipe, and make the folder ready.
 
     Raises:
         ConfigError: A file is wrong: with file, line, key, value and the expected form.
@@ -93,12 +93,12 @@ def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
 
 
 def _digest_recipe(recipe_path: Path) -> str:
-    """Digest of a recipe and its files, as this process understands them."""
+    """Digest of a recipe and all files, as this process understands them."""
     return DatasetStage(read_recipe(recipe_path)).digest
 
 
 def complete_run(run: PreparedRun, draw: _DrawShards) -> None:
-    """Draw the missing shards, write the files beside them, and the manifest last.
+    """Draw the missing shards, then the files beside, and the manifest last.
 
     Raises:
         CatoptraError: A sample cannot be drawn, or a file not written.
@@ -139,7 +139,7 @@ class ProgressReport:
         Args:
             name: Name of the data set.
             num_samples: Samples in all.
-            num_done: Those of shards that were finished before.
+            num_done: Samples of shards that were finished before.
             output: Standard error, or a test's file.
             clock: Monotonic clock in seconds.
         """

@@ -1,7 +1,7 @@
-"""Worlds and cameras of a recipe, loaded: the input of poses and of renderers, with its digest.
+"""Worlds and cameras of a recipe, loaded: the input of poses and of renderers, with a digest.
 
-Each process loads them once. The digest covers all that samples follow from, so that a worker on
-another machine, which has read its own copies of the files, can be compared with the driver.
+Each process loads all once. The digest covers all that samples follow from, so that a worker on
+another machine, with copies of the files, can be compared with the driver.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class DatasetStage:
         self._worlds: dict[str, RecipeWorld] = {}
 
     def world(self, number: int) -> RecipeWorld:
-        """World by its number in the recipe."""
+        """World by number in the recipe."""
         choice = self.recipe.worlds[number]
         if choice.name not in self._worlds:
             self._worlds[choice.name] = self._read_world(choice)
@@ -70,13 +70,13 @@ class DatasetStage:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that the samples follow from, whatever the paths of its files."""
+        """SHA-256 of all that the samples follow from, whatever the paths of the files."""
         digest = hashlib.sha256(self.recipe.text.encode())
         worlds = [self.world(number) for number in range(len(self.recipe.worlds))]
         # Sorted: in whatever order worlds were loaded.
         for file_hash in sorted(hashlib.sha256(path.read_bytes()).digest() for path in self._files):
             digest.update(file_hash)
-        # Meshes and textures as they are read, and calibrated cameras as they are understood.
+        # Meshes and textures as read, and calibrated cameras as understood.
         for world in worlds:
             for scene_hash in (hash_scene(world.scene), occlusion_cache.hash_scene(world.scene)):
                 digest.update(scene_hash.encode())
@@ -127,7 +127,7 @@ class DatasetStage:
             yield camera
 
     def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, str]:
-        """Robot of a choice, and the camera's name where a camera file gives it."""
+        """Robot of a choice, and the camera's name where a camera file has one."""
         robot, file = read_robot(choice.robot_file)
         report_unknown_names(file.unknown_names())
         self._note_files(file)
@@ -144,13 +144,13 @@ class DatasetStage:
         world, file = read_world(choice.file)
         report_unknown_names(file.unknown_names())
         self._note_files(file)
-        # For the names of their nodes, which are labels; geometry and looks count as they are read.
+        # For the names of nodes, which are labels; geometry and looks count as read.
         meshes = {one.shape.path for one in world.items if isinstance(one.shape, MeshFile)}
         self._files += sorted(meshes - {*self._files})
         scene = build_scene(world, MemoryBudget())
         instruction_set = self.recipe.instruction_set
         if occlusion_cache.wants_occlusion(scene, world):
-            # In a folder of the instruction set: its last bits may round a factor the other way.
+            # In a folder of the instruction set: last bits may round a factor the other way.
             folder = default_cache_folder().parent / "occlusion" / instruction_set
             occlusion = occlusion_cache.find_occlusion(scene, folder, instruction_set)
             scene = replace(scene, occlusion=occlusion)
@@ -189,16 +189,16 @@ class RecipeWorld:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecipeCamera:
-    """A camera and the robot that carries it."""
+    """A camera on a robot."""
 
     choice: CameraChoice
     name: str
-    """Name in samples: that of the camera file, or of robot file and camera."""
+    """Name in samples: of the camera file, or of robot file and camera."""
     robot: RobotDescription
     omni: OmniCameraDescription
     sensor: OmniCameraSensor
     spec: OmniCameraSpec
-    """Camera at the size of its images, with its own effects."""
+    """Camera at the size of the images, with the camera's own effects."""
     ego_mesh: ObjectMesh | None
     """The robot itself, where the camera's effects may show it."""
 

@@ -1,8 +1,8 @@
 """Shards drawn by processes of this machine, each with one thread and a warm renderer.
 
 Processes are spawned, since OpenGL contexts and threads do not survive a fork. A worker that dies
-takes its shard with it: another worker draws it again, a bounded number of times. Workers end with
-the driver: their next message to it fails.
+loses a shard: another worker draws that again, a bounded number of times. Workers end with
+the driver: the next message fails.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, 
 
 _MAX_ATTEMPTS = 3
 """Times that a shard is drawn whose worker dies."""
-# Time for a worker to end after its pipe is closed; a sample takes less.
+# Time for a worker to end after the pipe is closed; a sample takes less.
 _JOIN_S = 5.0
 # Called when a sample is begun (index, True), and with (number, False) for samples lost.
 _CountSamples = Callable[[int, bool], None]
@@ -60,11 +60,11 @@ class LocalWorkers:
         self._num_failed_starts = 0
 
     def draw(self, shards: Sequence[int]) -> Iterator[ShardRecord]:
-        """Draw shards, and yield the record of each as it is finished, in any order.
+        """Draw shards, and yield the record of each when finished, in any order.
 
         Raises:
             DatasetInterruptedError: The user wants an end.
-            CatoptraError: A sample cannot be drawn, a shard not written, or workers die at it.
+            CatoptraError: A sample cannot be drawn, a shard not written, or its workers die.
         """
         self._queue = deque(shards)
         num_left = len(shards)

@@ -1,6 +1,6 @@
 """`--sheet`: a page with samples of a data set, all channels in false colours, boxes drawn.
 
-One HTML file without scripts; pictures are PNG files inside it, so that it can be sent around.
+One HTML file without scripts; pictures are PNG files inside, so that the page can be sent around.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NUM_SAMPLES = 24
 _GOLDEN = 0.6180339887498949
 # A range of this many metres has half the brightness.
 _HALF_RANGE_M = 2.0
-# Pictures are shown this wide; larger ones are halved until they are not above twice that.
+# Pictures are shown this wide; larger ones are halved to at most twice that.
 _SHOWN_PX = 180
 _MAX_OBJECTS = 12
 _STYLE = (
@@ -45,10 +45,10 @@ _STYLE = (
 
 
 def write_sheet(folder: Path) -> Path:
-    """Write the page of a whole data set, and return its path.
+    """Write the page of a whole data set, and return the path.
 
     Raises:
-        CatoptraError: There is no whole data set, or it is damaged.
+        CatoptraError: There is no whole data set, or a file is damaged.
     """
     manifest = read_manifest(folder)
     sections = [_describe_sample(one) for one in _choose_samples(folder, manifest)]

@@ -2,8 +2,8 @@
 
 Embree, NumPy and OpenBLAS choose code by the processor, and last bits differ: between AVX2 and
 AVX-512 in scenes that NumPy computes, and so in pictures. A data set pins one instruction set for
-all of them, by variables that a process needs before it loads NumPy. The digest by which a data set
-is compared is computed in such a process. A worker whose code, libraries or processor differ
+all of them, by variables that a process needs before NumPy is loaded. The digest by which a data
+set is compared is computed in such a process. A worker whose code, libraries or processor differ
 refuses, instead of drawing other bytes.
 """
 
@@ -24,12 +24,13 @@ from typing import Any, TypeVar
 import catoptra_protocol
 import catoptra_server
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.shards import hash_file
 from catoptra_server.datasets import png_files
 from catoptra_server.render.trace.kernel.library import choose_instruction_set, kernel_library_path
 
 _T = TypeVar("_T")
-# Features that NumPy may choose code for, by the instruction set that first has them: those of
-# later ones are disabled. By prefix, since NumPy 2.4 has renamed them.
+# Features that NumPy may choose code for, by the instruction set that first has them; features
+# of later ones are disabled. By prefix, since NumPy 2.4 has new names.
 _LATER_FEATURES = {
     "avx512": (),
     "avx2": ("AVX512", "X86_V4"),
@@ -48,7 +49,7 @@ def run_in_pinned_process(instruction_set: str, function: Callable[..., _T], *ar
     Args:
         instruction_set: Instruction set of the process.
         function: A function that the process can import.
-        args: Its arguments.
+        args: Arguments of the function.
 
     Raises:
         CatoptraError: As the function does, or the process has ended without a result.
@@ -73,12 +74,12 @@ def run_in_pinned_process(instruction_set: str, function: Callable[..., _T], *ar
 def start_pinned_process(
     instruction_set: str, target: Callable[..., None], *args: object
 ) -> tuple[Any, Connection]:
-    """Start a process that gets a connection as its last argument.
+    """Start a process that gets a connection as the last argument.
 
     Returns:
         The process, and this end of the connection, which the end of the process closes.
     """
-    # Spawned: a fork has this process's NumPy, and neither its threads nor its OpenGL context.
+    # Spawned: a fork has this process's NumPy, but no threads and no OpenGL context.
     context = multiprocessing.get_context("spawn")
     own, others = context.Pipe()
     with _set_environment(pinning_variables(instruction_set)):
@@ -90,7 +91,7 @@ def start_pinned_process(
 
 
 def pinning_variables(instruction_set: str) -> dict[str, str]:
-    """Environment variables of a worker process, to be set before it starts."""
+    """Environment variables of a worker process, to be set before the start."""
     disabled = [name for name in _numpy_features() if _is_later(name, instruction_set)]
     return {
         "NPY_DISABLE_CPU_FEATURES": " ".join(disabled),
@@ -113,9 +114,9 @@ def describe_environment(instruction_set: str) -> dict[str, str]:
     return {
         "code_version": catoptra_server.__version__,
         "code_sha256": _hash_code(),
-        "kernel_sha256": _hash(kernel_library_path(instruction_set)),
+        "kernel_sha256": hash_file(kernel_library_path(instruction_set)),
         "machine": platform.machine(),
-        # Sines and cosines are its own.
+        # Has sines and cosines of its own.
         "libc": " ".join(platform.libc_ver()) or platform.system(),
         "png_encoder": png_files.ENCODER,
         **libraries,
@@ -166,8 +167,8 @@ def _is_later(feature: str, instruction_set: str) -> bool:
 
 
 def _numpy_features() -> dict[str, bool]:
-    """Features that NumPy has code for beyond its baseline, and whether each is enabled here."""
-    # No public function lists them for programs; `numpy.show_runtime` prints these.
+    """Features that NumPy has code for beyond the baseline, and whether each is enabled here."""
+    # No public function lists these for programs; `numpy.show_runtime` prints them.
     umath = import_module("numpy._core._multiarray_umath")
     return {name: bool(umath.__cpu_features__[name]) for name in umath.__cpu_dispatch__}
 
@@ -182,10 +183,6 @@ def _hash_code() -> str:
                 digest.update(path.relative_to(root).as_posix().encode())
                 digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @contextmanager

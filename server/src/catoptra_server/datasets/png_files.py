@@ -17,7 +17,7 @@ import numpy.typing as npt
 from catoptra_protocol.errors import DomainError
 
 ENCODER = f"zlib {zlib.ZLIB_RUNTIME_VERSION}"
-"""Library on which the bytes depend, with its version."""
+"""Library on which the bytes depend, and the version."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LEVEL = 1
@@ -50,7 +50,7 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
 
 
 def _filter_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[np.uint8]:
-    """(h, 1 + n) rows, each by the filter that leaves the smallest numbers, and its number."""
+    """(h, 1 + n) rows, each by the best filter, whose number comes first."""
     # Differences modulo 256 from the pixel on the left, and from the row above; 0 outside.
     left, above = np.zeros_like(rows), np.zeros_like(rows)
     left[:, pixel_bytes:] = rows[:, :-pixel_bytes]
@@ -65,7 +65,7 @@ def _filter_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[n
 
 
 def decode_png(content: bytes) -> npt.NDArray[Any]:
-    """Image of a file that `encode_png` has written, its checksums compared.
+    """Image of a file that `encode_png` has written, checksums compared.
 
     Raises:
         DomainError: The file is damaged, or of another writer's kind.

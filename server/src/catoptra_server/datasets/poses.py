@@ -1,19 +1,19 @@
-"""World, camera, pose, motion and light of each sample, by the recipe and its index alone.
+"""World, camera, pose, motion and light of each sample, by recipe and index alone.
 
 Samples of one sequence follow each other: a whole path, drive or grid, or one random pose. The next
 sequence has the next world and camera of all combinations, cameras changing first. The sections of
-a recipe that say where its samples are taken:
+a recipe about poses:
 
     [Catoptra.RandomPoses]  Clearance, MaxTries, X, Y, Yaw, Speed, YawRate
     [Catoptra.GridPoses]    X, Y, Yaw: (Min=,Max=,Count=)
     [Catoptra.PathPoses]    Points=(X=,Y=), one a line; Spacing, Speed
-    [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold; for its start, all of RandomPoses
+    [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold; for the start, all of RandomPoses
 
 A pose is X, Y in metres and Yaw in radians, clockwise from above; the robot stands on the floor. A
 pose is free by the contact of driving robots (`simulation/collision_index.py`), seen from above.
 Rays tell what outlines cannot: one down for the floor, and level ones for the inside of a solid,
 whose surface is met from behind on all sides. A drive repeats the simulation's ticks from the start
-of its sequence, so that any process can take it up anywhere.
+of the sequence, so that any process can go on anywhere.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from catoptra_server.world.world_description import AT_REST, Twist
 
 POSE_KINDS = ("random", "grid", "path", "drive")
 _TICK_S = 0.02
-"""Tick of drives, that of a server by default."""
+"""Tick of drives, a server's default."""
 _FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
 _ZERO = ValueRange(0.0, 0.0)
 _MAX_TURN_RAD = 100.0
@@ -112,7 +112,7 @@ def draw_brightness(recipe: Recipe, index: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotMotion:
-    """Robot of a sample at the time of its exposure."""
+    """Robot of a sample at the time of the exposure."""
 
     time_s: float
     """Since the begin of the sequence."""
@@ -137,7 +137,7 @@ class PoseSource:
         self._stage = stage
         self._recipe = stage.recipe
         self._drive: tuple[int, list[RobotMotion]] = (-1, [])
-        """Number of the last drive's sequence, and its motions."""
+        """Number of the last drive's sequence, and the motions."""
 
     def find_motion(self, place: SamplePlace) -> _SampleMotion:
         """Robot of a sample.
@@ -221,7 +221,7 @@ def require_free_pose(
     """Check that a robot can stand at a pose.
 
     Raises:
-        PoseNotFreeError: It touches an obstacle, has no floor below, or is inside a solid.
+        PoseNotFreeError: The robot touches an obstacle, has no floor, or is inside a solid.
     """
     place = np.array([[pose.x_m, pose.y_m]])
     is_free = world.obstacles.are_free(
@@ -264,7 +264,7 @@ def draw_free_pose(
 
 
 def check_given_poses(stage: DatasetStage) -> None:
-    """Check every given pose in each world and for each robot that takes it.
+    """Check every given pose in each world and for each robot there.
 
     Raises:
         CatoptraError: A pose is not free; names file, line, pose and reason.
@@ -388,7 +388,8 @@ def _read_path(section: SectionReader) -> GivenPoses:
         if length_m == 0.0:
             raise point.make_error("X", expected="a point apart from the one before")
         yaw_rad = math.atan2(end[1] - begin[1], end[0] - begin[0])
-        # The next multiple of the spacing, counted from the first point: corners do not restart it.
+        # The next multiple of the spacing, counted from the first point: corners do not restart the
+        # count.
         first = math.ceil(travelled_m / spacing_m - 1e-9)
         last = math.floor((travelled_m + length_m) / spacing_m + 1e-9)
         if len(poses) + last - first > _MAX_POSES:

@@ -1,6 +1,6 @@
 """Shards drawn by Ray, on this machine or on a cluster: a task for each shard.
 
-Ray starts the workers, spreads the tasks and repeats those of machines that are lost: no scheduler
+Ray starts the workers, spreads the tasks and repeats the tasks of lost machines: no scheduler
 is ours. Recipe and folder are at the same paths on all machines. A worker whose code, libraries or
 processor differ refuses.
 """
@@ -34,7 +34,7 @@ def require_ray() -> Any:
     """The module `ray`.
 
     Raises:
-        CatoptraError: It is not installed; says how to.
+        CatoptraError: Ray is not installed; says how to.
     """
     try:
         import ray
@@ -51,12 +51,12 @@ def draw_by_ray(
     count: _CountShard = lambda number: None,
     interrupt: Connection | None = None,
 ) -> Iterator[ShardRecord]:
-    """Draw shards, and yield the record of each as it is finished, in any order.
+    """Draw shards, and yield the record of each when finished, in any order.
 
     Args:
         job: The data set.
         shards: Numbers of the shards.
-        address: LOCAL, or the address of a cluster as `ray.init` takes it.
+        address: LOCAL, or the address of a cluster as for `ray.init`.
         count: Called for each shard.
         interrupt: Readable once the user wants an end.
 
@@ -129,7 +129,7 @@ def _take_result(ray: Any, done: Any, number: int) -> ShardRecord:
 
 
 def draw_shard_of_job(job: ShardJob, number: int) -> ShardRecord | str:
-    """Draw one shard in a Ray worker; its record, or the reason for which it cannot be drawn."""
+    """Draw one shard in a Ray worker; its record, or the reason for which that is impossible."""
     # A text and no exception: what fails by the recipe fails again on any machine, and Ray repeats
     # the tasks of lost workers alone.
     try:
@@ -138,7 +138,7 @@ def draw_shard_of_job(job: ShardJob, number: int) -> ShardRecord | str:
         return str(error)
 
 
-# Ray keeps worker processes between tasks: the artist of the last job, with its warm renderers.
+# Ray keeps worker processes between tasks: the artist of the last job, with warm renderers.
 _artists: dict[tuple[str, str], ShardArtist] = {}
 
 

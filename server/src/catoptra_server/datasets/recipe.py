@@ -1,6 +1,6 @@
 """Recipe of a data set as frozen data, and values that only recipes have. Metres, radians, seconds.
 
-A recipe is read by `recipe_file`, its poses by `poses`. A range is drawn anew for each sample. An
+A recipe is read by `recipe_file`, the poses by `poses`. A range is drawn anew for each sample. An
 effect that the recipe names replaces the camera's own, parameters included; the others stay.
 Effects that need a mirror, or a single viewpoint, are left out for cameras without.
 """
@@ -70,7 +70,7 @@ class Recipe:
         return range(first, min(first + self.samples_per_shard, self.num_samples))
 
     def sample_key(self, index: int) -> str:
-        """Name of a sample in files: its index, in as many digits for all."""
+        """Name of a sample in files: the index, in as many digits for all."""
         return f"{index:0{max(6, len(str(self.num_samples - 1)))}d}"
 
 
@@ -83,13 +83,13 @@ class WorldChoice:
 
     @property
     def name(self) -> str:
-        """Name in samples: that of the file, without suffix."""
+        """Name in samples: the file's, without suffix."""
         return self.file.stem
 
 
 @dataclass(frozen=True, slots=True)
 class CameraChoice:
-    """Camera of a robot, or a camera file that the robot carries in place of its own camera."""
+    """Camera of a robot, or a camera file that the robot carries in place of another camera."""
 
     robot_file: Path
     camera: str
@@ -178,7 +178,7 @@ def follow_each_other(poses: PoseRecipe) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class BrightnessLevels:
-    """Factors of all lights of a world; each level has a renderer of its own."""
+    """Factors of all lights of a world; each level needs another renderer."""
 
     low: float
     high: float
@@ -193,12 +193,12 @@ class BrightnessLevels:
 
 @dataclass(frozen=True, slots=True)
 class EffectOverrides:
-    """Modes and parameters that replace those of the robot files, effect by effect."""
+    """Modes and parameters that replace the robot files', effect by effect."""
 
     modes: tuple[tuple[str, str], ...] = ()
-    """Name of an effect, and its mode."""
+    """Name of an effect, and the mode."""
     values: tuple[tuple[str, ValueRange], ...] = ()
-    """Parameter, and its range."""
+    """Parameter, and the range."""
     where: SourceLocation = SourceLocation("")
 
 
@@ -210,14 +210,14 @@ def draw_effects(
     has_mirror: bool,
     has_viewpoint: bool,
 ) -> EffectSettings:
-    """Settings of one sample: those of the camera, with the recipe's in their place.
+    """Settings of one sample: the camera's, or the recipe's where stated.
 
     Args:
         overrides: Effects of the recipe.
         own: Effects of the camera's own file.
         generator: Random numbers of the sample's effects.
         has_mirror: Whether the camera has a mirror.
-        has_viewpoint: Whether it has a single viewpoint.
+        has_viewpoint: Whether the mirror has a single viewpoint.
 
     Raises:
         ConfigError: Drawn parameters cannot be drawn together.
@@ -265,7 +265,7 @@ def _is_possible(kind: EffectType, *, has_mirror: bool, has_viewpoint: bool) -> 
 
 
 def read_effects(file: IniFile) -> EffectOverrides:
-    """Effects of a recipe; none without a section of them.
+    """Effects of a recipe; none without a section.
 
     Raises:
         ConfigError: For an unknown mode, or a parameter whose range is empty or out of bounds.
@@ -351,7 +351,7 @@ def read_range_struct(
 def read_words(
     section: SectionReader, key: str, allowed: Sequence[str], default: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Words with commas between, each once, in the order of `allowed`; `all` for all of them.
+    """Words with commas between, each once, in the order of `allowed`; `all` for all.
 
     Raises:
         ConfigError: For an unknown word, with the one that was probably meant.

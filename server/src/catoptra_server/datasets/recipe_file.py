@@ -36,7 +36,7 @@ from catoptra_server.datasets.recipe import (
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
 
 _FORMATS = ("coco", "tum", "parquet")
-"""Files that a recipe may have beside its shards."""
+"""Files that a recipe may have beside the shards."""
 _SECTION = "Catoptra.Dataset"
 _LIGHTS = "Catoptra.Lights"
 _RENDERERS = tuple(kind.value for kind in RendererKind)
@@ -46,12 +46,12 @@ _MAX_FILE_BYTES = 4 * 2**20
 _MAX_SAMPLES = 2**31
 # Objects of a COCO file count from 1, and a shard is one unit of repeated work.
 _MAX_SHARD_SAMPLES = 100_000
-# A brightness is a renderer of its own in each worker.
+# Each brightness is one more renderer in each worker.
 _MAX_LEVELS = 16
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Recipe of a file; the files that it names are found, not read.
+    """Recipe of a file; the named files are found, not read.
 
     Raises:
         ConfigError: With file, line, key, value and the expected form.

@@ -52,10 +52,10 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 
 NEEDED_CHANNELS = frozenset({"ids", "valid"})
-"""Channels that annotations are made of, whether the recipe stores them or not."""
+"""Channels that annotations are made of, stored by the recipe or not."""
 # Directions of a camera of 640 px are 39 MB, and take 0.2 s.
 _MAX_SPHERE_BYTES = 512 * 2**20
-# Types in files that differ from those of the channel.
+# Types in files that differ from the channel's.
 _STORED_DTYPES = {"normal": np.dtype("<f2")}
 
 
@@ -137,7 +137,7 @@ class SampleDescriber:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedSample:
-    """A sample as it is stored."""
+    """A sample as stored."""
 
     key: str
     rgb: Image
@@ -167,7 +167,7 @@ class SampleAnnotator:
 
         Args:
             description: The sample.
-            image: Its image, which the labels are of.
+            image: The labelled image.
             truth: Ground truth with NEEDED_CHANNELS.
             labels: Renderer of that ground truth.
         """
@@ -209,7 +209,7 @@ def describe_sample_metadata(
 
     Args:
         description: The sample.
-        view: Its picture as drawn.
+        view: The picture as drawn.
         world: The world of the sample.
     """
     place, camera, state = description.place, description.camera, description.state
@@ -281,7 +281,7 @@ def _describe_decision(decision: EffectDecision) -> dict[str, Any]:
 
 
 def _finite(value: float | None) -> float | None:
-    """The number; None, which JSON has a text for, where it is not finite."""
+    """The number; None, which JSON has a text for, for any that is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
@@ -298,7 +298,7 @@ def _encode_channel(name: str, array: npt.NDArray[Any]) -> bytes:
         return encode_png(array)
     stored = np.ascontiguousarray(array, dtype=_STORED_DTYPES.get(name, array.dtype))
     file = io.BytesIO()
-    # Version 1.0 of the format: a header of text, then the values as they lie in memory.
+    # Version 1.0 of the format: a header of text, then the values as in memory.
     np.lib.format.write_array(file, stored, version=(1, 0), allow_pickle=False)
     return file.getvalue()
 

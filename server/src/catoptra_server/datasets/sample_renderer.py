@@ -2,7 +2,7 @@
 
 Renderers stay warm: one for each world and brightness, those used last, and one for the labels of
 each world. Nothing here depends on time or on the samples before: any process draws the same bytes.
-A brightness is a factor of all lights; luminous surfaces stay as they are.
+A brightness is a factor of all lights; luminous surfaces stay unchanged.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from catoptra_server.world.world_description import (
     World,
 )
 
-# A renderer of a shipped world takes 8 ms to make, and its view of 640 x 640 px 60 ms. Samples go
+# A renderer of a shipped world takes 8 ms to make, and a view of 640 x 640 px 60 ms. Samples go
 # through all cameras of a world before the next world, at changing levels of brightness.
 _MIN_RENDERERS = 4
-# Each keeps rays of up to 256 MiB: with those of six worlds a worker took 2.1 GB.
+# Each keeps rays of up to 256 MiB: with six worlds a worker took 2.1 GB.
 _MAX_LABEL_WORLDS = 2
 _MAX_VIEW_BYTES = 64 * 2**20
 _NOTHING = GroundTruth({})
 
 
 class SampleRenderer:
-    """Renderers of a recipe's worlds, for one process; closing frees them."""
+    """Renderers of a recipe's worlds, for one process, freed by `close`."""
 
     def __init__(self, stage: DatasetStage) -> None:
         self._stage = stage
@@ -61,7 +61,7 @@ class SampleRenderer:
         """Render a sample.
 
         Raises:
-            ViewFailedError: The renderer cannot draw it.
+            ViewFailedError: The renderer cannot draw the sample.
             RendererUnavailableError: The renderer cannot run on this machine.
         """
         views = self._find_views(description.place.world, description.brightness)
@@ -81,14 +81,15 @@ class SampleRenderer:
     def _render_labels(
         self, description: SampleDescription, view: RenderedView, channels: frozenset[str]
     ) -> tuple[GroundTruth, list[dict[str, Any]] | None]:
-        """Ground truth of the picture, and annotations where the recipe wants them."""
+        """Ground truth of the picture, and annotations where the recipe wants any."""
         # Nothing is computed for a recipe of pictures alone.
         if not channels:
             return _NOTHING, None
         labels, image = self._find_labels(description.place.world), view.frame_plan.labelled_image
         after = description.next_state
         if after is not None and after.ego_body is not None and image.camera_state.objects:
-            # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
+            # As `effects/scene/self_view.py` shows the robot itself: the robot's pixels have a
+            # flow, too.
             after = replace(after, objects=(*after.objects, after.ego_body))
         truth = labels.render(image, channels, after, view.labels)
         if not wants_annotations(self._stage.recipe):
@@ -102,7 +103,7 @@ class SampleRenderer:
         )
 
     def _find_labels(self, world: int) -> LabelRenderer:
-        """Labels of a world, by rays of their own: they do not depend on its lights."""
+        """Labels of a world, by separate rays, whatever the lights."""
         found = self._labels.pop(world, None) or self._make_labels(world)
         self._labels[world] = found
         while len(self._labels) > _MAX_LABEL_WORLDS:

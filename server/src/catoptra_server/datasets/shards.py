@@ -1,8 +1,8 @@
 """Shards as tar files, written whole or not at all, and the work of one shard in any process.
 
-A shard gets its name when every byte is on disk: before, it is a file of the process's own with
-another ending, which no reader takes for a shard. The record beside it holds its hash. A job is
-small and names files by path; a process keeps what the last job has loaded, so that its next shards
+A shard gets its name when every byte is on disk: before, the process writes a file with another
+ending, which no reader takes for a shard. The record beside a shard holds the hash. A job is
+small and names files by path; a process keeps what the last job has loaded, so that the next shards
 begin warm.
 """
 
@@ -28,7 +28,7 @@ from catoptra_server.datasets.sample_renderer import SampleRenderer
 
 _PART_SUFFIX = ".part"
 """Ending of files that are not whole."""
-# Called with the index of each sample before it is drawn.
+# Called with the index of each sample before the drawing.
 _ReportSample = Callable[[int], None]
 
 
@@ -48,7 +48,7 @@ class ShardJob:
 
 @dataclass(frozen=True, slots=True)
 class ShardRecord:
-    """A whole shard, as its record beside it and the manifest list it."""
+    """A whole shard, as in the record beside the shard and in the manifest."""
 
     number: int
     sha256: str
@@ -75,7 +75,7 @@ def start_artist(job: ShardJob) -> ShardArtist:
 
     Raises:
         WorkerRefusedError: This worker would draw other bytes.
-        CatoptraError: The recipe, or a file of it, cannot be read.
+        CatoptraError: The recipe, or a file in the recipe, cannot be read.
     """
     require_environment(job.environment, job.instruction_set)
     stage = DatasetStage(read_recipe(Path(job.recipe_path)))
@@ -84,7 +84,7 @@ def start_artist(job: ShardJob) -> ShardArtist:
 
 
 class ShardArtist:
-    """A recipe, loaded, with warm renderers: draws its shards one after the other."""
+    """A recipe, loaded, with warm renderers: draws shards one after the other."""
 
     def __init__(self, stage: DatasetStage) -> None:
         self._recipe = stage.recipe
@@ -126,12 +126,12 @@ def write_shard(
     number: int,
     samples: Iterable[tuple[str, Mapping[str, bytes]]],
 ) -> ShardRecord:
-    """Write a shard and its record.
+    """Write a shard and the record.
 
     Args:
         folder: Folder of the data set.
         number: Number of the shard.
-        samples: Name and files of each sample, in order; drawn one by one, as they are written.
+        samples: Name and files of each sample, in order; drawn one by one during the writing.
 
     Raises:
         CatoptraError: The disk is full, or a file cannot be written.
@@ -162,12 +162,12 @@ def _member(name: str, content: bytes) -> bytes:
 
 
 def _record_path(folder: Path, number: int) -> Path:
-    """File beside a shard that says that it is whole, with its hash."""
+    """File beside a whole shard, with the hash."""
     return (folder / shard_name(number)).with_suffix(".json")
 
 
 def read_record(folder: Path, number: int) -> ShardRecord | None:
-    """Record of a whole shard whose bytes still have their hash; None to draw it anew."""
+    """Record of a whole shard whose bytes still have the same hash; None to draw anew."""
     try:
         content = json.loads(_record_path(folder, number).read_text(encoding="utf-8"))
         record = ShardRecord(number, content["sha256"], content["bytes"], content["samples"])
@@ -178,7 +178,7 @@ def read_record(folder: Path, number: int) -> ShardRecord | None:
 
 
 def write_whole(path: Path, parts: Iterable[bytes]) -> None:
-    """Write a file that appears under its name once it is whole and on disk.
+    """Write a file that appears under its name once whole and on disk.
 
     Args:
         path: The file; an older one is replaced.

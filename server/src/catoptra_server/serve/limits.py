@@ -1,10 +1,11 @@
 """What clients together may take of the server: connections, their acceptance, time of the loop.
 
 * **A tenth of the event loop for input.** All connections together may use a tenth of the loop's
-  time for what they send, in equal parts for those in use. One that has used its part is not read
-  for a while: TCP holds its sender back. The loop, the simulation and the renderer's threads share
-  one interpreter, and a frame that takes 26 ms alone took 200 ms while floods kept the loop busy. A
-  client that waits for each reply is not limited, nor is a page with its three requests pending.
+  time for their input, in equal parts for those in use. A connection that has used its part is not
+  read for a while: TCP holds the sender back. The loop, the simulation and the renderer's threads
+  share one interpreter, and a frame that takes 26 ms alone took 200 ms while floods kept the loop
+  busy. A client that waits for each reply is not limited, nor is a page with three requests
+  pending.
 * **Calls of other threads come in bundles.** Each `call_soon_threadsafe` writes to a pipe: some 400
   a second were a fifth of the simulation's time under load.
 * **Sockets are accepted here**, since asyncio's own servers log a traceback for each failed
@@ -28,7 +29,7 @@ from ipaddress import ip_address
 
 log = logging.getLogger(__name__)
 # Connections that the kernel completes before they are accepted, six seconds at the rate below. One
-# that does not fit is tried again by its peer's kernel after a second.
+# that does not fit is tried again by the peer's kernel after a second.
 BACKLOG = 128
 Listener = socket.socket
 # Receives an accepted socket and the address of the peer. An OSError closes the socket.
@@ -49,7 +50,7 @@ _MAX_WAIT_S = 1.0
 # Connections accepted in one turn of the loop; the others wait for a later one.
 _MAX_ACCEPTS_PER_TURN = 16
 # Connections accepted at once, and per second: opening and closing one takes 1 ms of the loop, and
-# a flood of 240 a second took half of it. A newcomer waits in the backlog meanwhile.
+# a flood of 240 a second took half the time. A newcomer waits in the backlog meanwhile.
 _MAX_BURST = 64
 _MAX_ACCEPTS_PER_S = 20.0
 # Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
@@ -57,7 +58,7 @@ _MAX_ACCEPTS_PER_S = 20.0
 _ACCEPT_RETRY_S = 1.0
 # A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
 _KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
-# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
+# A host that vanished is disconnected after this time, with or without bytes on their way;
 # so is a client whose buffers stay full. The kernel of a busy program replies by itself.
 _VANISHED_AFTER_S = 6
 _VANISHED_OPTIONS = {
@@ -69,7 +70,7 @@ _VANISHED_OPTIONS = {
 
 
 def fit_connections(wanted: int, *, share: float, descriptors_each: int = 1, name: str) -> int:
-    """Limit of connections to a port: as many as wanted, or as its share of descriptors allows.
+    """Limit of connections to a port: as many as wanted, or as descriptors allow.
 
     Args:
         wanted: Configured limit.
@@ -153,10 +154,10 @@ class LoopAccount:
         self.charge(_READ_S)
 
     def write_off(self) -> None:
-        """Forget the use of a connection that sends its commands one by one.
+        """Forget the use of a connection that sends commands one by one.
 
-        A dialogue, in which the peer waits for each reply, needs no limit: at any time it occupies
-        the loop with one command. It would be the slower for a limit, by half under lockstep.
+        A dialogue, in which the peer waits for each reply, needs no limit: at any time there is one
+        command. A limit would slow it down, by half under lockstep.
         """
         self.paid_at_s = 0.0
 
@@ -267,14 +268,14 @@ async def wait_for_connection(listener: Listener) -> None:
 
 
 class AcceptLoop:
-    """Hands over each connection of a listening socket until it is closed."""
+    """Hands over the connections of a listening socket, which `close` ends."""
 
     def __init__(self, listener: socket.socket, accept: _AcceptCallback, *, name: str) -> None:
         """Begin to accept; to be called from the event loop.
 
         Args:
             listener: Listening socket, which the loop owns from now on.
-            accept: Receives each connection; an OSError closes it and is logged.
+            accept: Receives each connection; an OSError closes the connection and is logged.
             name: Name of the port in the log.
         """
         self._loop = asyncio.get_running_loop()
@@ -359,7 +360,7 @@ async def _resolve(host: str) -> list[str]:
 
 def _set_options(end: socket.socket) -> None:
     # A reply must not wait for the acknowledgement of the one before. asyncio sets this only on
-    # sockets whose protocol number is stated, which those of `accept` do not.
+    # sockets whose protocol number is stated, as `accept` does not.
     end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in _KEEPALIVE_OPTIONS.items():

@@ -1,6 +1,6 @@
 """Server of the control port (TCP 3000): one connection is one robot.
 
-A connection is a client of the simulation: its commands are posted in order, and while the client's
+A connection is a client of the simulation: commands are posted in order, and while the client's
 queue is full the connection is not read. Reports come from the simulation's thread.
 """
 
@@ -32,8 +32,8 @@ from catoptra_server.simulation import (
 
 log = logging.getLogger(__name__)
 _PostEvent = Callable[[SimulationEvent], bool]
-# Bounds on the unsent bytes of a client that does not read: above the first its periodic reports
-# are dropped, above the second (it sends queries without reading the replies) it is disconnected,
+# Bounds on the unsent bytes of a client that does not read: above the first, periodic reports
+# are dropped, above the second (queries without reading the replies) the client is disconnected,
 # so that memory stays bounded.
 _DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
 _DISCONNECT_ABOVE_BYTES = 1024 * 1024
@@ -41,7 +41,7 @@ _DISCONNECT_ABOVE_BYTES = 1024 * 1024
 _MAX_DIALOGUE_COMMANDS = 4
 # Reports that are repeated in the next cycle.
 _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
-# Time for the work of a client that has closed its sending side: replies to its last commands.
+# Time for the work of a client that has closed its sending side: replies to the last commands.
 _END_GRACE_S = 5.0
 
 
@@ -124,7 +124,7 @@ class _ControlPeer:
         self._loop_calls.call(partial(self._send, tuple(reports)))
 
     def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
-        """Allow the client to be silent; the first reports are its only notice of the robot."""
+        """Allow the client to be silent; the first reports are the only notice of the robot."""
         self._loop_calls.call(self._allow_silence)
 
     def reject_init(self, reason: str) -> None:
@@ -140,7 +140,7 @@ class _ControlPeer:
         self._loop_calls.call(self._has_room.set)
 
     async def serve(self) -> None:
-        """Hand the client's commands to the simulation until it sends nothing more."""
+        """Hand the client's commands to the simulation until nothing more comes."""
         while data := await self._connection.read():
             log.debug("from %s: %r", self._connection.address, data)
             commands = self._parse(data)
@@ -171,7 +171,7 @@ class _ControlPeer:
     async def _finish(self) -> None:
         """Wait until the commands so far are executed and the replies are sent.
 
-        A client may close its sending side right behind its last query, and read the reply.
+        A client may close the sending side right behind a last query, and read the reply.
         """
         is_finished = asyncio.Event()
 
@@ -187,7 +187,7 @@ class _ControlPeer:
         self.deliver([*result.readings, CommandResult(result.time_s, "Step", "Clock", status)])
 
     def _allow_silence(self) -> None:
-        # One command may drive a robot for an hour; its reports show whether the client is there.
+        # One command may drive a robot for an hour. TCP notices a client that has vanished.
         self._connection.may_idle = True
 
     def _send(self, reports: Sequence[Report]) -> None:
@@ -202,7 +202,7 @@ class _ControlPeer:
         is_periodic = all(report.WORD in _PERIODIC_WORDS for report in reports)
         if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
-        # Replies are the client's use of the loop; periodic reports come without its doing.
+        # Replies are the client's use of the loop; periodic reports are the server's.
         with nullcontext() if is_periodic else self._account.charge_block():
             # One write for all: clients that read line by line from one segment lose least so.
             data = b"".join(map(self._encode, reports))

@@ -46,7 +46,7 @@ def serve_images(
     options: ImageOptions,
     limits: ConnectionLimits | None = None,
 ) -> AbstractAsyncContextManager[TcpServer]:
-    """Serve image clients until the block ends, each at its own pace.
+    """Serve image clients until the block ends, each at a pace of its own.
 
     Args:
         host: Host name or address of the interface.
@@ -100,7 +100,7 @@ class _ImagePeer:
         self._options = options
         self._account = account
         self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
-        # Whether the client had sent nothing beyond the last request when it was answered.
+        # Whether the client had sent nothing beyond the last request at the time of the answer.
         self._is_dialogue = True
         self.num_sent = 0
 
@@ -108,7 +108,7 @@ class _ImagePeer:
         """Reply to requests, in order, until the client sends nothing more.
 
         Raises:
-            ChannelUnavailableError: The image cannot be rendered; its argument is the reason.
+            ChannelUnavailableError: The image cannot be rendered; the argument is the reason.
         """
         if self._options.legacy_mode:
             await self._answer(FullFrameRequest())
@@ -130,7 +130,7 @@ class _ImagePeer:
         channel, region = _select_channel(request, self._options.multi_view)
         frame = await self._next_frame(channel)
         reply = await _encode_reply(frame, region, self._options.image_type)
-        # Before the reply: a fast client sends its next request while the reply is written.
+        # Before the reply: a fast client sends the next request while the reply is written.
         self._is_dialogue = not self._connection.has_more_input
         self._connection.write(reply)
         await self._connection.drain()
@@ -156,7 +156,7 @@ def _select_channel(
     tile = multi_view.tile_at(tiles[0]) if len(tiles) == 1 else None
     if tile is None:
         return IMAGE_PORT, request
-    # A region beyond the picture is clipped to its last pixel (SPEC.md 7.3), here before the shift
+    # A region beyond the picture is clipped to the last pixel (SPEC.md 7.3), here before the shift
     # into the tile.
     last_x, last_y = multi_view.width_px - 1, multi_view.height_px - 1
     in_tile = RegionRequest(min(x, last_x) - tile.x_px, min(y, last_y) - tile.y_px, width, height)

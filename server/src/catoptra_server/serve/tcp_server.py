@@ -1,8 +1,8 @@
-"""A TCP server with limits that ends with certainty, whatever its peers do.
+"""A TCP server with limits that ends with certainty, whatever the peers do.
 
 Connections are limited in number and read in chunks of bounded size. A peer that is silent for too
-long is disconnected; a peer that has left is noticed while its input is still being handled. The
-protocol of a port is its handler, `tcp_control` or `tcp_image`.
+long is disconnected; a peer that has left is noticed while earlier input is still being handled.
+The protocol of a port is its handler, `tcp_control` or `tcp_image`.
 
 A first line that is an HTTP request ends the connection: a web page makes a browser send one to any
 port of its user, and lines of the body would be commands. Redis closes such connections likewise.
@@ -54,7 +54,7 @@ class ConnectionLimits:
     handshake_timeout_s: float = 300.0
     """Time for the first valid input; 0 = no limit."""
     idle_timeout_s: float = 600.0
-    """Silence of a peer, unless its handler allows more; 0 = no limit."""
+    """Silence of a peer, unless the handler allows more; 0 = no limit."""
     loop_share: LoopShare = field(default_factory=LoopShare)
     """Time of the event loop for the peers' input; one for all ports of a server."""
 
@@ -62,8 +62,8 @@ class ConnectionLimits:
 class TcpConnection(asyncio.BufferedProtocol):
     """Both directions of a connection.
 
-    At most two chunks are read ahead: the peer's end is noticed while its last input is handled,
-    and TCP holds back a peer that sends faster than its input is handled. The first one does not
+    At most two chunks are read ahead: the peer's end is noticed while the last input is handled,
+    and TCP holds back a peer that sends too fast. The first one does not
     pause the socket: a dialogue takes two calls of the system less for each request.
     """
 
@@ -78,7 +78,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.accepted_at_s = self.received_at_s = time.monotonic()
         """Times of the connection and of the last input."""
         self.peer_ended_at_s: float | None = None
-        """Time since which the peer sends nothing more, though it may still read; None if open."""
+        """Time since which the peer sends nothing more, but may read; None if open."""
         self.has_handshake = False
         """Whether the peer has sent something valid."""
         self.may_idle = False
@@ -151,7 +151,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         return any(waiting)
 
     def write(self, data: bytes | memoryview) -> None:
-        """Send bytes, or queue them."""
+        """Send or queue bytes."""
         if self._transport is not None and not self._is_lost:
             # A view: asyncio cuts off the part that is sent at once.
             self._transport.write(memoryview(data))
@@ -182,7 +182,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def check_peer(self) -> None:
         """Notice the end of a peer whose further input waits in the kernel."""
-        # A socket that is not read does not report its end.
+        # A socket that is not read does not report the end.
         if not self._is_paused or self.is_closing:
             return
         state = self._tcp_state()
@@ -193,7 +193,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def _tcp_state(self) -> int:
         if not hasattr(socket, "TCP_INFO"):
-            return _ESTABLISHED  # not Linux: an end is noticed once the input before it is handled
+            return _ESTABLISHED  # not Linux: an end is noticed once the input before is handled
         assert self._transport is not None, "input was read from it"
         end = self._transport.get_extra_info("socket")
         return int(end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0])
@@ -260,7 +260,7 @@ class TcpServer:
         self._name = name
         self._limits = limits
         self._end_grace_s = end_grace_s
-        # In the order of acceptance. A closed connection counts until its last bytes are sent.
+        # In the order of acceptance. A closed connection counts until the last bytes are sent.
         self._connections: dict[TcpConnection, asyncio.Task[None]] = {}
         self._accept_loop = AcceptLoop(listener, self._accept, name=name)
         self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
@@ -298,7 +298,7 @@ class TcpServer:
         self._connections[connection] = task
 
     def _make_room(self) -> bool:
-        """Close a connection that needs its place least; False if there is none."""
+        """Close a connection that is needed least; False if there is none."""
         silent = (one for one in self._connections if not one.has_handshake)
         ended = (one for one in self._connections if one.peer_ended_at_s is not None)
         oldest = next(itertools.chain(silent, ended), None)
@@ -326,7 +326,7 @@ class TcpServer:
             log_fault(log, "the connection of %s failed and is closed", connection.address)
 
     def _close(self, connection: TcpConnection, accepted: socket.socket) -> None:
-        """Close the connection of a task that has ended, after its last bytes are sent."""
+        """Close the connection of a task that has ended, after the last bytes are sent."""
         if not connection.is_connected:
             accepted.close()  # no transport owns the socket
             self._connections.pop(connection, None)
@@ -351,7 +351,7 @@ class TcpServer:
             connection.check_peer()
             ended_at_s = connection.peer_ended_at_s
             if ended_at_s is not None and now_s - ended_at_s > self._end_grace_s:
-                task.cancel()  # its bytes so far are sent
+                task.cancel()  # bytes so far are sent
             elif reason := self._overdue(connection, now_s):
                 log.info("%s disconnected: %s", connection.address, reason)
                 self._end(connection)
@@ -380,7 +380,7 @@ async def serve_tcp(
 ) -> AsyncIterator[TcpServer]:
     """Run a handler for every connection until the block ends.
 
-    A connection ends when its handler returns, the connection breaks, or a time-out passes; bytes
+    A connection ends when the handler returns, the connection breaks, or a time-out passes; bytes
     written before a return are still sent.
 
     Args:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_server.commands.doctor import devices as renderer_devices
+from catoptra_server.commands.doctor import devices as devices_module
 from catoptra_server.commands.doctor.devices import (
     CheckResult,
     check_renderers,
@@ -146,14 +146,14 @@ def test_trace_when_it_cannot_run_is_a_fault() -> None:
 def test_trace_without_embreex_is_a_fault_only_where_it_is_requested(
     monkeypatch: pytest.MonkeyPatch, renderer: str, status: int
 ) -> None:
-    monkeypatch.setattr(renderer_devices, "has_embreex", lambda: False)
+    monkeypatch.setattr(devices_module, "has_embreex", lambda: False)
     trace = CheckResult(error="needs the package embreex")
     run_check = fake_run_check(devices=ONE, trace=trace, raster=(GOOD_RESULT,))
     assert exit_status(problems(renderer, run_check)) == status
 
 
 def test_neither_renderer_is_a_fault_for_auto(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(renderer_devices, "has_embreex", lambda: False)
+    monkeypatch.setattr(devices_module, "has_embreex", lambda: False)
     run_check = fake_run_check(devices=CheckResult(error="x"), trace=CheckResult(error="y"))
     assert exit_status(problems("auto", run_check)) == 2
 
@@ -177,7 +177,7 @@ def test_devices_when_there_is_opengl_are_listed() -> None:
 
 
 def test_library_when_it_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(renderer_devices, "_EGL_LIBRARY", "libNoEGL.so.1")
+    monkeypatch.setattr(devices_module, "_EGL_LIBRARY", "libNoEGL.so.1")
     with pytest.raises(RendererUnavailableError, match=r"libNoEGL\.so\.1 cannot be loaded"):
         list_egl_devices()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.commands.doctor import machine as ports
+from catoptra_server.commands.doctor import machine as machine_module
 from catoptra_server.commands.doctor.machine import (
     Finding,
     Level,
@@ -203,7 +203,7 @@ def test_server_when_no_program_listens_is_a_fault() -> None:
 def test_view_port_when_taken_is_a_fault_only_if_it_was_requested(
     occupied_port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ports, "_DEFAULT_VIEW_PORT", occupied_port)
+    monkeypatch.setattr(machine_module, "_DEFAULT_VIEW_PORT", occupied_port)
     (requested,) = check_view_port(HOST, occupied_port)
     (default,) = check_view_port(HOST, None)
     (free,) = check_view_port(HOST, 0)
@@ -212,7 +212,7 @@ def test_view_port_when_taken_is_a_fault_only_if_it_was_requested(
 
 
 def test_default_view_port_is_that_of_the_server() -> None:
-    assert ports._DEFAULT_VIEW_PORT == VIEW_PORT
+    assert machine_module._DEFAULT_VIEW_PORT == VIEW_PORT
 
 
 @pytest.mark.parametrize(

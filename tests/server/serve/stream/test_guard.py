@@ -14,7 +14,7 @@ import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_server.serve.limits import create_listener
-from catoptra_server.serve.stream import guard as connection_guard
+from catoptra_server.serve.stream import guard as guard_module
 from catoptra_server.serve.stream.guard import (
     ConnectionGuard,
     IdentityFilter,
@@ -451,7 +451,7 @@ def test_connection_without_a_request_makes_room_at_the_limit(tmp_path: Path) ->
 def test_connection_without_a_request_in_time_is_closed_and_others_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_guard, "_CHECK_INTERVAL_S", 0.01)
+    monkeypatch.setattr(guard_module, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
@@ -473,7 +473,7 @@ def test_connection_without_a_request_in_time_is_closed_and_others_stay(
 def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_guard, "_CHECK_INTERVAL_S", 0.01)
+    monkeypatch.setattr(guard_module, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario() -> None:
         async with open_guard(tmp_path) as guard:
@@ -495,7 +495,7 @@ def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_clos
 def test_flood_of_messages_is_held_back_and_single_ones_pass_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_guard, "_MESSAGE_COST_S", 0.01)
+    monkeypatch.setattr(guard_module, "_MESSAGE_COST_S", 0.01)
 
     async def scenario() -> None:
         loop = asyncio.get_running_loop()

@@ -31,7 +31,7 @@ from catoptra_protocol.stream.requests import (
     StepRequest,
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
-from catoptra_server.serve.stream import peer as stream_peer
+from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer, StreamServer
 from catoptra_server.serve.stream.session import RobotSession
 from catoptra_server.simulation import (
@@ -323,13 +323,13 @@ def inject_fault(
     monkeypatch.setattr(type(info), "find_camera", raise_error)
     monkeypatch.setattr(peer.frame_sender._mailboxes, "get", raise_error)
     for name in ("landmarks_reply", "StartPosesReply", "status_reply"):
-        monkeypatch.setattr(stream_peer, name, raise_error)
+        monkeypatch.setattr(peer_module, name, raise_error)
 
 
 def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", 0.0)
+    monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", 0.0)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:

@@ -19,7 +19,7 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.serve.stream import session as report_lines
+from catoptra_server.serve.stream import session as session_module
 from catoptra_server.serve.stream.session import (
     INTERNAL_FAULT,
     PendingRequests,
@@ -125,13 +125,13 @@ STATUS = VehicleStatus(1.0, 100)
 def made(monkeypatch: pytest.MonkeyPatch) -> list[Report]:
     """Reports whose lines were made."""
     reports: list[Report] = []
-    make_line = report_lines.line_from_report
+    make_line = session_module.line_from_report
 
     def record(report: Report) -> bytes:
         reports.append(report)
         return make_line(report)
 
-    monkeypatch.setattr(report_lines, "line_from_report", record)
+    monkeypatch.setattr(session_module, "line_from_report", record)
     return reports
 
 
@@ -171,7 +171,7 @@ def test_report_without_a_valid_line_is_left_out(
     def refuse(report: Report) -> bytes:
         raise LocalProtocolError("not finite")
 
-    monkeypatch.setattr(report_lines, "line_from_report", refuse)
+    monkeypatch.setattr(session_module, "line_from_report", refuse)
     assert ReportLines().get([ODOMETRY]) == ()
     assert "not sent: not finite" in caplog.text
 

@@ -26,9 +26,8 @@ from catoptra_protocol.stream.requests import (
     ImageEncoding,
 )
 from catoptra_server.frames.frame import Frame
-from catoptra_server.serve import limits as listener
-from catoptra_server.serve.stream import peer as stream_peer
-from catoptra_server.serve.stream import peer as stream_server
+from catoptra_server.serve import limits as limits_module
+from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.simulation import ClientDisconnected
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
@@ -149,8 +148,8 @@ def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # A slow machine must not end the client before it has sent its requests.
-    monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", math.inf)
-    monkeypatch.setitem(listener._VANISHED_OPTIONS, "TCP_USER_TIMEOUT", 0)
+    monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", math.inf)
+    monkeypatch.setitem(limits_module._VANISHED_OPTIONS, "TCP_USER_TIMEOUT", 0)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
@@ -264,7 +263,7 @@ def test_reply_when_sent_after_the_end_is_dropped() -> None:
 def test_peer_when_the_limit_is_reached_gets_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(stream_server, "MAX_PEERS", 1)
+    monkeypatch.setattr(peer_module, "MAX_PEERS", 1)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
@@ -384,7 +383,7 @@ def test_frame_when_its_encoding_raises_is_an_error_and_the_next_is_sent(
 def test_heartbeats_when_one_raises_go_on(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(stream_server, "HEARTBEAT_INTERVAL_S", 0.001)
+    monkeypatch.setattr(peer_module, "HEARTBEAT_INTERVAL_S", 0.001)
 
     async def scenario() -> None:
         simulation = FakeSimulation(renders_frames=False)

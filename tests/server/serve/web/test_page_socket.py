@@ -33,8 +33,8 @@ from catoptra_protocol.usarsim.reports import OdometryReading
 from catoptra_server.frames import frame as frame_module
 from catoptra_server.frames.frame import IMAGE_PORT
 from catoptra_server.serve.limits import LoopShare
-from catoptra_server.serve.stream import peer as stream_peer
-from catoptra_server.serve.stream import router as outbox
+from catoptra_server.serve.stream import peer as peer_module
+from catoptra_server.serve.stream import router as router_module
 from catoptra_server.serve.web import page_socket, web_server
 from catoptra_server.serve.web.page_socket import (
     DeadManSwitch,
@@ -270,7 +270,7 @@ def test_fault_in_a_request_ends_that_request_only(
 ) -> None:
     async def play(session: PageSession, page: PageClient) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(stream_peer, "status_reply", lambda *_, **__: 1 / 0)
+            patch.setattr(peer_module, "status_reply", lambda *_, **__: 1 / 0)
             reply = await page.request(GetStatusRequest(1))
             assert isinstance(reply, Error)
             assert "internal fault" in reply.reason
@@ -314,7 +314,7 @@ def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
 ) -> None:
     # A slow machine must not end the page before it has sent its requests.
     monkeypatch.setattr(page_socket, "_MAX_SENDING_S", math.inf)
-    monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", math.inf)
+    monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", math.inf)
     simulation = FakeSimulation(1280, 960)
 
     async def scenario() -> None:
@@ -340,7 +340,7 @@ def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
 
 
 def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outbox, "_MAX_MESSAGES", 16)
+    monkeypatch.setattr(router_module, "_MAX_MESSAGES", 16)
 
     async def scenario() -> None:
         async with serve_fake_page(FakeSimulation(1280, 960)) as session:

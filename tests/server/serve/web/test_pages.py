@@ -29,7 +29,7 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.serve.stream.replies import build_server_info
-from catoptra_server.serve.web import pages as web_pages
+from catoptra_server.serve.web import pages as pages_module
 from catoptra_server.serve.web.pages import (
     WebPages,
     WebResource,
@@ -84,7 +84,9 @@ def test_tag_changes_with_the_body_alone() -> None:
 
 def test_every_file_of_the_page_but_licences_is_served() -> None:
     files = [
-        file for file in Path(web_pages.__file__).with_name("static").rglob("*") if file.is_file()
+        file
+        for file in Path(pages_module.__file__).with_name("static").rglob("*")
+        if file.is_file()
     ]
     served = read_page_files()
     assert "/" in served
@@ -431,7 +433,7 @@ def test_description_for_many_requests_is_made_once_although_one_is_cancelled(
         assert may_end.wait(20.0)
         return {}
 
-    monkeypatch.setattr(web_pages, "describe_server", make)
+    monkeypatch.setattr(pages_module, "describe_server", make)
 
     async def scenario() -> None:
         pages = make_pages()
@@ -457,7 +459,7 @@ def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.MonkeyPatc
             raise result
         return result
 
-    monkeypatch.setattr(web_pages, "floor_plan", make)
+    monkeypatch.setattr(pages_module, "floor_plan", make)
 
     async def scenario() -> None:
         pages = make_pages()

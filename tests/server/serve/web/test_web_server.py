@@ -13,9 +13,9 @@ import pytest
 
 from catoptra_protocol.stream.replies import StatusReply
 from catoptra_protocol.stream.requests import GetStatusRequest
-from catoptra_server.serve import limits as listener
+from catoptra_server.serve import limits as limits_module
 from catoptra_server.serve.tcp_server import ConnectionLimits
-from catoptra_server.serve.web import pages as web_pages
+from catoptra_server.serve.web import pages as pages_module
 from catoptra_server.serve.web import web_server
 from catoptra_server.serve.web.page_socket import SECURITY_HEADERS
 from catoptra_server.serve.web.web_access import WebAccess
@@ -221,7 +221,7 @@ def test_description_when_it_fails_is_an_error_without_the_traceback(
     def fail(_: object) -> object:
         raise ZeroDivisionError("injected")
 
-    monkeypatch.setattr(web_pages, "describe_server", fail)
+    monkeypatch.setattr(pages_module, "describe_server", fail)
 
     async def play(session: PageSession) -> None:
         response = await session.get("/api/server.json")
@@ -309,7 +309,7 @@ def test_websockets_beyond_their_limit_are_refused(monkeypatch: pytest.MonkeyPat
 
 def test_thousand_connections_leave_a_page_undisturbed(monkeypatch: pytest.MonkeyPatch) -> None:
     # Otherwise the flood takes a minute: 20 connections a second are accepted.
-    monkeypatch.setattr(listener, "_MAX_ACCEPTS_PER_S", 1e6)
+    monkeypatch.setattr(limits_module, "_MAX_ACCEPTS_PER_S", 1e6)
 
     async def play(session: PageSession) -> None:
         async with session.open_socket() as page:

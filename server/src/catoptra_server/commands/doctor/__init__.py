@@ -1,6 +1,6 @@
 """`catoptra-server doctor`: checks of the machine, the installation and configuration files.
 
-`command` runs them and prints their findings; a finding that is a problem names its remedy.
+`command` runs the checks and prints findings; a problem names its remedy.
 `machine` needs no library, `devices` asks what may crash in a process of its own, whose side is
 `__main__` and `self_test`.
 """

@@ -1,8 +1,8 @@
 """`python -m catoptra_server.commands.doctor CHECK`: one check in a process of its own, as JSON.
 
 The child's side of `devices.py:run_in_subprocess`; the command for users is
-`catoptra-server doctor`. Crashing questions run here: about libraries, drivers and whatever loads
-them. So does the self-test of a renderer, by the plan's own bound.
+`catoptra-server doctor`. Crashing questions run here: about libraries and drivers, or with
+them loaded. So does the self-test of a renderer, by the plan's own bound.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
     Returns:
         Values that JSON can carry.
     """
-    # Imported in each case: a library that cannot be loaded fails its own check only.
+    # Imported in each case: a library that cannot be loaded fails one check only.
     match check:
         case "egl-devices":
             from catoptra_server.commands.doctor.devices import list_egl_devices

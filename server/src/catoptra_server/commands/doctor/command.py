@@ -1,7 +1,7 @@
 """Command line of `catoptra-server doctor`: run the checks, print findings, set the exit status.
 
 Checks are in `machine`, `devices` and `self_test`. To add one, write a function that yields
-findings, and its line in `_run_checks`.
+findings, and a line in `_run_checks`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _EXIT_STATUS_HELP = (
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the checks; the exit status is that of the worst finding, as in the help text."""
+    """Run the checks; the worst finding sets the exit status, as in the help text."""
     parsed = _build_parser().parse_args(arguments)
     findings = []
     # Printed one by one: a self-test takes seconds, and a check that hangs is the one after the

@@ -1,7 +1,7 @@
 """Renderers and devices of this machine, each tried in a process of its own.
 
-A driver may crash, hang or print to stdout; a library may fail to load: a check in a process of its
-own does not end the doctor. Its result is the last line on stdout, a JSON object; `__main__` is the
+A driver may crash, hang or print to stdout; a library may fail to load: a process of its own keeps
+the doctor running. Its result is the last line on stdout, a JSON object; `__main__` is the
 child's side. Trace and, on each EGL device, raster draw a self-test. Missing OpenGL is a warning
 where `auto` falls back to trace, and a fault with `--renderer raster`.
 
@@ -62,15 +62,15 @@ class CheckResult:
 
 
 _RunCheck = Callable[..., CheckResult]
-_MakeFinding = Callable[[str, str, str], Finding]
+_MakeFinding = Callable[..., Finding]
 
 
 def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
     """Run `python -m catoptra_server.commands.doctor` with these arguments.
 
     Args:
-        arguments: name of the check, and its own arguments.
-        environment: variables in addition to those of this process.
+        arguments: name of the check, and its arguments.
+        environment: variables in addition to this process's.
     """
     command = [sys.executable, "-m", "catoptra_server.commands.doctor", *arguments]
     return run_command(command, environment={**os.environ, **(environment or {})})
@@ -82,7 +82,7 @@ def run_command(
     environment: Mapping[str, str] | None = None,
     timeout_s: float = _TIMEOUT_S,
 ) -> CheckResult:
-    """Run a command that prints its result; a failure of any kind becomes CheckResult.error."""
+    """Run a command that prints a result; a failure of any kind becomes CheckResult.error."""
     try:
         process = subprocess.run(
             command,
@@ -116,14 +116,14 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
     """
     if renderer != "raster":
         # Without the package `auto` takes raster.
-        make_finding = _make_fault if renderer == "trace" or has_embreex() else _make_warning
+        make_finding = fault if renderer == "trace" or has_embreex() else warning
         yield _make_self_test_finding(
-            "trace", "trace", run_check(*("self-test", "trace")), make_finding, _REINSTALL_REMEDY
+            "trace", "trace", run_check("self-test", "trace"), make_finding, _REINSTALL_REMEDY
         )
     if renderer != "trace":
         # Without the package of trace raster is the only renderer.
         is_only = renderer == "raster" or not has_embreex()
-        yield from _check_opengl(run_check, _make_fault if is_only else _make_warning)
+        yield from _check_opengl(run_check, fault if is_only else warning)
 
 
 def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:
@@ -131,24 +131,24 @@ def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[
     listed = run_check("egl-devices")
     if listed.error:
         message = f"raster cannot run: {listed.error}; {_describe_drivers()}"
-        yield make_finding("opengl", message, _INSTALL_REMEDY)
+        yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
         return
     devices = listed.values["devices"]
     if not devices:
         message = f"raster cannot run: {_EGL_LIBRARY} lists no device; {_describe_drivers()}"
-        yield make_finding("opengl", message, _INSTALL_REMEDY)
+        yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
     for number, device in enumerate(devices):
-        # glcontext, below moderngl, reads the variable. The server leaves it unset, which is device
-        # 0: problems of the other devices are warnings.
+        # glcontext, below moderngl, reads the variable. The server leaves the variable unset, which
+        # is device 0: problems of the other devices are warnings.
         result = run_check(
             "self-test", "raster", environment={"GLCONTEXT_DEVICE_INDEX": f"{number}"}
         )
         topic = f"raster on device {number} ({device})"
         remedy = f"update the driver, or {_INSTALL_REMEDY}"
         yield _make_self_test_finding(
-            "raster", topic, result, make_finding if number == 0 else _make_warning, remedy
+            "raster", topic, result, make_finding if number == 0 else warning, remedy
         )
 
 
@@ -165,9 +165,10 @@ def _describe_drivers() -> str:
 def _make_self_test_finding(
     renderer: str, topic: str, result: CheckResult, make_finding: _MakeFinding, remedy: str
 ) -> Finding:
-    """Finding of a self-test: its error, a displacement beyond the bound, or the measurement."""
+    """Finding of a self-test: an error, a displacement beyond the bound, or the measurement."""
     if result.error:
-        return make_finding(topic, f"the {renderer} renderer cannot run: {result.error}", remedy)
+        message = f"the {renderer} renderer cannot run: {result.error}"
+        return make_finding(topic, message, remedy=remedy)
     error_px, bound_px = result.values["error_px"], result.values["bound_px"]
     # The topic names the renderer already.
     description = result.values["renderer"].removeprefix(f"{renderer}: ")
@@ -175,17 +176,9 @@ def _make_self_test_finding(
     # Negated, so that the infinite error of a dark frame and NaN fail too.
     if not error_px <= bound_px:
         message = f"{description} renders wrongly: {measured}, the bound is {bound_px:.3f} px"
-        return make_finding(topic, message, f"{remedy}; and report this as a bug")
+        return make_finding(topic, message, remedy=f"{remedy}; and report this as a bug")
     duration_s = result.values["duration_s"]
     return ok(topic, f"{description}: {measured} (bound {bound_px:.3f}) in {duration_s:.2f} s")
-
-
-def _make_fault(topic: str, message: str, remedy: str) -> Finding:
-    return fault(topic, message, remedy=remedy)
-
-
-def _make_warning(topic: str, message: str, remedy: str) -> Finding:
-    return warning(topic, message, remedy=remedy)
 
 
 def _parse_result(line: str) -> CheckResult:
@@ -211,7 +204,7 @@ def _signal_name(number: int) -> str:
 
 
 def list_egl_devices() -> list[str]:
-    """Description of each device, in EGL's order, which is that of GLCONTEXT_DEVICE_INDEX.
+    """Description of each device, in EGL's order, as counted by GLCONTEXT_DEVICE_INDEX.
 
     Raises:
         RendererUnavailableError: without libEGL, or without a driver that lists devices.
@@ -245,7 +238,7 @@ class _Egl:
         # to 32 bits.
         library.eglGetProcAddress.restype = ctypes.c_void_p
         addresses = [library.eglGetProcAddress(name) for name in _FUNCTION_NAMES]
-        if not all(addresses):  # libglvnd without any driver lacks even these
+        if not all(addresses):  # libglvnd without any driver has not even these
             raise RendererUnavailableError(f"{_EGL_LIBRARY} has no driver that lists devices")
         self.query_devices = _QUERY_DEVICES(addresses[0])
         self.query_string = _QUERY_STRING(addresses[1])

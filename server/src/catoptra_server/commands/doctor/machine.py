@@ -1,6 +1,6 @@
 """Checks of the machine and the installation that need no library: each yields findings.
 
-A finding is a fact, or a problem with its remedy; the worst sets the exit status. Python and the
+A finding is a fact, or a problem with a remedy; the worst sets the exit status. Python and the
 installed packages are compared with the server's own metadata, ports are tried by the server's own
 call, and the number of threads is compared with the limit of a control group.
 """
@@ -34,7 +34,7 @@ _SYSTEMS = {
     ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
     ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
 }
-# The part of PEP 508 that the pyproject files use. `packaging` has all of it, but is a package that
+# The part of PEP 508 that the pyproject files use. `packaging` has the whole, but is a package that
 # may be missing itself.
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*(?:(==|>=)\s*([\w.]+))?\s*(?:;(.*))?")
 # First bytes of USARSim's greeting line, which the control port sends without a request.
@@ -43,7 +43,7 @@ _TIMEOUT_S = 2.0
 # As commands/server.py:VIEW_PORT, whose module would load the whole server.
 _DEFAULT_VIEW_PORT = 5080
 # cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
-# the number of its threads, does not show this limit.
+# the number of threads, does not show this limit.
 _CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
@@ -161,7 +161,7 @@ class _PackageRequirement:
     version: str = ""
     """The version; empty without an operator."""
     is_optional: bool = False
-    """Whether it is required on some systems only; the server starts without it on all."""
+    """Whether some systems only require the package; the server starts without on all."""
 
     def is_satisfied_by(self, version: str) -> bool:
         """Whether an installed version meets the requirement."""
@@ -173,7 +173,7 @@ class _PackageRequirement:
 
 
 def _read_requirements(distribution: str) -> list[_PackageRequirement]:
-    """Requirements of an installed distribution, without those of extras.
+    """Requirements of an installed distribution, without extras.
 
     Raises:
         importlib.metadata.PackageNotFoundError: if the distribution is not installed.
@@ -217,7 +217,7 @@ def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
 
     Args:
         host: address on which the server will listen.
-        ports: port by the name of its option, such as control; 0 = any free one.
+        ports: port by the name of the option, such as control; 0 = any free one.
     """
     problems = [
         problem for name, port in ports.items() for problem in _check_port(host, name, port)

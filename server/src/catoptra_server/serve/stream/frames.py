@@ -2,7 +2,7 @@
 
 There is no queue: without a request nothing is rendered, encoded or stored. A request selects a
 channel: the image port's picture, a camera, or a variant of one, whose settings the client states.
-Labels are further parts of the frame's message, with a record in its header.
+Labels are further parts of the frame's message, with a record in the header.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _MAX_CHANNELS = 8
 
 
 class FrameSender:
-    """The pending frame request of one client, if any, and its counters."""
+    """The pending frame request of one client, if any, and the counters."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class FrameSender:
         self._encode = encode
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
-        # A request waits for a frame, then its frame is encoded, then sent.
+        # A request waits for a frame, then the frame is encoded, then sent.
         self._waiting: GetFrameRequest | None = None
         self._encoding: GetFrameRequest | None = None
         self._last_sent_id = 0
@@ -170,10 +170,10 @@ class FrameSender:
 
     def _remember(self, channel: Channel, mailbox: Mailbox, sequence: int) -> None:
         """Record the last frame sent of a channel."""
-        # Its frame would be kept as long: a client may try any number of variants.
+        # The frame would be kept as long: a client may try any number of variants.
         if is_variant(channel):
             return
-        # Removed and set again: the dict's order is that of use.
+        # Removed and set again: the dict is in the order of use.
         self._subscriptions.pop(channel, None)
         while len(self._subscriptions) >= _MAX_CHANNELS:
             self._subscriptions.pop(next(iter(self._subscriptions)))

@@ -4,11 +4,11 @@ Bytes pass both ways over a local socket that only this user can open, unchanged
 identity of a client. What ZeroMQ does not limit ends or waits here:
 
 * **A message without an end.** libzmq buffers all parts of a message before the application gets
-  the first, and limits only the single part. `ZmtpPartCounter` counts them: 2 MB under four
+  the first, and limits only the single part. `ZmtpPartCounter` counts parts: 2 MB under four
   attackers, against 100 MB where byte counters are watched. The guard delays a raw frame by 0.2 ms
   and takes 0.3 ms of processor time (`tests/measurements/unterminated_messages.py`).
 * **A chosen identity** would let a peer pass for another; of two peers with the same one libzmq
-  4.3.5 never reads the second, and keeps its connection for ever. `IdentityFilter` renames the
+  4.3.5 never reads the second, and keeps the connection for ever. `IdentityFilter` renames the
   property, and the ROUTER gives the peer a unique identity.
 * **A flood, or a connection without a request.** At most one read per direction is buffered: bytes
   that the ROUTER does not accept stay in the client's TCP connection, and vice versa.
@@ -44,13 +44,13 @@ _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
 _MIN_VERSION = 3
 _READY = b"\x05READY"
 _IDENTITY = b"identity"
-# As long as the name it replaces; names with X- are for applications, and libzmq ignores them.
+# As long as the name it replaces; names with X- are for applications, ignored by libzmq.
 _REPLACEMENT = b"X-Unused"
 # Socket type and identity are at most 300 bytes.
 _MAX_READY_BYTES = 1024
-# A request is one part; with a few more the client gets an error in words, which helps its author.
+# A request is one part; with a few more the client gets an error in words, which helps the author.
 _MAX_PARTS = 8
-# Requests are small: one read is a few of them, so that a flood is held back before it has cost
+# Requests are small: one read has a few, so that a flood is held back before it has cost
 # much.
 _UPSTREAM_READ_BYTES = 1024
 # A frame should take few turns of the loop.
@@ -318,8 +318,8 @@ class Relay:
         self._update_callbacks()
 
     def _update_callbacks(self) -> None:
-        """Wait for the sink while bytes are pending, else for the source unless it is paused."""
-        # Backpressure: while the source is not read, TCP stops its sender.
+        """Wait for the sink while bytes are pending, else for an unpaused source."""
+        # Backpressure: while the source is not read, TCP stops the sender.
         writes = bool(self._pending)
         reads = not writes and self._pause is None
         if reads != self._is_reading:
@@ -337,7 +337,7 @@ class Relay:
 
 
 class ZmtpPartCounter:
-    """Counter of the parts in one connection's messages, fed with its bytes."""
+    """Counter of the parts in one connection's messages, fed with bytes."""
 
     def __init__(self) -> None:
         # Of the greeting or of a frame, as far as received.
@@ -402,7 +402,7 @@ class ZmtpPartCounter:
             self.num_messages += 1
 
     def _count_part(self, flags: int) -> None:
-        """Count a part. A command may stand between two parts; it ends no message."""
+        """Count a part. A command may stand between two parts, and ends no message."""
         self.num_parts += 1
         if flags & _COMMAND:
             if flags & _MORE:
@@ -426,14 +426,15 @@ class IdentityFilter:
         self._is_done = False
 
     def feed(self, data: bytes) -> bytes:
-        """Bytes to pass on; those of an incomplete READY are held back.
+        """Bytes to pass on; an incomplete READY is held back.
 
         Raises:
             RemoteProtocolError: READY is longer than any of a DEALER.
         """
         if self._is_done:
             return data
-        # Passed at once: ZeroMQ waits for a part of its peer's greeting in the middle of its own.
+        # Passed at once: ZeroMQ waits for a part of its peer's greeting in the middle of sending
+        # its own.
         greeting = data[: self._greeting_bytes_left]
         self._greeting_bytes_left -= len(greeting)
         self._ready += data[len(greeting) :]
@@ -447,7 +448,7 @@ class IdentityFilter:
 
 
 def _frame_end(data: bytes | bytearray) -> int:
-    """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
+    """Length of the frame that the bytes begin with, head included; 0 for an incomplete head."""
     head_bytes = _LONG_HEAD_BYTES if data and data[0] & _LONG else _SHORT_HEAD_BYTES
     if len(data) < head_bytes:
         return 0
@@ -455,7 +456,7 @@ def _frame_end(data: bytes | bytearray) -> int:
 
 
 def _replace_identity(frame: bytes) -> bytes:
-    """The first frame with another name of its identity, if it is READY with one."""
+    """The first frame with the identity under another name, if READY has one."""
     position = (_LONG_HEAD_BYTES if frame[0] & _LONG else _SHORT_HEAD_BYTES) + len(_READY)
     if not frame[0] & _COMMAND or frame[position - len(_READY) : position] != _READY:
         return frame  # libzmq ends this connection

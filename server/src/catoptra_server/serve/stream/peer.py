@@ -1,14 +1,14 @@
 """Clients of the stream: the requests of one, and the server of all on the ZeroMQ port (TCP 5005).
 
-Clients pull: the reply to a frame request is the newest frame. So every client has its own pace,
-nothing queues, and a client that stalls has no cost for any other. Each request has exactly one
-reply with its id, unless the client disconnects before. A `StreamPeer` knows no socket: a page of
-the web port is one, too.
+Clients pull: the reply to a frame request is the newest frame. So every client has a pace of its
+own, nothing queues, and a client that stalls has no cost for any other. Each request has exactly
+one reply with its id, unless the client disconnects before. A `StreamPeer` knows no socket: a page
+of the web port is one, too.
 
-**Heartbeats only for waiting clients.** A busy client that does not read must not find its
-connection full of heartbeats: its ZeroMQ would stop reading and answer no PING, which keeps its
-robot in the world. A client that waits for nothing gets sixteen; its disconnection is known from
-ZeroMQ's monitor.
+**Heartbeats only for waiting clients.** A busy client that does not read must not find the
+connection full of heartbeats: ZeroMQ would stop reading and answer no PING, which keeps the robot
+in the world. A client that waits for nothing gets sixteen; ZeroMQ's monitor reports when the client
+has disconnected.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ log = logging.getLogger(__name__)
 MAX_PEERS = 256
 # A client treats three missed heartbeats as a lost server.
 HEARTBEAT_INTERVAL_S = 0.5
-# In a row, to a client without a pending request: a quarter of the queue of its ZeroMQ, which has
+# In a row, to a client without a pending request: a quarter of the queue of ZeroMQ, which has
 # 64 messages in our client.
 _MAX_IDLE_HEARTBEATS = 16
 # Encoded once: all clients get the same bytes.
@@ -89,15 +89,15 @@ _NO_ROBOT = "this client has no robot: spawn one first (a lost connection remove
 # A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
 # its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
 _MAX_BLOCKED_S = 6.0
-# Messages that ZeroMQ had no room for are tried again: 400 of them a second cost the loop less than
-# a hundredth of its time.
+# Messages that ZeroMQ had no room for are tried again: 400 a second cost less than a hundredth
+# of the loop's time.
 _FLUSH_INTERVAL_S = 0.02
 _FLUSHED_PEERS = 8
 _EncodeReply = Callable[[Reply], bytes]
 
 
 class StreamPeer:
-    """One client, from its first request to the end of its connection."""
+    """One client, from its first request to the end of the connection."""
 
     def __init__(self, outbox: Outbox, context: StreamContext, *, encode: _EncodeReply) -> None:
         """Begin without a robot.
@@ -133,7 +133,7 @@ class StreamPeer:
         self.outbox.send(self._encode_reply(reply))
 
     def reset_idle_count(self) -> None:
-        """Record a request: the client has read its earlier messages."""
+        """Record a request: the client has read earlier messages."""
         self._idle_heartbeats = 0
 
     def wants_heartbeat(self, max_idle: int) -> bool:
@@ -141,7 +141,7 @@ class StreamPeer:
         # Unread messages are a sign of life as good as a heartbeat.
         if self.outbox.is_blocked:
             return False
-        # A client that waits reads, so its heartbeats cannot accumulate.
+        # A client that waits reads, so heartbeats cannot accumulate.
         if len(self._pending) or self.frame_sender.has_pending_request:
             return True
         self._idle_heartbeats += 1
@@ -157,7 +157,7 @@ class StreamPeer:
         return now_s - self._blocked_since_s > _MAX_BLOCKED_S
 
     def serve(self, request: Request) -> None:
-        """Reply to a request; a fault in its handling ends this request only."""
+        """Reply to a request; a fault ends this request only."""
         try:
             self._require_room(request)
         except _RequestRefusedError as error:
@@ -245,7 +245,7 @@ class StreamPeer:
 
     def _replace_robot(self, reason: str) -> None:
         """Go on without a robot after a fault."""
-        # Another object: late messages of the simulation about the old robot find it closed.
+        # Another object: late messages of the simulation about the old robot find a closed session.
         self.robot = RobotSession(self._context.post, on_fault=self._replace_robot)
         self._pending.reject_all(reason)
 
@@ -259,7 +259,7 @@ class StreamPeer:
 
 
 class _RequestRefusedError(CatoptraError):
-    """A client has to wait before it sends another request."""
+    """A client has to wait before another request."""
 
 
 class StreamServer:
@@ -281,7 +281,7 @@ class StreamServer:
         self._loop = asyncio.get_running_loop()
         self._context = context
         self._peers: dict[bytes, StreamPeer] = {}
-        # Peers with waiting messages, and the timer that sends them.
+        # Peers with waiting messages, and the timer of their flush.
         self._blocked: deque[StreamPeer] = deque()
         self._flush_timer: asyncio.TimerHandle | None = None
         self._socket = RouterSocket(
@@ -306,7 +306,7 @@ class StreamServer:
 
     def disconnect_peers(self) -> None:
         """Disconnect all clients: their robots are removed."""
-        # A copy: each disconnection removes its client from the dict.
+        # A copy: each disconnection removes a client from the dict.
         for identity in list(self._peers):
             self._remove_peer(identity)
 
@@ -332,7 +332,7 @@ class StreamServer:
             log.info("stream client %s disconnected after %d frames", identity.hex(), num_sent)
 
     def _end_connection(self, identity: bytes, peer: StreamPeer) -> None:
-        """Disconnect a client that reads too little for its replies."""
+        """Disconnect a client that reads too few of the replies."""
         if self._peers.get(identity) is peer:
             log.warning("stream client %s reads nothing: disconnected", identity.hex())
             self._remove_peer(identity)
@@ -354,13 +354,13 @@ class StreamServer:
             self._reject(identity, Error(id_, str(error)))
             return
         log.debug("from stream client %s: %s", identity.hex(), request)
-        # A client exists from its first valid request on; malformed messages add none.
+        # A client exists from the first valid request on; malformed messages add none.
         peer = self._peers.get(identity) or self._add_peer(identity)
         if peer is None:
             limit = f"the limit of {MAX_PEERS} clients is reached"
             self._reject(identity, Error(request.id, limit))
             return
-        # A client that sends a request has read its heartbeats.
+        # A client that sends a request has read all heartbeats.
         peer.reset_idle_count()
         peer.serve(request)
 
@@ -388,7 +388,7 @@ class StreamServer:
         return peer
 
     def _schedule_flush(self, peer: StreamPeer | None = None) -> None:
-        """Send waiting messages soon, those of a newly blocked peer among them."""
+        """Send waiting messages soon, also of a newly blocked peer."""
         if peer is not None:
             self._blocked.append(peer)
         if self._blocked and self._flush_timer is None:
@@ -436,7 +436,7 @@ async def _run_heartbeats(server: StreamServer) -> None:
 
 
 def _parse_request(parts: list[bytes]) -> Request:
-    # Rejected as a whole: a client that splits its request would lose the rest silently.
+    # Rejected as a whole: a client that splits a request would lose the rest silently.
     if len(parts) != 1:
         raise RemoteProtocolError(f"a message of {len(parts)} parts: a request is one part")
     return request_from_bytes(parts[0])

@@ -84,7 +84,7 @@ class StreamContext:
     server_info: ServerInfo
     """Constant part of the replies."""
     query_plan: _QueryPlan
-    """Hands a camera to the render thread, for its plan."""
+    """Asks the render thread for the plan of a camera."""
     report_lines: ReportLines = field(default_factory=ReportLines)
     """Lines of the reports that several clients read."""
     clients: set[object] = field(default_factory=set)
@@ -119,7 +119,7 @@ class ServerInfo:
 
         Args:
             name: Name of the camera; empty for the first one.
-            spawned_as: Class of the client's robot as its spawn request names it; empty without a
+            spawned_as: Class of the client's robot as the spawn request names it; empty without a
                 robot.
         """
         own = find_class(self.robots, spawned_as).class_name if spawned_as else ""
@@ -193,7 +193,7 @@ def _cameras_of_class(
 def status_reply(
     id_: int, context: StreamContext, robot: RobotSession, *, num_sent: int
 ) -> StatusReply:
-    """Reply with the identity of the server, and its state for one client."""
+    """Reply with the identity of the server, and the state for one client."""
     info = context.server_info
     return StatusReply(
         version=SCHEMA_VERSION,
@@ -211,7 +211,7 @@ def status_reply(
 def camera_reply(
     id_: int, camera: str, info: ServerInfo, robot: RobotSession
 ) -> CameraReply | Error:
-    """Reply with the camera of a name, that of the client's robot first."""
+    """Reply with the camera of a name, of the client's robot first."""
     found = info.find_camera(camera, spawned_as=robot.class_name if robot.has_robot else "")
     if found is None:
         known = ", ".join(name for _, name in info.cameras) or "none"
@@ -314,7 +314,7 @@ def request_plan(
         session: Client of the simulation, with the robot.
         query_plan: Hands a camera to the render thread.
     """
-    # Checked here and not in the simulation, so that a wrong number has its reply at once.
+    # Checked here and not in the simulation, so that a wrong number is answered at once.
     try:
         AccuracyTarget().with_changes(
             max_error_px=request.max_error_px, budget_ms=request.budget_ms
@@ -324,7 +324,7 @@ def request_plan(
         return
 
     def query_camera_plan(camera: OmniCameraSpec | Fault | None, name: str) -> None:
-        # `name` is that of the camera the simulation selected, since a request may leave it empty.
+        # `name` names the camera that the simulation selected: a request may leave the name empty.
         if not isinstance(camera, OmniCameraSpec):
             pending.reply_from_thread(partial(_camera_error, request.id, name, camera))
             return
@@ -421,7 +421,7 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
 
 
 def camera_not_found(id_: int, robot: str, camera: str) -> Error:
-    """Error for a camera that does not exist, with its name."""
+    """Error for a camera that does not exist, by name."""
     owner = f"robot {robot!r}" if robot else "the robot on the image port"
     name = f"camera {camera!r}" if camera else "camera"
     return Error(id_, f"there is no {name} of {owner}")
@@ -438,7 +438,7 @@ def plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
 
 def transform_from_pose(pose: Pose) -> Transform:
     """Transform of a pose, for a message."""
-    # msgpack encodes Python's floats, not those of NumPy.
+    # msgpack encodes Python's floats, not NumPy's.
     x, y, z = map(float, pose.translation)
     a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
     return Transform((x, y, z), (a, b, c, d, e, f, g, h, i))
@@ -448,7 +448,7 @@ def records_from_decisions(
     decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
 ) -> tuple[EffectRecord, ...]:
     """Records of effect decisions, with the durations of a frame by stage."""
-    # A disabled effect has no stage, and one that changes the scene has none of its own.
+    # A disabled effect has no stage, nor has one that changes the scene.
     return tuple(
         _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
     )

@@ -3,8 +3,8 @@
 The only module of the server with zmq. The socket never blocks and never queues without limit: a
 message for a full peer is not sent and waits in the peer's `Outbox`, and messages from a fast peer
 wait in the TCP connection of that peer. The guard owns the public port, with the ROUTER behind it
-on a socket in a private folder. A lock file inside is locked while its server lives: the system
-releases the lock with the process, however it ends, so that folders of killed servers are found.
+on a socket in a private folder. A lock file inside is locked while the server lives: the system
+releases the lock with the process, however that ends, so that folders of killed servers are found.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MessageHandler = Callable[[bytes, list[bytes]], None]
 _MAX_MESSAGES = 128
 # Of all waiting messages but the frame: eight of the largest replies.
 _MAX_BYTES = 4 * 1024 * 1024
-# Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
+# Messages of one peer in the queue of ZeroMQ, besides the TCP connection; replies that find no room
 # wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
 _SEND_HIGH_WATER_MARK = 2
 # Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
@@ -63,7 +63,7 @@ class SendResult(Enum):
 
 
 class Outbox:
-    """Bounded queue in front of `send`; at most one frame of it waits."""
+    """Bounded queue in front of `send`, with one frame at most."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Outbox:
             send: Sends a message at once or not at all.
             on_blocked: Called when the first message begins to wait; `flush` is to be called
                 again and again from then on, until `is_blocked` is False.
-            on_overflow: Called when the client reads too little, and the queue exceeds its bounds.
+            on_overflow: Called when the client reads too little, and the queue exceeds the bounds.
         """
         self._send = send
         self._on_blocked = on_blocked
@@ -137,7 +137,7 @@ class Outbox:
         self._frame = None
 
     def _put(self, parts: list[Payload]) -> bool:
-        """Send a message or let it wait; False if it waits."""
+        """Send a message; False if the message has to wait."""
         if self._is_closed:
             return True
         self.flush()
@@ -169,7 +169,7 @@ class RouterSocket:
         Args:
             listener: Listening socket of the public port; closed with this one.
             limits: Limits of the connections.
-            on_message: Called with the identity of a peer and the parts of its message.
+            on_message: Called with the identity of a peer and the parts of a message.
             on_disconnect: Called with the identity of a peer whose connection has ended, before
                 any message of another connection with the same identity.
 
@@ -189,7 +189,7 @@ class RouterSocket:
             self._socket = _bind_router(context, f"ipc://{path}", monitor=self._monitor)
             resources.callback(ConnectionGuard(listener, path, limits=limits).close)
             self._release = resources.pop_all().close
-        # File descriptors of the connections: open ones, and those of peers with a message.
+        # File descriptors of the connections: open ones, and the ones of peers with a message.
         self._open_connections: set[int] = set()
         self._connections: dict[bytes, int] = {}
         self._identities: dict[int, bytes] = {}
@@ -263,8 +263,8 @@ class RouterSocket:
                 head, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
             except zmq.Again:
                 return
-            # Ends that were reported before this message are known before it is handled: a
-            # newcomer must not pass for the departed peer whose identity or descriptor it has.
+            # Ends that were reported before this message are known before the message is handled: a
+            # newcomer must not pass for the departed peer with the same identity or descriptor.
             self._read_monitor()
             if self._register(head.bytes, int(head.get(zmq.SRCFD))):
                 self._on_message(head.bytes, [part.bytes for part in parts])
@@ -309,7 +309,7 @@ class RouterSocket:
 def _bind_router(
     context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, monitor: zmq.Socket[bytes]
 ) -> zmq.Socket[bytes]:
-    """Bind a ROUTER, with its limits and a monitor of disconnections.
+    """Bind a ROUTER, with limits and a monitor of disconnections.
 
     Args:
         context: ZeroMQ context.
@@ -324,7 +324,7 @@ def _bind_router(
     router.set(zmq.BACKLOG, BACKLOG)
     router.set(zmq.SNDHWM, _SEND_HIGH_WATER_MARK)
     router.set(zmq.RCVHWM, _RECEIVE_HIGH_WATER_MARK)
-    # A longer part ends its connection as soon as its length is read, before memory is
+    # A longer part ends the connection as soon as the length is read, before memory is
     # allocated.
     router.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
     # A send to a disconnected or full peer fails, in place of a silent drop.
@@ -363,7 +363,7 @@ def create_private_folder() -> Iterator[Path]:
 
 @contextmanager
 def _create_lock(folder: Path) -> Iterator[None]:
-    # Locked before it has its name: another server that starts now sees no lock that is free.
+    # Locked before the file has its name: another server that starts now sees no lock that is free.
     unnamed = folder / (_LOCK_NAME + ".new")
     with unnamed.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -2,7 +2,7 @@
 
 A session is a client of the simulation, like a TCP connection. Commands are posted in order, and
 the simulation executes them in order, so that each confirmation belongs to the oldest request of
-its kind. A fault of the robot closes the session; its client gets another. Reports in replies are
+its kind. A fault of the robot closes the session; the client gets another. Reports in replies are
 lines of the control protocol, without line ends.
 """
 
@@ -41,7 +41,7 @@ from catoptra_server.simulation import (
 )
 
 log = logging.getLogger(__name__)
-# More than any program has on its way that waits for its replies (SPEC.md 9.2).
+# More than any program has on its way that waits for replies (SPEC.md 9.2).
 MAX_PENDING = 64
 # Text for clients; the traceback is in the log.
 INTERNAL_FAULT = "an internal fault ended this request: see the server's log"
@@ -63,7 +63,7 @@ class RobotSession:
         Args:
             post: Hands an event to the simulation; False if the queue of this client is full.
             on_fault: Called with the reason after a fault has removed the robot; the session is
-                closed then, and another one replaces it.
+                closed then, and another one follows.
         """
         self._loop = asyncio.get_running_loop()
         self._post_event = post
@@ -78,7 +78,7 @@ class RobotSession:
         self.expects_robot = False
         """Whether there will be a robot once all posted commands are executed."""
         self.class_name = ""
-        """Class of the robot, as its spawn request names it."""
+        """Class of the robot, as the spawn request names it."""
         self.has_room = True
         """Whether the simulation accepts another command now."""
 
@@ -136,7 +136,7 @@ class RobotSession:
         """Set both wheel speeds to 0, without a reply.
 
         Args:
-            name: Robot whose owner shares its control; empty for the client's own.
+            name: Robot whose owner shares control; empty for the client's own.
         """
         halt = Drive(0.0, 0.0)
         if name:
@@ -262,13 +262,13 @@ class PendingRequests:
         return len(self._requests)
 
     def add(self, id_: int) -> PendingRequest:
-        """Add a request that will get its reply later."""
+        """Add a request that will be answered later."""
         request = PendingRequest(id_, self)
         self._requests[request] = None
         return request
 
     def finish(self, request: PendingRequest, reply: Reply) -> None:
-        """Send the reply to a request, unless it had one or was cancelled."""
+        """Send the reply to a request, unless answered before or cancelled."""
         if request in self._requests:
             del self._requests[request]
             self._send_reply(reply)
@@ -323,8 +323,8 @@ class ReportLines:
     """Lines of the reports that several clients read, made once; on the loop."""
 
     def __init__(self) -> None:
-        # By identity, since hashing a scan takes as long as its line. The report is kept beside
-        # its lines, so that no other one gets its identity.
+        # By identity, since hashing a scan takes as long as making the line. The report is
+        # kept, too, so that no other one gets the same identity.
         self._lines: LruDict[int, tuple[Report, tuple[str, ...]]] = LruDict(_MAX_REPORTS)
 
     def __len__(self) -> int:

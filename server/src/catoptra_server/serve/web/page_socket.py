@@ -1,7 +1,7 @@
-"""One connection of the web port, and the WebSocket that it may become: a client of the stream.
+"""One connection of the web port, and the WebSocket that one may become: a client of the stream.
 
 The messages of a WebSocket are JSON (SPEC.md 10). Text messages are requests and replies; a frame
-is one binary message: the length of its header as 4 bytes, the least significant first, the header,
+is one binary message: the length of the header as 4 bytes, the least significant first, the header,
 the image. A connection that sends too much is not read for a while.
 
 **A robot that a page drives needs its hand.** 0.25 s without `drive` halt it, since a page that is
@@ -46,9 +46,9 @@ SECURITY_HEADERS = {
 }
 # Kept by browsers, but used only after the server has confirmed that it is the newest.
 _REVALIDATED = {"Cache-Control": "no-cache"}
-# The page sends 20 requests a second while it drives.
+# A driving page sends 20 requests a second.
 _DRIVE_TIMEOUT_S = 0.25
-# Time of the loop for a read beside the parser's, and for a request with its reply.
+# Time of the loop for a read beside the parser's, and for a request with a reply.
 _READ_COST_S = 50e-6
 _REQUEST_COST_S = 0.4e-3
 # Requests of a page on their way at any time: frame, state and landmarks. Each waits for the reply
@@ -60,8 +60,8 @@ _MAX_LINE_BYTES = 4 * 1024
 _MAX_FIELD_BYTES = 8 * 1024
 _MAX_FIELDS = 64
 _LENGTH_BYTES = 4
-# A message that the page has not read after this time ends its WebSocket; TCP ends it at the same
-# time where its host has vanished.
+# A message that the page has not read after this time ends the WebSocket; TCP ends the
+# connection at the same time where the host has vanished.
 _MAX_SENDING_S = 6.0
 
 
@@ -76,7 +76,7 @@ _CallLater = Callable[[float, Callable[[], None]], _Timer]
 
 
 class PageSocket:
-    """A WebSocket from the handshake to its end."""
+    """A WebSocket from the handshake to the end."""
 
     def __init__(
         self, websocket: web.WebSocketResponse, connection: WebConnection, context: StreamContext
@@ -84,14 +84,14 @@ class PageSocket:
         """Begin without a robot.
 
         Args:
-            websocket: The WebSocket, after its handshake, with `autoping` off.
+            websocket: The WebSocket, after the handshake, with `autoping` off.
             connection: Its connection.
             context: What the clients of the server share.
         """
         self._loop = asyncio.get_running_loop()
         self._websocket = websocket
         self._connection = connection
-        # One message is being sent; all others wait in the outbox, within its bounds.
+        # One message is being sent; all others wait in the outbox, within bounds.
         self._sending: asyncio.Task[None] | None = None
         self._sending_since_s = 0.0
         outbox = Outbox(
@@ -143,7 +143,7 @@ class PageSocket:
     async def _receive(self) -> bool:
         """Handle one message; False at the end."""
         message = await self._websocket.receive()
-        # Input of a connection that was ended is dropped: its replies would fill the outbox.
+        # Input of a connection that was ended is dropped: replies would fill the outbox.
         if self._connection.is_closing:
             return False
         if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
@@ -201,7 +201,7 @@ class PageSocket:
         if error is None:
             self.peer.outbox.flush()
         else:
-            # The connection has ended, mostly, and its end is noticed by `_receive`.
+            # The connection has ended, mostly, as is noticed by `_receive`.
             log.debug("page %s: not sent: %s", self._connection.address, error)
             self._connection.abort()
 
@@ -235,13 +235,13 @@ class WebConnection(web.RequestHandler):
         super().__init__(
             server,
             loop=loop,
-            tcp_keepalive=False,  # AcceptLoop has set it
+            tcp_keepalive=False,  # AcceptLoop has set this
             access_log=None,  # type: ignore[arg-type] # None is no log
             logger=log,
             max_line_size=_MAX_LINE_BYTES,
             max_field_size=_MAX_FIELD_BYTES,
             max_headers=_MAX_FIELDS,
-            lingering_time=0.0,  # no request has a body that would be read to its end
+            lingering_time=0.0,  # no request has a body that would be read to the end
         )
         self.address = address
         self.opened_at_s = opened_at_s
@@ -317,7 +317,7 @@ class WebConnection(web.RequestHandler):
             self.log_exception()
             reason = INTERNAL_FAULT
         else:
-            # The peer's fault: no traceback, which it could cause at will.
+            # The peer's fault: no traceback, which a peer could cause at will.
             reason = "not a valid HTTP request"
             log.info("web connection of %s closed: %s", self.address, reason)
         response = text_response(status, reason)
@@ -336,7 +336,7 @@ class WebConnection(web.RequestHandler):
             self._resume_transport_reading()
 
     def _resume_transport_reading(self) -> None:
-        # By aiohttp, when it has room again; the hold goes on all the same.
+        # By aiohttp, when there is room again; the hold goes on all the same.
         if self._hold is None:
             super()._resume_transport_reading()
 
@@ -349,7 +349,7 @@ class WebConnection(web.RequestHandler):
 
 
 class DeadManSwitch:
-    """The robots that one page drives at present, by name; its own has the empty name."""
+    """The robots that one page drives at present, by name; the page's own has the empty name."""
 
     def __init__(self, stop: Callable[[str], None], *, call_later: _CallLater) -> None:
         """Start without a robot.
@@ -406,14 +406,14 @@ def text_response(
 
 
 def resource_response(resource: WebResource, *, known_tags: str) -> web.Response:
-    """Response with a resource, or without its body for a client that has it.
+    """Response with a resource, or without the body for a client that has an equal one.
 
     Args:
         resource: The resource.
         known_tags: If-None-Match header of the request; empty if absent.
     """
     headers = {**SECURITY_HEADERS, **_REVALIDATED, "ETag": resource.etag}
-    # Compared weakly, as RFC 9110 13.1.2 has it.
+    # Compared weakly, as in RFC 9110 13.1.2.
     tags = {tag.strip().removeprefix("W/") for tag in known_tags.split(",")}
     if tags & {resource.etag, "*"}:
         return web.Response(status=304, headers=headers)

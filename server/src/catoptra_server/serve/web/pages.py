@@ -1,4 +1,4 @@
-"""All that the page reads by GET: its files, and descriptions of the server as JSON.
+"""All that the page reads by GET: files, and descriptions of the server as JSON.
 
 Addresses are looked up in tables: a request never names a file. Descriptions that take time are
 made at the first request, in a thread: robots with cameras and sensors, a section of the world for
@@ -65,7 +65,7 @@ _BLOCK = 65536
 # A millimetre: shorter ones are invisible on any map.
 _MIN_LENGTH_M = 1e-3
 _JsonObject = dict[str, object]
-# Path and, for a camera, its class and name.
+# Path and, for a camera, class and name.
 _Key = tuple[str, ...]
 
 
@@ -79,7 +79,7 @@ class WebPages:
 
         Args:
             files: The files of the page, by path of the address.
-            server_info: The server, its robots and cameras.
+            server_info: The server, with robots and cameras.
             scene: Triangles of the world.
         """
         self._files = files
@@ -132,11 +132,11 @@ class WebResource:
     content_type: str
     body: bytes
     etag: str
-    """Changes with the body: browsers ask again, and get the body only if it has changed."""
+    """Changes with the body: browsers ask again, and get a changed body only."""
 
     @classmethod
     def from_body(cls, content_type: str, body: bytes) -> WebResource:
-        """Resource with the tag of its body."""
+        """Resource with the tag of the body."""
         return cls(content_type, body, f'"{hashlib.sha256(body).hexdigest()[:32]}"')
 
 
@@ -234,7 +234,7 @@ def _describe_sensor(robot: RobotDescription, sensor: SensorDescription) -> _Jso
 
 def camera_table(camera: OmniCamera) -> dict[str, object]:
     """Table of a camera as a JSON object; pixels and radians."""
-    # A cone shows nothing nearer to its axis than its apex does.
+    # A cone shows nothing nearer to the axis than the apex.
     lowest_t = camera.projection.t_min
     theta_rad = np.linspace(0.0, camera.rim_rad, _NUM_ENTRIES)
     t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
@@ -333,7 +333,7 @@ def _cut_triangles(corners: Floats, z_m: float) -> Floats:
     corners, is_above = corners[crossed := (num_above % 3 != 0)], is_above[crossed]
     if not len(corners):
         return np.zeros((0, 4))
-    # The corner that is alone on its side comes first: the edges to both others are crossed.
+    # The corner that is alone on one side comes first: the edges to both others are crossed.
     is_alone = is_above == (is_above.sum(axis=1) == 1)[:, None]
     order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
     apex, *others = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)

@@ -1,9 +1,9 @@
 """Who may use the live page: checks of Host, Origin and token before anything else of a request.
 
 The loopback is open to every page that a browser shows. A page of another site may send requests
-there, too, and may even read replies once its own name resolves to 127.0.0.1 (DNS rebinding). Host
-and Origin name the site that the browser shows, and no script can change them. Where other machines
-reach the port, a request needs the token of the printed link.
+there, too, and may even read replies once a name of that site resolves to 127.0.0.1 (DNS
+rebinding). Host and Origin name the site that the browser shows, and no script can change these
+headers. Where other machines reach the port, a request needs the token of the printed link.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.serve.limits import Listener
 
 MAX_VIEW_CONNECTIONS = 128
-"""Connections of all pages: two WebSockets each, and six at most while one loads its files."""
+"""Connections of all pages: two WebSockets each, and six at most while one loads files."""
 # Name or IPv4 address, or IPv6 address in brackets; and a port, which `ssh -L` may change.
 _HOST = re.compile(r"([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?", re.ASCII)
 _LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 
 
 class AccessDeniedError(CatoptraError):
-    """A request to the live page is refused before its path is looked at; says why."""
+    """A request to the live page is refused before the path is looked at; says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +57,10 @@ class WebAccess:
         Args:
             host: Host header.
             origin: Origin header; None if absent.
-            needs_origin: Whether the request must state its origin, as browsers do for WebSockets.
+            needs_origin: Whether the request must state an origin, as browsers do for WebSockets.
 
         Raises:
-            AccessDeniedError: It is another's; says why.
+            AccessDeniedError: Host or Origin is another's; says why.
         """
         host = host.lower()
         found = _HOST.fullmatch(host)
@@ -80,7 +80,7 @@ class WebAccess:
         """Check the token of the link or of the cookie, where one is needed.
 
         Raises:
-            AccessDeniedError: It is missing or wrong.
+            AccessDeniedError: The token is missing or wrong.
         """
         # In constant time: the time of a reply must not tell how much of a guess is right.
         if self.token is not None and not hmac.compare_digest(
@@ -95,7 +95,7 @@ def create_web_access(host: str, listener: Listener) -> WebAccess:
     """Rules for a listening socket.
 
     Args:
-        host: Name or address on which it was requested to listen.
+        host: Name or address on which to listen was requested.
         listener: The socket.
     """
     address, port = listener.getsockname()[:2]
@@ -103,6 +103,6 @@ def create_web_access(host: str, listener: Listener) -> WebAccess:
     name = f"[{host}]" if ":" in host else host.lower()
     if bound.is_loopback:
         return WebAccess(_LOOPBACK_NAMES | {name}, name, port)
-    # A wildcard is no address that browsers open: the link is that of this machine.
+    # A wildcard is no address that browsers open: the link names this machine.
     link_host = "localhost" if bound.is_unspecified else name
     return WebAccess(frozenset(), link_host, port, secrets.token_urlsafe())

@@ -1,8 +1,8 @@
-"""Server of the live page: one port for its files and its WebSockets.
+"""Server of the live page: one port for files and WebSockets.
 
 The page is a client of the stream: the same peer, requests and limits with another codec and
 socket, so that nothing works in a browser alone. aiohttp, since WebSockets, files and JSON then
-share the event loop; its low-level server with tables of addresses instead of its router, since no
+share the event loop; its low-level server with tables of addresses instead of the router, since no
 path of a request is ever opened. Loaded after the first frame, as the stream is: 0.2 s of processor
 time and 13 MB, none with `--no-view`.
 
@@ -43,8 +43,8 @@ _SOCKET_PATH = "/socket"
 # Of a connection that is no WebSocket: loading the page takes less than a second.
 _MAX_LIFETIME_S = 30.0
 _CHECK_INTERVAL_S = 0.25
-# A ping after this time without input, and its reply within half of it: a page that has vanished
-# without closing its connection is noticed within 7.5 s.
+# A ping after this time without input, and a reply within half of that: a page that has vanished
+# without closing the connection is noticed within 7.5 s.
 _PING_INTERVAL_S = 5.0
 # Of a handshake that ends a WebSocket.
 _CLOSE_TIMEOUT_S = 1.0
@@ -81,7 +81,7 @@ class WebServer:
         self._access = access
         self._limits = limits
         self._monotonic = monotonic
-        # aiohttp's part: a handler of requests for its protocol, one object a connection.
+        # aiohttp's part: a handler of requests for the protocol, one object a connection.
         self._server = web.Server(self._handle, handler_cancellation=True)
         # In the order of acceptance.
         self._connections: dict[WebConnection, None] = {}
@@ -216,7 +216,7 @@ class WebServer:
         access.check_token(token)
 
     def _welcome(self, token: str) -> web.StreamResponse:
-        """Exchange the token of the link for a cookie: no address that is shown has it then."""
+        """Exchange the token of the link for a cookie: no shown address has the token then."""
         cookie = f"{self._access.cookie_name}={token}; HttpOnly; SameSite=Strict; Path=/"
         return text_response(303, "see /", headers={"Location": "/", "Set-Cookie": cookie})
 
@@ -231,9 +231,9 @@ class WebServer:
             timeout=_CLOSE_TIMEOUT_S,
             autoping=False,  # counted like all other messages
             heartbeat=_PING_INTERVAL_S,
-            compress=False,  # pictures are compressed, and each page would cost its own deflate
+            compress=False,  # pictures are compressed, and each page would cost a deflate
             max_msg_size=MAX_REQUEST_BYTES + 1,  # aiohttp's limit is exclusive
-            writer_limit=1,  # a message is sent once the kernel has most of it
+            writer_limit=1,  # a message is sent once the kernel has most bytes
         )
         websocket.headers.update(SECURITY_HEADERS)
         try:
