@@ -72,7 +72,7 @@ def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
     found: list[tuple[str, SourceLocation, list[Entry]]] = []
     # One split beyond the limit: the rest of an oversized text stays one string.
     for number, raw in enumerate(_LINE_END.split(text, _MAX_FILE_LINES), 1):
-        where, line = SourceLocation(file, number), _strip_comment(raw).strip()
+        where, line = SourceLocation(file, number), strip_comment(raw).strip()
         if number > _MAX_FILE_LINES and raw.strip():
             raise ConfigError(
                 where,
@@ -134,7 +134,7 @@ def unquote(value: str) -> str:
     return value
 
 
-def _strip_comment(line: str) -> str:
+def strip_comment(line: str) -> str:
     """Line up to the comment; a ; inside quotes is text."""
     quoted = False
     for i, character in enumerate(line):
