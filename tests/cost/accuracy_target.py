@@ -31,7 +31,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.planner import OVERRUN_FACTOR, RenderPlanner
+from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
@@ -45,6 +45,8 @@ TARGETS = (
     *(AccuracyTarget(budget_ms=ms) for ms in (5.0, 10.0, 20.0, 50.0)),
 )
 VIEWPOINT_M = 0.6
+# SPEC 9.5: a budget is met if the median frame exceeds it by at most a fifth.
+OVERRUN_FACTOR = 1.2
 # Frames before the measured ones: a plan that exceeds its budget is replaced during them.
 WARM_UP_FRAMES = 70
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from catoptra_protocol.shards import hash_file, iterate_samples, shard_name
 from catoptra_server.datasets.dataset_stage import DatasetStage
-from catoptra_server.datasets.local_workers import run_in_pinned_process
+from catoptra_server.datasets.pinned_process import run_in_pinned_process
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.sample import SampleDescriber, encode_sample
 from catoptra_server.datasets.sample_renderer import SampleRenderer
