@@ -2,6 +2,6 @@
 
 `requests` and `replies` hold the messages, one frozen dataclass each, and the tables REQUESTS and
 REPLIES; `messages` converts messages to msgpack and to JSON, and back; `codec` checks decoded maps
-against dataclasses. Sockets: `transports/stream` of the server, `frame_sources/stream` of the
+against dataclasses. Sockets: `serve/stream` of the server, `frame_sources/stream` of the
 client.
 """
