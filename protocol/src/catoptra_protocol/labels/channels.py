@@ -2,7 +2,7 @@
 
 `GroundTruth` holds the channels and objects of one image.
 
-To add a channel: its row here, its computation in the server's `frames/labels/`, its row in SPEC.md.
+To add a channel: a row here, its computation in the server's `frames/labels/`, its row in SPEC.md.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _GLOSSARY = """\
 |---|---|
 | ms | median time of a frame with read-back, all levels rendered in turn |
 | processor ms | the same of all processors together; for comparison where the machine was shared |
-| bound px | limit of the displacement: nothing is shown farther off (`frames/plan/error_bound.py`) |
+| bound px | limit of displacement: nothing is shown farther off (`frames/plan/error_bound.py`) |
 | rms px | the same over the image, root mean square |
 | RMSE, PSNR, SSIM | of greys, against {samples} x {samples} exact rays a pixel, at {poses} poses |
 """
