@@ -14,7 +14,6 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from catoptra_client.frame_sources.stream import zmq_socket
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.replies import Error
@@ -146,8 +145,6 @@ def test_server_that_serves_the_stream_loads_no_further_module(
     assert STREAM_REQUESTS == {*REQUESTS}
     assert image_type in ImageType.__members__
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    # Software OpenGL compiles its programs under the interpreter's lock: no heartbeat meanwhile.
-    monkeypatch.setattr(zmq_socket, "_SERVER_TIMEOUT_S", DEADLINE_S)
     report = tmp_path / "modules.json"
     arguments = ("--clock", "lockstep", "--renderer", renderer, "--image-type", image_type)
     path = write_robots(tmp_path)[robot]

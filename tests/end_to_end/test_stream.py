@@ -20,8 +20,8 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 HOST = "127.0.0.1"
-# 1.5 s of silence (SPEC.md 9.6), and as much for a busy machine; calls have a minute otherwise.
-MAX_LOSS_S = 3.0
+# 6 s of silence (SPEC.md 9.6), and as much for a busy machine; calls have a minute otherwise.
+MAX_LOSS_S = 12.0
 
 
 def connect_client(server: RunningServer) -> StreamClient:
@@ -108,7 +108,7 @@ def test_client_when_the_server_restarts_reconnects(tmp_path: Path) -> None:
         wait_for_robot(client)
 
 
-def test_server_when_stopped_or_killed_is_lost_within_three_seconds(tmp_path: Path) -> None:
+def test_server_when_stopped_or_killed_is_lost_long_before_the_deadline(tmp_path: Path) -> None:
     with start_server(tmp_path) as server, connect_client(server) as client:
         client.spawn(CLASS, start_pose="Centre")
         server.process.send_signal(signal.SIGSTOP)

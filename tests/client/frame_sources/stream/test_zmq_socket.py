@@ -66,7 +66,7 @@ def test_server_when_it_sends_heartbeats_is_not_lost() -> None:
 def test_server_when_silent_is_lost_long_before_the_deadline(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(zmq_socket, "_SERVER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(zmq_socket, "_SILENT_SERVER_TIMEOUT_S", 0.2)
     with serve_stream_script(lambda request: []) as port:
         socket = StreamSocket("127.0.0.1", port)
         deadline_s = time.monotonic() + 60.0
@@ -76,6 +76,26 @@ def test_server_when_silent_is_lost_long_before_the_deadline(
             socket.receive(deadline_s)
         assert time.monotonic() < deadline_s - 30.0
         socket.close()
+
+
+def test_server_when_silent_for_less_than_its_timeout_is_waited_for() -> None:
+    with serve_stream_script(lambda request: []) as port:
+        socket = StreamSocket("127.0.0.1", port)
+        socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
+        socket.begin_wait()
+        # Three missed heartbeats and a connection: the server compiles, or the machine is busy.
+        assert socket.receive(time.monotonic() + 1.8) is None
+        socket.close()
+
+
+def test_server_when_gone_is_lost_while_a_reply_is_waited_for() -> None:
+    with serve_stream_script(lambda request: []) as port:
+        socket = StreamSocket("127.0.0.1", port)
+        socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
+        socket.begin_wait()
+    with pytest.raises(ConnectionLostError, match="no heartbeat"):
+        socket.receive(time.monotonic() + 60.0)
+    socket.close()
 
 
 def test_server_when_gone_is_lost_long_before_the_deadline_of_a_message(

@@ -14,16 +14,21 @@ import zmq
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES
 
-# Three missed heartbeats: a live server sends one every half second.
+# Without a connection: three missed heartbeats, since a live server sends one every half second.
 _SERVER_TIMEOUT_S = 1.5
+# With one: OpenGL in software compiles under the interpreter's lock, and beside ten other busy
+# processes that takes longer than three heartbeats.
+_SILENT_SERVER_TIMEOUT_S = 6.0
+_CHECK_INTERVAL_S = 0.5
 # Unread messages: frames arrive on request only, so the others are heartbeats.
 _RECEIVE_QUEUE_SIZE = 64
 _MIN_RECONNECT_MS = 100
 # A restarted server is found within _SERVER_TIMEOUT_S, before a call gives up.
 _MAX_RECONNECT_MS = 500
-# A connection whose other end vanished without closing is ended after the timeout and made anew.
+# A connection whose other end vanished without closing is ended after the timeout and made anew;
+# that of a server which was only silent stays, and with it the robot.
 _ZMTP_PING_INTERVAL_MS = 1000
-_ZMTP_PING_TIMEOUT_MS = 3000
+_ZMTP_PING_TIMEOUT_MS = 10_000
 
 
 class StreamSocket:
@@ -64,7 +69,8 @@ class StreamSocket:
             ConnectionLostError: No connection before the deadline, or for _SERVER_TIMEOUT_S to a
                 server that has been there.
         """
-        until_s = min(deadline_s, self._lost_at_s) if self._has_received else deadline_s
+        lost_at_s = self._silent_since_s + _SERVER_TIMEOUT_S
+        until_s = min(deadline_s, lost_at_s) if self._has_received else deadline_s
         if not self._poll(until_s, zmq.POLLOUT):
             raise ConnectionLostError(
                 f"no stream server at {self.address}: start catoptra-server, and check --host and "
@@ -76,39 +82,41 @@ class StreamSocket:
         """Next message; None if none arrives before the deadline.
 
         Raises:
-            ConnectionLostError: The server has sent nothing for _SERVER_TIMEOUT_S.
+            ConnectionLostError: The server has sent nothing for _SILENT_SERVER_TIMEOUT_S, or for
+                _SERVER_TIMEOUT_S and has closed the connection.
         """
-        if self._poll(min(deadline_s, self._lost_at_s), zmq.POLLIN):
-            self._has_received = True
-            self._silent_since_s = self._clock()
-            return self._socket.recv_multipart()
-        if self._lost_at_s <= deadline_s:
-            raise self._lost_error()
-        return None
+        while not self._wait_for_message(min(deadline_s, self._clock() + _CHECK_INTERVAL_S)):
+            if self._clock() >= deadline_s:
+                return None
+        self._has_received = True
+        self._silent_since_s = self._clock()
+        return self._socket.recv_multipart()
 
     def check_alive(self) -> None:
         """Wait for the next sign of life of the server.
 
         Raises:
-            ConnectionLostError: The server has sent nothing for _SERVER_TIMEOUT_S.
+            ConnectionLostError: As `receive`.
         """
-        if not self._poll(self._lost_at_s, zmq.POLLIN):
-            raise self._lost_error()
+        while not self._wait_for_message(self._clock() + _CHECK_INTERVAL_S):
+            pass
 
-    @property
-    def _lost_at_s(self) -> float:
-        """Time of the clock at which a server that stays silent is lost."""
-        return self._silent_since_s + _SERVER_TIMEOUT_S
+    def _wait_for_message(self, until_s: float) -> bool:
+        """Whether a message arrives until then; raises ConnectionLostError for a lost server."""
+        if self._poll(until_s, zmq.POLLIN):
+            return True
+        is_connected = self._poll(self._clock(), zmq.POLLOUT)
+        timeout_s = _SILENT_SERVER_TIMEOUT_S if is_connected else _SERVER_TIMEOUT_S
+        if self._clock() < self._silent_since_s + timeout_s:
+            return False
+        raise ConnectionLostError(
+            f"lost the stream server at {self.address}: no heartbeat. See the log of the server; "
+            "call again once it is back, and spawn again"
+        )
 
     def _poll(self, until_s: float, event: int) -> bool:
         left_s = until_s - self._clock()
         return bool(self._socket.poll(max(0, round(1000 * left_s)), event))
-
-    def _lost_error(self) -> ConnectionLostError:
-        return ConnectionLostError(
-            f"lost the stream server at {self.address}: no heartbeat. See the log of the server; "
-            "call again once it is back, and spawn again"
-        )
 
 
 _SOCKET_OPTIONS = {
