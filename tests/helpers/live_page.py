@@ -13,8 +13,7 @@ import aiohttp
 from catoptra_protocol.stream.messages import json_from_message, reply_from_json
 from catoptra_protocol.stream.replies import FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
-from catoptra_server.serve.limits import create_listener
-from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.port import ConnectionLimits, create_listener
 from catoptra_server.serve.web.pages import WebPages, WebResource
 from catoptra_server.serve.web.web_access import WebAccess, create_web_access
 from catoptra_server.serve.web.web_server import WebServer
@@ -121,7 +120,6 @@ async def serve_fake_page(
     *,
     access: Callable[[WebAccess], WebAccess] = lambda access: access,
     limits: ConnectionLimits | None = None,
-    **clock: Callable[[], float],
 ) -> AsyncIterator[PageSession]:
     """Serve a page of a fake simulation on a free port.
 
@@ -129,7 +127,6 @@ async def serve_fake_page(
         simulation: The simulation.
         access: Changes the rules of access.
         limits: Limits of the connections.
-        clock: `monotonic`: clock of the connections' lifetime.
     """
     simulation = simulation or FakeSimulation()
     listener = create_listener(HOST, 0, name="view")
@@ -140,7 +137,6 @@ async def serve_fake_page(
         WebPages(FILES, SERVER_INFO, build_scene(make_test_world())),
         access=rules,
         limits=limits or ConnectionLimits(),
-        **clock,
     )
     # Cookies of addresses, too: aiohttp's default keeps none of 127.0.0.1.
     cookies = aiohttp.CookieJar(unsafe=True)

@@ -30,8 +30,8 @@ from zmq.utils.monitor import parse_monitor_message
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.stream.router import RouterSocket
-from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.zmtp import LONG, MORE, connect_with_handshake, zmtp_frame
 
 HOST = "127.0.0.1"

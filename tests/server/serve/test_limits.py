@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import resource
-import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 
 import pytest
 
-from catoptra_server.serve import limits as limits_module
 from catoptra_server.serve.limits import (
-    AcceptLoop,
     LoopCalls,
     LoopShare,
-    create_listener,
     fit_connections,
-    warn_of_exposure,
 )
-from helpers.loopback import HOST, run_scenario, wait_until
+from helpers.loopback import run_scenario
 
 
 @pytest.mark.parametrize(
@@ -62,74 +54,108 @@ class Clock:
 
 
 def test_single_command_waits_for_nothing() -> None:
-    share = LoopShare(0.3)
-    account = share.open_account()
+    account = LoopShare().open_account()
     with account.charge_block():
         pass
-    account.charge_read()
-    assert share.remaining_wait_s(account) < 0.0
+    assert account.remaining_wait_s == 0.0
 
 
-def test_flood_of_reads_or_of_work_waits() -> None:
-    share = LoopShare(0.3)
-    reading, working = share.open_account(), share.open_account()
-    for _ in range(200):
-        reading.charge_read()
-    assert share.remaining_wait_s(reading) > 0.0
-    with working.charge_block():
+def test_block_is_charged_with_its_processor_time() -> None:
+    account = LoopShare(0.01).open_account()
+    with account.charge_block():
         end_s = time.thread_time() + 0.05
         while time.thread_time() < end_s:
             pass
-    assert share.remaining_wait_s(working) > 0.0
+    assert account.remaining_wait_s > 0.0
 
 
-@pytest.mark.parametrize("num_connections", [1, 2, 64])
+@pytest.mark.parametrize(
+    ("num_connections", "is_dialogue"), [(1, False), (2, False), (64, False), (2, True), (64, True)]
+)
 def test_flood_of_any_number_of_connections_takes_the_share_of_the_time(
-    num_connections: int,
+    num_connections: int, is_dialogue: bool
 ) -> None:
     clock = Clock()
-    share = LoopShare(0.3, monotonic=clock)
+    share = LoopShare(0.3, 0.3, monotonic=clock)
     accounts = [share.open_account() for _ in range(num_connections)]
     begin_s, used_s = clock.now_s, 0.0
     while clock.now_s < begin_s + 20.0:
-        ready = [one for one in accounts if share.remaining_wait_s(one) <= 0.0]
+        ready = [one for one in accounts if one.remaining_wait_s <= 0.0]
         for account in ready:
-            share.charge(account, 0.002)
-            clock.now_s += 0.002
-            used_s += 0.002
+            account.charge(0.0005, is_dialogue=is_dialogue)
+            clock.now_s += 0.0005
+            used_s += 0.0005
         clock.now_s += 0.0005
-    # The bursts at the begin come on top.
+    # The burst at the begin comes on top.
     assert used_s / 20.0 == pytest.approx(0.3, rel=0.2)
 
 
-def test_wait_after_an_expensive_chunk_is_limited() -> None:
+def test_clients_below_an_equal_part_wait_for_nothing_beside_floods() -> None:
     clock = Clock()
-    share = LoopShare(0.3, monotonic=clock)
-    account = share.open_account()
-    share.charge(account, 60.0)
-    assert share.remaining_wait_s(account) == pytest.approx(1.0)
-
-
-def test_dialogue_waits_for_nothing_however_long_it_lasts() -> None:
-    clock = Clock()
-    share = LoopShare(0.3, monotonic=clock)
-    account = share.open_account()
-    for _ in range(1000):
-        account.charge(0.001)
-        account.write_off()
-        account.charge_read()
+    share = LoopShare(monotonic=clock)
+    floods, viewers = ([share.open_account() for _ in range(count)] for count in (8, 8))
+    for _ in range(3000):
         clock.now_s += 0.001
-        assert share.remaining_wait_s(account) < 0.0
+        for flood in floods:
+            if flood.remaining_wait_s <= 0.0:
+                flood.charge(0.005, is_dialogue=True)
+        for viewer in viewers:
+            viewer.charge(0.00001, is_dialogue=True)
+        assert not any(viewer.remaining_wait_s for viewer in viewers)
+    assert all(flood.remaining_wait_s > 0.0 for flood in floods)
 
 
-def test_connection_that_stopped_counts_no_more() -> None:
+def test_dialogue_alone_waits_for_nothing() -> None:
     clock = Clock()
-    share = LoopShare(0.5, monotonic=clock)
-    first, second = share.open_account(), share.open_account()
-    share.charge(first, 0.01)
-    clock.now_s += 10.0
-    share.charge(second, 0.05)
-    assert share.remaining_wait_s(second) == pytest.approx(0.05 / 0.5 - 0.02)
+    account = LoopShare(monotonic=clock).open_account()
+    for _ in range(100):
+        account.charge(0.05, is_dialogue=True)
+        clock.now_s += 0.05
+        assert account.remaining_wait_s == 0.0
+
+
+def test_clients_however_many_wait_for_nothing_while_the_loop_has_time() -> None:
+    clock = Clock()
+    share = LoopShare(monotonic=clock)
+    viewers = [share.open_account() for _ in range(64)]
+    for _ in range(300):
+        clock.now_s += 0.02
+        for viewer in viewers:
+            viewer.charge(0.0001, is_dialogue=True)
+        assert not any(viewer.remaining_wait_s for viewer in viewers)
+
+
+def test_wait_after_an_expensive_chunk_is_limited() -> None:
+    account = LoopShare(monotonic=Clock()).open_account()
+    account.charge(60.0)
+    assert account.remaining_wait_s == 1.0
+
+
+def test_dialogue_does_not_wait_for_what_floods_have_used() -> None:
+    clock = Clock()
+    share = LoopShare(monotonic=clock)
+    flood, dialogue = share.open_account(), share.open_account()
+    flood.charge(10.0)
+    dialogue.charge(0.3, is_dialogue=True)
+    assert dialogue.remaining_wait_s == 0.0
+
+
+def test_use_is_forgotten() -> None:
+    clock = Clock()
+    account = LoopShare(monotonic=clock).open_account()
+    account.charge(1.0)
+    assert account.remaining_wait_s > 0.0
+    clock.now_s += 20.0
+    assert account.remaining_wait_s == 0.0
+
+
+def test_connections_of_another_machine_share_an_account_and_those_of_this_one_do_not() -> None:
+    share = LoopShare()
+    accounts = [share.open_account(f"192.0.2.7:{port}") for port in (1, 2)]
+    assert accounts[0] is accounts[1]
+    assert share.open_account("192.0.2.8:1") is not accounts[0]
+    for address in ("127.0.0.1:1", "::1:1"):
+        assert share.open_account(address) is not share.open_account(address)
 
 
 NUM_CALLS = 20_000
@@ -188,167 +214,3 @@ def test_call_that_raises_does_not_end_the_others() -> None:
         assert [type(error) for error in errors] == [ZeroDivisionError]
 
     run_scenario(scenario())
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.5.6.7", "::1", "localhost"])
-def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) -> None:
-    run_scenario(warn_of_exposure(host))
-    assert caplog.records == []
-
-
-@pytest.mark.parametrize(
-    ("host", "named"),
-    [("0.0.0.0", "0.0.0.0"), ("::", "::"), ("", "0.0.0.0"), ("192.0.2.7", "192.0.2.7")],
-)
-def test_address_of_the_network_is_warned_of_in_words(
-    host: str, named: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    run_scenario(warn_of_exposure(host))
-    assert [record.levelno for record in caplog.records] == [logging.WARNING]
-    assert "without authentication" in caplog.text
-    assert named in caplog.text
-
-
-def test_unknown_host_is_left_to_the_ports(caplog: pytest.LogCaptureFixture) -> None:
-    # A name that is wrong before any name server is queried.
-    run_scenario(warn_of_exposure("a..b"))
-    assert caplog.records == []
-
-
-@contextmanager
-def few_descriptors(num_free: int) -> Iterator[None]:
-    """Let the process open only some more descriptors for the length of a block."""
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    probes = [socket.socket() for _ in range(num_free)]
-    highest = max(probe.fileno() for probe in probes)
-    for probe in probes:
-        probe.close()
-    resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-
-
-@pytest.mark.parametrize("host", ["", "localhost", HOST, "0.0.0.0"])
-def test_listener_on_any_form_of_a_host_accepts_ipv4(host: str) -> None:
-    with (
-        create_listener(host, 0, name="x") as end,
-        socket.create_connection((HOST, end.getsockname()[1])),
-    ):
-        pass
-
-
-@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="no IPv6 on this machine")
-@pytest.mark.parametrize("peer", ["127.0.0.1", "::1"])
-def test_listener_on_all_ipv6_addresses_accepts_both_families(peer: str) -> None:
-    with create_listener("::", 0, name="x") as end:
-        try:
-            socket.create_connection((peer, end.getsockname()[1])).close()
-        except OSError as error:
-            pytest.skip(f"no address {peer} on this machine: {error}")
-
-
-@pytest.mark.parametrize("host", ["256.1.1.1", "no.such.host.invalid", "192.0.2.1"])
-def test_listener_on_an_address_of_another_machine_is_an_os_error_that_names_it(host: str) -> None:
-    with pytest.raises(OSError, match=rf"control port {host}:0: "):
-        create_listener(host, 0, name="control")
-
-
-def test_connections_are_handed_over_with_their_address() -> None:
-    async def scenario() -> None:
-        accepted: list[tuple[socket.socket, str]] = []
-        end = create_listener(HOST, 0, name="x")
-        loop = AcceptLoop(end, lambda *args: accepted.append(args), name="x")
-        clients = [socket.create_connection((HOST, loop.port)) for _ in range(40)]
-        await wait_until(lambda: len(accepted) == len(clients), "connection")
-        addresses = {"{}:{}".format(*client.getsockname()) for client in clients}
-        assert {address for _, address in accepted} == addresses
-        loop.close()
-        loop.close()
-        for one in (*clients, *(end for end, _ in accepted)):
-            one.close()
-
-    run_scenario(scenario())
-
-
-def test_connections_have_keepalive_and_send_without_delay() -> None:
-    async def scenario() -> None:
-        accepted: list[socket.socket] = []
-        loop = AcceptLoop(
-            create_listener(HOST, 0, name="x"), lambda end, _: accepted.append(end), name="x"
-        )
-        with socket.create_connection((HOST, loop.port)):
-            await wait_until(lambda: bool(accepted), "connection")
-            (end,) = accepted
-            assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
-            end.close()
-        loop.close()
-
-    run_scenario(scenario())
-
-
-def test_flood_of_connections_leaves_the_loop_to_others() -> None:
-    async def scenario() -> None:
-        accepted: list[socket.socket] = []
-        loop = AcceptLoop(
-            create_listener(HOST, 0, name="x"), lambda end, _: accepted.append(end), name="x"
-        )
-        clients = [socket.create_connection((HOST, loop.port)) for _ in range(100)]
-        begin_s = time.monotonic()
-        await wait_until(lambda: len(accepted) == len(clients), "last connection")
-        # 1 ms for each but those of the last turn.
-        assert time.monotonic() - begin_s > 0.05
-        loop.close()
-        for end in (*clients, *accepted):
-            end.close()
-
-    run_scenario(scenario())
-
-
-def test_connection_that_is_refused_is_closed_and_logged(caplog: pytest.LogCaptureFixture) -> None:
-    def refuse(accepted: socket.socket, address: str) -> None:
-        raise ConnectionRefusedError("no room")
-
-    async def scenario() -> None:
-        loop = AcceptLoop(create_listener(HOST, 0, name="x"), refuse, name="x")
-        reader, writer = await asyncio.open_connection(HOST, loop.port)
-        assert await reader.read() == b""
-        writer.close()
-        loop.close()
-
-    run_scenario(scenario())
-    assert "to the x port closed: no room" in caplog.text
-
-
-def test_accept_without_descriptors_pauses_with_a_line_and_continues(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def scenario() -> None:
-        accepted: list[socket.socket] = []
-        loop = AcceptLoop(
-            create_listener(HOST, 0, name="image"),
-            lambda end, _: accepted.append(end),
-            name="image",
-        )
-        clients = [socket.socket() for _ in range(8)]
-        with few_descriptors(2):
-            for client in clients:
-                client.connect((HOST, loop.port))
-            await wait_until(lambda: len(caplog.records) == 3, "third pause")
-            assert len(accepted) <= 2
-        await wait_until(lambda: len(accepted) == len(clients), "other connections")
-        for end in (*clients, *accepted):
-            end.close()
-        loop.close()
-
-    monkeypatch.setattr(limits_module, "_ACCEPT_RETRY_S", 0.05)
-    with caplog.at_level(logging.WARNING):
-        run_scenario(scenario())
-    assert "the image port accepts no connection for 0.05 s (3 times so far): Too many open" in (
-        caplog.text
-    )
-    # One line a pause, whatever the number of connections in the backlog.
-    assert len(caplog.records) <= 4

@@ -19,8 +19,8 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.serve import tcp_control
+from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_control import serve_control
-from catoptra_server.serve.tcp_server import ConnectionLimits
 from catoptra_server.simulation import (
     Client,
     ClientDisconnected,

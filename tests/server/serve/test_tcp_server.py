@@ -12,8 +12,8 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import pytest
 
+from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_server import (
-    ConnectionLimits,
     TcpConnection,
     TcpServer,
     serve_tcp,
@@ -33,7 +33,7 @@ READ_BYTES = 4096
 async def echo(connection: TcpConnection) -> None:
     while data := await connection.read():
         connection.has_handshake = True
-        connection.may_idle = data == b"idle"
+        connection.has_robot = data == b"idle"
         connection.write(data)
 
 
@@ -202,7 +202,7 @@ def test_connection_whose_peer_has_left_makes_room_for_newcomers() -> None:
                 await reader.readexactly(1)
             (staying_in, staying), (leaving_in, leaving) = ends
             leaving.write_eof()
-            connections = list(server._connections)
+            connections = list(server._port)
             ended = connections[1]
             await wait_until(lambda: ended.peer_ended_at_s is not None, "end of a peer")
             in_, out = await connect(server)
@@ -235,7 +235,7 @@ def test_connection_without_a_handshake_in_time_is_closed_whatever_it_sends() ->
     run_scenario(scenario())
 
 
-def test_connection_when_silent_is_closed_unless_it_may_idle() -> None:
+def test_connection_when_silent_is_closed_unless_it_has_a_robot() -> None:
     async def scenario() -> None:
         async with serve(echo, idle_timeout_s=0.05) as server:
             (silent_in, silent), (driver_in, driver) = await connect(server), await connect(server)

@@ -224,12 +224,15 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--max-connections", metavar="N",
         type=int_within("a number of connections", 1, MAX_CONNECTIONS),
         help="connections to each of control and image port (default 64)")  # fmt: skip
+    add("--max-per-address", metavar="N",
+        type=int_within("a number of connections", 1, MAX_CONNECTIONS),
+        help="those of one address that is not of this machine (default 16)")  # fmt: skip
     add("--handshake-timeout", dest="handshake_timeout_s", type=_parse_timeout, metavar="S",
-        help="seconds for the first command or request of a connection (default 300; 0 = no "
+        help="seconds for the first command or request of a connection (default 0: no "
         "limit)")  # fmt: skip
     add("--idle-timeout", dest="idle_timeout_s", type=_parse_timeout, metavar="S",
-        help="seconds of silence of a viewer, or of a controller without a robot (default 600; "
-        "0 = no limit)")  # fmt: skip
+        help="seconds of silence of a viewer, or of a controller without a robot (default 0: no "
+        "limit)")  # fmt: skip
     add("--frame-skip", type=int_within("a frame skip", 1, MAX_FRAME_SKIP), metavar="N",
         help="the image port shows at most every N-th tick of 20 ms (default 1)")  # fmt: skip
     add("--multi-view", type=_parse_multi_view, metavar="COLUMNSxROWS:WIDTHxHEIGHT",

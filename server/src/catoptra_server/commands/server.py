@@ -51,11 +51,11 @@ from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
-from catoptra_server.serve.limits import (
+from catoptra_server.serve.limits import LoopShare, fit_connections
+from catoptra_server.serve.port import (
+    ConnectionLimits,
     Listener,
-    LoopShare,
     create_listener,
-    fit_connections,
     wait_for_connection,
     warn_of_exposure,
 )
@@ -65,7 +65,7 @@ from catoptra_server.serve.stream.guard import (
 )
 from catoptra_server.serve.tcp_control import serve_control
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
-from catoptra_server.serve.tcp_server import ConnectionLimits, TcpServer
+from catoptra_server.serve.tcp_server import TcpServer
 from catoptra_server.serve.web.web_access import (
     MAX_VIEW_CONNECTIONS,
     WebAccess,
@@ -547,6 +547,7 @@ class _PortLimits(NamedTuple):
 
 def _make_limits(settings: ServerSettings) -> _PortLimits:
     limits = ConnectionLimits(
+        max_per_address=settings.max_per_address,
         handshake_timeout_s=settings.handshake_timeout_s,
         idle_timeout_s=settings.idle_timeout_s,
         loop_share=LoopShare(),

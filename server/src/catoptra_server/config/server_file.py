@@ -57,6 +57,7 @@ class ServerOptions(TypedDict, total=False):
 
     control_port: int
     max_connections: int
+    max_per_address: int
     handshake_timeout_s: float
     idle_timeout_s: float
     has_images: bool
@@ -76,9 +77,11 @@ class ServerSettings:
     """TCP port of the USARSim protocol."""
     max_connections: int = 64
     """Control connections at the same time, 64 as in UDK."""
-    handshake_timeout_s: float = 300.0
+    max_per_address: int = 16
+    """Connections to a port of one address that is not of this machine."""
+    handshake_timeout_s: float = 0.0
     """Time until the first command or request of a connection; 0 = no limit."""
-    idle_timeout_s: float = 600.0
+    idle_timeout_s: float = 0.0
     """Silence of a viewer, or of a controller without a robot; 0 = no limit."""
     has_images: bool = True
     """Whether there is an image port."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from functools import partial
@@ -20,7 +21,8 @@ from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.serve.limits import LoopAccount, LoopCalls
-from catoptra_server.serve.tcp_server import ConnectionLimits, TcpConnection, TcpServer, serve_tcp
+from catoptra_server.serve.port import ConnectionLimits
+from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
 from catoptra_server.simulation import (
     ClientDisconnected,
     CommandReceived,
@@ -39,6 +41,10 @@ _DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
 _DISCONNECT_ABOVE_BYTES = 1024 * 1024
 # Commands in one read of a client that waits for the replies, such as SET, DRIVE and STEP.
 _MAX_DIALOGUE_COMMANDS = 4
+# Time of the loop for one read and for handing over one command, beside parser and replies, whose
+# time is measured.
+_READ_S = 1e-4
+_POST_S = 2e-5
 # Reports that are repeated in the next cycle.
 _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
 # Time for the work of a client that has closed its sending side: replies to the last commands.
@@ -77,7 +83,7 @@ def serve_control(
             connection,
             protocol,
             post=post,
-            account=limits.loop_share.open_account(),
+            account=limits.loop_share.open_account(connection.address),
             loop_calls=loop_calls,
         )
         log.info("controller %s connected", connection.address)
@@ -118,6 +124,8 @@ class _ControlPeer:
         self._post = post
         self._account = account
         self._has_room = asyncio.Event()
+        # Whether the client waited for the replies at the time of its last input.
+        self._is_dialogue = True
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports; from any thread, as all methods of a simulation's client."""
@@ -143,19 +151,19 @@ class _ControlPeer:
         """Hand the client's commands to the simulation until nothing more comes."""
         while data := await self._connection.read():
             log.debug("from %s: %r", self._connection.address, data)
-            commands = self._parse(data)
+            begin_s = time.thread_time()
+            commands = self._protocol.receive(data)
+            parse_s = time.thread_time() - begin_s
             for command in commands:
                 self._connection.has_handshake = True
                 await self._post_in_turn(self._make_event(command))
-            if len(commands) <= _MAX_DIALOGUE_COMMANDS and not self._connection.has_more_input:
-                self._account.write_off()
-            self._account.charge_read()
+            self._is_dialogue = (
+                len(commands) <= _MAX_DIALOGUE_COMMANDS and not self._connection.has_more_input
+            )
+            cost_s = _READ_S + _POST_S * len(commands) + parse_s
+            self._account.charge(cost_s, is_dialogue=self._is_dialogue)
             await self._account.wait()
         await self._finish()
-
-    def _parse(self, data: bytes) -> list[Command]:
-        with self._account.charge_block():
-            return self._protocol.receive(data)
 
     def _make_event(self, command: Command) -> CommandReceived | StepRequested:
         if isinstance(command, StepCommand):
@@ -188,7 +196,7 @@ class _ControlPeer:
 
     def _allow_silence(self) -> None:
         # One command may drive a robot for an hour. TCP notices a client that has vanished.
-        self._connection.may_idle = True
+        self._connection.has_robot = True
 
     def _send(self, reports: Sequence[Report]) -> None:
         unsent = self._connection.num_unsent_bytes
@@ -203,7 +211,11 @@ class _ControlPeer:
         if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
         # Replies are the client's use of the loop; periodic reports are the server's.
-        with nullcontext() if is_periodic else self._account.charge_block():
+        with (
+            nullcontext()
+            if is_periodic
+            else self._account.charge_block(is_dialogue=self._is_dialogue)
+        ):
             # One write for all: clients that read line by line from one segment lose least so.
             data = b"".join(map(self._encode, reports))
             self._connection.write(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from contextlib import AbstractAsyncContextManager
 
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -17,13 +18,15 @@ from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, ImagePortCh
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.serve.limits import LoopAccount
-from catoptra_server.serve.tcp_server import ConnectionLimits, TcpConnection, TcpServer, serve_tcp
+from catoptra_server.serve.port import ConnectionLimits
+from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
 
 log = logging.getLogger(__name__)
-
-
 # Time for the frames of a viewer that has closed its sending side.
 _END_GRACE_S = 1.0
+# Time of the loop for a read, and for a request with its reply.
+_READ_S = 1e-4
+_REQUEST_S = 2e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,7 @@ def serve_images(
     async def handle_connection(connection: TcpConnection) -> None:
         address = connection.address
         log.info("image client %s connected", address)
-        peer = _ImagePeer(connection, mailboxes, options, share.open_account())
+        peer = _ImagePeer(connection, mailboxes, options, share.open_account(address))
         try:
             await peer.answer_requests()
         except ChannelUnavailableError as error:
@@ -118,12 +121,13 @@ class _ImagePeer:
             # In order, and the next read waits for all replies: TCP holds back a fast client.
             for request in requests:
                 self._connection.has_handshake = True
+                self._connection.watched_at_s = time.monotonic()
                 await self._answer(request)
-            self._account.charge_read()
-            # With the charge of this read, whose price grows with the number of viewers: 32 would
-            # wait 76 ms for each frame. Input without a request is no part of a dialogue.
-            if requests and self._is_dialogue:
-                self._account.write_off()
+            # Input without a request is no part of a dialogue.
+            self._account.charge(
+                _READ_S + _REQUEST_S * len(requests),
+                is_dialogue=bool(requests) and self._is_dialogue,
+            )
             await self._account.wait()
 
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
-import itertools
 import logging
+import math
 import re
 import socket
 import struct
@@ -22,12 +22,10 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from dataclasses import field
 from typing import cast
 
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.serve.limits import AcceptLoop, LoopShare, create_listener
+from catoptra_server.serve.port import NEWCOMER_AGE_S, ConnectionLimits, Port, create_listener
 
 log = logging.getLogger(__name__)
 # A chunk of input: a turn of the loop handles at most some 100 commands.
@@ -41,22 +39,6 @@ _HTTP_REQUEST = re.compile(rb"[A-Za-z-]+ .*HTTP/[0-9.]+ *", re.DOTALL)
 _LINE_END_BYTES = 32
 # Time for the last bytes to a peer that reads slowly, or not at all.
 _LINGER_S = 10.0
-_CHECK_INTERVAL_S = 0.25
-
-
-@dataclass(frozen=True, slots=True)
-class ConnectionLimits:
-    """Limits of the connections to one port."""
-
-    max_connections: int = 64
-    """Concurrent connections, as in UDK. At the limit the oldest one without a handshake, or else
-    whose peer has left, is closed for a newcomer; without such a one the newcomer is rejected."""
-    handshake_timeout_s: float = 300.0
-    """Time for the first valid input; 0 = no limit."""
-    idle_timeout_s: float = 600.0
-    """Silence of a peer, unless the handler allows more; 0 = no limit."""
-    loop_share: LoopShare = field(default_factory=LoopShare)
-    """Time of the event loop for the peers' input; one for all ports of a server."""
 
 
 class TcpConnection(asyncio.BufferedProtocol):
@@ -75,14 +57,18 @@ class TcpConnection(asyncio.BufferedProtocol):
             on_lost: Called once when the connection ends, for whatever reason.
         """
         self.address = address
-        self.accepted_at_s = self.received_at_s = time.monotonic()
-        """Times of the connection and of the last input."""
+        self.opened_at_s = self.received_at_s = time.monotonic()
+        """Times of the connection and of the last input, on the loop's clock."""
         self.peer_ended_at_s: float | None = None
         """Time since which the peer sends nothing more, but may read; None if open."""
         self.has_handshake = False
         """Whether the peer has sent something valid."""
-        self.may_idle = False
-        """Whether the peer may be silent for longer than the idle time-out."""
+        self.has_robot = False
+        """Whether the peer has a robot: it may be silent for as long as it likes."""
+        self.watched_at_s = -math.inf
+        """Time of the last request for an image."""
+        self.task: asyncio.Task[None] | None = None
+        """The handler."""
         self._on_lost = on_lost
         # None until asyncio has connected the socket, a turn of the loop after it was accepted.
         self._transport: asyncio.Transport | None = None
@@ -95,6 +81,16 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._arrival: asyncio.Future[None] | None = None
         self._can_write = asyncio.Event()
         self._can_write.set()
+
+    @property
+    def has_left(self) -> bool:
+        """Whether the peer sends nothing more."""
+        return self.peer_ended_at_s is not None
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the peer has a robot, or watches one."""
+        return self.has_robot or time.monotonic() - self.watched_at_s < NEWCOMER_AGE_S
 
     @property
     def is_connected(self) -> bool:
@@ -180,6 +176,12 @@ class TcpConnection(asyncio.BufferedProtocol):
         if self._transport is not None:
             self._transport.abort()
 
+    def end(self) -> None:
+        """End handler and connection at once."""
+        if self.task is not None:
+            self.task.cancel()
+        self.abort()
+
     def check_peer(self) -> None:
         """Notice the end of a peer whose further input waits in the kernel."""
         # A socket that is not read does not report the end.
@@ -257,58 +259,38 @@ class TcpServer:
         """Begin to accept connections; see `serve_tcp`."""
         self._loop = asyncio.get_running_loop()
         self._handler = handler
-        self._name = name
         self._limits = limits
         self._end_grace_s = end_grace_s
-        # In the order of acceptance. A closed connection counts until the last bytes are sent.
-        self._connections: dict[TcpConnection, asyncio.Task[None]] = {}
-        self._accept_loop = AcceptLoop(listener, self._accept, name=name)
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        # A closed connection counts until the last bytes are sent.
+        self._port = Port(listener, self._open, name=name, limits=limits, check=self._check)
 
     @property
     def port(self) -> int:
         """TCP port on which the server listens."""
-        return self._accept_loop.port
+        return self._port.number
 
     @property
     def num_connections(self) -> int:
         """Number of open connections."""
-        return len(self._connections)
+        return len(self._port)
 
     async def close(self) -> None:
         """Release the port and end every connection."""
-        self._accept_loop.close()
-        self._check.cancel()
-        ended = dict(self._connections)
-        for task in ended.values():
+        self._port.close()
+        connections = [*self._port]
+        tasks = [one.task for one in connections if one.task is not None]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*ended.values(), return_exceptions=True)
-        for connection in ended:
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for connection in connections:
             connection.abort()
 
-    def _accept(self, accepted: socket.socket, address: str) -> None:
-        if len(self._connections) >= self._limits.max_connections and not self._make_room():
-            raise ConnectionRefusedError(
-                f"the limit of {self._limits.max_connections} connections is reached"
-            )
+    def _open(self, accepted: socket.socket, address: str) -> TcpConnection:
         connection = TcpConnection(address, on_lost=self._remove)
-        task = self._loop.create_task(self._run(connection, accepted))
+        connection.task = self._loop.create_task(self._run(connection, accepted))
         # A callback, not the coroutine's own end: a task that is cancelled at once never runs.
-        task.add_done_callback(lambda _: self._close(connection, accepted))
-        self._connections[connection] = task
-
-    def _make_room(self) -> bool:
-        """Close a connection that is needed least; False if there is none."""
-        silent = (one for one in self._connections if not one.has_handshake)
-        ended = (one for one in self._connections if one.peer_ended_at_s is not None)
-        oldest = next(itertools.chain(silent, ended), None)
-        if oldest is None:
-            return False
-        log.info("%s closed for a newcomer: it has left or sent nothing valid", oldest.address)
-        self._end(oldest)
-        # At once, not when asyncio reports the end: the newcomer takes its place.
-        self._connections.pop(oldest, None)
-        return True
+        connection.task.add_done_callback(lambda _: self._close(connection, accepted))
+        return connection
 
     async def _run(self, connection: TcpConnection, accepted: socket.socket) -> None:
         try:
@@ -329,43 +311,27 @@ class TcpServer:
         """Close the connection of a task that has ended, after the last bytes are sent."""
         if not connection.is_connected:
             accepted.close()  # no transport owns the socket
-            self._connections.pop(connection, None)
+            self._port.remove(connection)
             return
         connection.close()
         if connection.num_unsent_bytes:
             self._loop.call_later(_LINGER_S, connection.abort)
 
     def _remove(self, connection: TcpConnection) -> None:
-        task = self._connections.pop(connection, None)
-        if task is not None:
-            task.cancel()
+        self._port.remove(connection)
+        if connection.task is not None:
+            connection.task.cancel()
 
-    def _end(self, connection: TcpConnection) -> None:
-        self._connections[connection].cancel()
-        connection.abort()
-
-    def _check_connections(self) -> None:
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
-        now_s = time.monotonic()
-        for connection, task in list(self._connections.items()):
-            connection.check_peer()
-            ended_at_s = connection.peer_ended_at_s
-            if ended_at_s is not None and now_s - ended_at_s > self._end_grace_s:
-                task.cancel()  # bytes so far are sent
-            elif reason := self._overdue(connection, now_s):
-                log.info("%s disconnected: %s", connection.address, reason)
-                self._end(connection)
-
-    def _overdue(self, connection: TcpConnection, now_s: float) -> str:
+    def _check(self, connection: TcpConnection, now_s: float) -> str:
         """Reason to end a connection that is silent for too long; empty for none."""
-        limits = self._limits
-        if not connection.has_handshake:
-            limit_s = limits.handshake_timeout_s
-            is_overdue = 0.0 < limit_s < now_s - connection.accepted_at_s
-            return f"nothing valid within {limit_s:g} s" if is_overdue else ""
-        limit_s = limits.idle_timeout_s
-        is_overdue = 0.0 < limit_s < now_s - connection.received_at_s and not connection.may_idle
-        return f"silent for {limit_s:g} s" if is_overdue else ""
+        connection.check_peer()
+        ended_at_s, limit_s = connection.peer_ended_at_s, self._limits.idle_timeout_s
+        if ended_at_s is not None and now_s - ended_at_s > self._end_grace_s:
+            assert connection.task is not None, "set before the connection is in the port's list"
+            connection.task.cancel()  # bytes so far are sent
+        elif 0.0 < limit_s < now_s - connection.received_at_s and not connection.has_robot:
+            return f"silent for {limit_s:g} s"
+        return ""
 
 
 @asynccontextmanager

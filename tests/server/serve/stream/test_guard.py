@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.port import ConnectionLimits, create_listener
 from catoptra_server.serve.stream import guard as guard_module
 from catoptra_server.serve.stream.guard import (
     ConnectionGuard,
@@ -21,7 +21,6 @@ from catoptra_server.serve.stream.guard import (
     Relay,
     ZmtpPartCounter,
 )
-from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario, wait_until
 from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
 
@@ -451,7 +450,7 @@ def test_connection_without_a_request_makes_room_at_the_limit(tmp_path: Path) ->
 def test_connection_without_a_request_in_time_is_closed_and_others_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard_module, "_CHECK_INTERVAL_S", 0.01)
+    monkeypatch.setattr(guard_module, "CHECK_INTERVAL_S", 0.01)
 
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
@@ -473,7 +472,7 @@ def test_connection_without_a_request_in_time_is_closed_and_others_stay(
 def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard_module, "_CHECK_INTERVAL_S", 0.01)
+    monkeypatch.setattr(guard_module, "CHECK_INTERVAL_S", 0.01)
 
     async def scenario() -> None:
         async with open_guard(tmp_path) as guard:

@@ -394,7 +394,9 @@ def test_clients_are_those_between_connection_and_disconnection() -> None:
         outbox = Outbox(
             lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None
         )
-        first, second = (StreamPeer(outbox, context, encode=bytes_from_message) for _ in "ab")
+        first, second = (
+            StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
+        )
         assert context.clients == {first, second}
         first.disconnect()
         first.disconnect()

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.port import ConnectionLimits, create_listener
 from catoptra_server.serve.stream.router import (
     Outbox,
     RouterSocket,
     SendResult,
     create_private_folder,
 )
-from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, run_scenario, wait_until
 from helpers.stream_peer import connect_raw_peer
 from helpers.zmtp import (

@@ -26,7 +26,7 @@ from catoptra_protocol.stream.requests import (
     ImageEncoding,
 )
 from catoptra_server.frames.frame import Frame
-from catoptra_server.serve import limits as limits_module
+from catoptra_server.serve import port as port_module
 from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.simulation import ClientDisconnected
@@ -149,7 +149,7 @@ def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
 ) -> None:
     # A slow machine must not end the client before it has sent its requests.
     monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", math.inf)
-    monkeypatch.setitem(limits_module._VANISHED_OPTIONS, "TCP_USER_TIMEOUT", 0)
+    monkeypatch.setitem(port_module._VANISHED_OPTIONS, "TCP_USER_TIMEOUT", 0)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.port import create_listener
 from catoptra_server.serve.web.web_access import AccessDeniedError, WebAccess, create_web_access
 
 LOOPBACK = WebAccess(frozenset({"127.0.0.1", "localhost", "[::1]"}), "127.0.0.1", 5080)

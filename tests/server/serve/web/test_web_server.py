@@ -13,8 +13,8 @@ import pytest
 
 from catoptra_protocol.stream.replies import StatusReply
 from catoptra_protocol.stream.requests import GetStatusRequest
-from catoptra_server.serve import limits as limits_module
-from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve import port as port_module
+from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.web import pages as pages_module
 from catoptra_server.serve.web import web_server
 from catoptra_server.serve.web.page_socket import SECURITY_HEADERS
@@ -241,22 +241,22 @@ def test_description_of_the_server_is_json() -> None:
     run_session(play)
 
 
-def test_connection_without_a_whole_request_ends_after_its_time() -> None:
-    now_s = 0.0
+def test_connection_without_a_whole_request_ends_after_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(web_server, "_MAX_LIFETIME_S", 0.2)
 
     async def play(session: PageSession) -> None:
-        nonlocal now_s
         reader, writer = await connect(session.server)
         async with session.open_socket() as page:
             writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n")
             await wait_until(lambda: session.server.num_connections == 2, "both connections")
-            now_s = 31.0
             assert await reader.read() == b""
             # A WebSocket lives on.
             assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
         writer.close()
 
-    run_session(play, monotonic=lambda: now_s)
+    run_session(play)
 
 
 def test_request_without_an_end_is_closed_at_64_kib(caplog: pytest.LogCaptureFixture) -> None:
@@ -292,24 +292,9 @@ def test_newcomer_at_the_limit_takes_the_place_of_the_oldest_that_is_no_websocke
     run_session(play, limits=ConnectionLimits(max_connections=3))
 
 
-def test_websockets_beyond_their_limit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_server, "MAX_WEBSOCKETS", 2)
-
-    async def play(session: PageSession) -> None:
-        async with session.open_socket() as page, session.open_socket():
-            with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
-                await session.http.ws_connect(f"{session.url}/socket", origin=session.url)
-            assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
-        await wait_until(lambda: not session.server.sockets, "end of both WebSockets")
-        async with session.open_socket():
-            pass
-
-    run_session(play)
-
-
 def test_thousand_connections_leave_a_page_undisturbed(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Otherwise the flood takes a minute: 20 connections a second are accepted.
-    monkeypatch.setattr(limits_module, "_MAX_ACCEPTS_PER_S", 1e6)
+    # Otherwise the flood takes a minute: 20 connections a second are opened.
+    monkeypatch.setattr(port_module, "_MAX_OPENED_PER_S", 1e6)
 
     async def play(session: PageSession) -> None:
         async with session.open_socket() as page:

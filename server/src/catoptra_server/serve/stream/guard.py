@@ -22,14 +22,21 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import select
 import socket
 import struct
 from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.serve.limits import AcceptLoop, LoopAccount, set_vanished_timeout
-from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.limits import LoopAccount
+from catoptra_server.serve.port import (
+    CHECK_INTERVAL_S,
+    NEWCOMER_AGE_S,
+    ConnectionLimits,
+    Port,
+    set_vanished_timeout,
+)
 
 log = logging.getLogger(__name__)
 # All clients and some more, which get an error in reply.
@@ -55,14 +62,13 @@ _MAX_PARTS = 8
 _UPSTREAM_READ_BYTES = 1024
 # A frame should take few turns of the loop.
 _DOWNSTREAM_READ_BYTES = 256 * 1024
-# Time of the loop for a request with its reply, measured as 0.12 to 0.19 ms, and as much of the
-# thread of ZeroMQ; for a part, and for a read.
-_MESSAGE_COST_S = 0.4e-3
+# Time of the thread of ZeroMQ for a request with its reply, beside the loop's own, which is
+# measured; for a part, and for a read.
+_MESSAGE_COST_S = 0.2e-3
 _PART_COST_S = 2e-6
 _READ_COST_S = 50e-6
 # A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
 _MAX_WAIT_S = 60.0
-_CHECK_INTERVAL_S = 0.25
 # Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
 # A RemoteProtocolError ends the connection.
 _InspectBytes = Callable[[bytes], tuple[bytes, float]]
@@ -84,74 +90,66 @@ class ConnectionGuard:
         self._loop = asyncio.get_running_loop()
         self._path = path
         self._limits = limits
-        # In the order of acceptance.
-        self._connections: dict[_GuardedConnection, None] = {}
-        self._accept_loop = AcceptLoop(listener, self._accept, name="stream")
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        self._port = Port(listener, self._open, name="stream", limits=limits)
+        self._of_name: dict[bytes | str, GuardedConnection] = {}
+        self._check = self._loop.call_later(CHECK_INTERVAL_S, self._check_connections)
 
     def close(self) -> None:
         """Release the port and close every connection."""
-        self._accept_loop.close()
+        self._port.close()
         self._check.cancel()
-        for connection in list(self._connections):
-            connection.close()
+        for connection in self._port:
+            connection.end()
 
-    def _accept(self, client_socket: socket.socket, address: str) -> None:
-        if len(self._connections) >= self._limits.max_connections and not self._make_room():
-            limit = f"the limit of {self._limits.max_connections} connections is reached"
-            raise ConnectionRefusedError(limit)
+    def find_connection(self, router_end: socket.socket) -> GuardedConnection | None:
+        """Connection whose bytes arrive at a socket of the ROUTER."""
+        return self._of_name.get(router_end.getpeername())
+
+    def _open(self, client_socket: socket.socket, address: str) -> GuardedConnection:
         set_vanished_timeout(client_socket)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
+            # Linux gives the socket a name, by which the ROUTER's end is recognised.
+            router_socket.bind("")
             router_socket.setblocking(False)
             router_socket.connect(self._path)
         except OSError:
             router_socket.close()
             raise
-        connection = _GuardedConnection(
+        name = router_socket.getsockname()
+
+        def forget(connection: GuardedConnection) -> None:
+            self._port.remove(connection)
+            self._of_name.pop(name, None)
+
+        self._of_name[name] = connection = GuardedConnection(
             client_socket,
             router_socket,
             address=address,
-            account=self._limits.loop_share.open_account(max_wait_s=_MAX_WAIT_S),
-            on_close=self._connections.pop,
+            account=self._limits.loop_share.open_account(address, max_wait_s=_MAX_WAIT_S),
+            on_close=forget,
         )
-        self._connections[connection] = None
-
-    def _make_room(self) -> bool:
-        """Close the oldest connection without a whole request; False if there is none."""
-        oldest = next((one for one in self._connections if not one.has_request), None)
-        if oldest is None:
-            return False
-        log.info("stream connection of %s closed for a newcomer: no request", oldest.address)
-        oldest.close()
-        return True
+        return connection
 
     def _check_connections(self) -> None:
-        """Close connections without a request in time, and those that the ROUTER has ended."""
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
-        limit_s = self._limits.handshake_timeout_s
-        opened_before_s = self._loop.time() - limit_s
-        for connection in list(self._connections):
-            if limit_s and not connection.has_request and connection.opened_s < opened_before_s:
-                log.info(
-                    "stream connection of %s closed: no request in %g s",
-                    *(connection.address, limit_s),
-                )
-                connection.close()
+        self._check = self._loop.call_later(CHECK_INTERVAL_S, self._check_connections)
         self._close_orphans()
 
     def _close_orphans(self) -> None:
         """Close connections whose end of the ROUTER is shut down while the client reads nothing."""
-        blocked = {one.router_fd: one for one in self._connections if one.is_client_blocked}
+        blocked = {one.router_fd: one for one in self._port if one.is_client_blocked}
         poll = select.poll()
         for descriptor in blocked:
             poll.register(descriptor, 0)  # hang-ups and errors are always reported
         for descriptor, _ in poll.poll(0):
-            blocked[descriptor].close()
+            blocked[descriptor].end()
 
 
-class _GuardedConnection:
+class GuardedConnection:
     """The two sockets of one client; both end when either does."""
+
+    has_left = False
+    """Nothing is relayed for a client that has closed either direction."""
 
     def __init__(
         self,
@@ -160,17 +158,24 @@ class _GuardedConnection:
         *,
         address: str,
         account: LoopAccount,
-        on_close: Callable[[_GuardedConnection], object],
+        on_close: Callable[[GuardedConnection], object],
     ) -> None:
         self._sockets = (client_socket, router_socket)
         self.address = address
-        self.opened_s = asyncio.get_running_loop().time()
-        self._account = account
+        self._loop = asyncio.get_running_loop()
+        self.opened_at_s = self._loop.time()
+        self.account = account
+        """Use of the event loop."""
+        self.has_robot: Callable[[], bool] = lambda: False
+        """Whether the client has a robot; set by the server of the clients."""
+        self.is_dialogue = True
+        """Whether the client waited for the replies at the time of its last input."""
         self._on_close = on_close
         self._counter = ZmtpPartCounter()
         self._identity_filter = IdentityFilter()
         # Whether ZeroMQ has sent anything since the last read from the client.
         self._has_replied = True
+        self._requested_at_s = -math.inf
         self._upstream = Relay(
             client_socket,
             router_socket,
@@ -187,9 +192,14 @@ class _GuardedConnection:
         )
 
     @property
-    def has_request(self) -> bool:
+    def has_handshake(self) -> bool:
         """Whether the client has sent a whole message."""
         return self._counter.num_messages > 0
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the client has a robot, or has sent a request a moment ago."""
+        return self.has_robot() or self._loop.time() - self._requested_at_s < NEWCOMER_AGE_S
 
     @property
     def router_fd(self) -> int:
@@ -201,7 +211,7 @@ class _GuardedConnection:
         """Whether bytes wait for the client to read."""
         return self._downstream.is_blocked
 
-    def close(self) -> None:
+    def end(self) -> None:
         """Close both sockets; reset the connection of a client that reads nothing."""
         if self.is_client_blocked:
             # Otherwise the kernel would keep megabytes for minutes, and the client notice no end.
@@ -219,16 +229,19 @@ class _GuardedConnection:
         num_messages, num_parts = self._counter.num_messages, self._counter.num_parts
         # A part beyond the limit must not reach libzmq.
         self._counter.feed(data)
+        num_messages = self._counter.num_messages - num_messages
+        if num_messages:
+            self._requested_at_s = self._loop.time()
         # A client that waits for each reply occupies the loop with one request at any time.
-        if self._has_replied and self._counter.num_messages <= num_messages + 1:
-            self._account.write_off()
+        self.is_dialogue = self._has_replied and num_messages <= 1
         self._has_replied = False
-        self._account.charge(
+        self.account.charge(
             _READ_COST_S
-            + _MESSAGE_COST_S * (self._counter.num_messages - num_messages)
-            + _PART_COST_S * (self._counter.num_parts - num_parts)
+            + _MESSAGE_COST_S * num_messages
+            + _PART_COST_S * (self._counter.num_parts - num_parts),
+            is_dialogue=self.is_dialogue,
         )
-        return self._identity_filter.feed(data), self._account.remaining_wait_s
+        return self._identity_filter.feed(data), self.account.remaining_wait_s
 
     def _note_reply(self, data: bytes) -> tuple[bytes, float]:
         """Pass all bytes of the ROUTER, which is ours, at once."""
@@ -239,7 +252,7 @@ class _GuardedConnection:
         # Only violations are logged here; StreamServer logs clients that disconnect.
         if isinstance(reason, RemoteProtocolError):
             log.info("stream connection of %s ended: %s", self.address, reason)
-        self.close()
+        self.end()
 
 
 class Relay:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -55,6 +56,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_server.frames.encode import Payload
 from catoptra_server.runtime.faults import log_fault
+from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.stream.frames import FrameSender
 from catoptra_server.serve.stream.replies import (
     StreamContext,
@@ -73,7 +75,6 @@ from catoptra_server.serve.stream.session import (
     PendingRequests,
     RobotSession,
 )
-from catoptra_server.serve.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
 # Each client may have a robot.
@@ -99,15 +100,19 @@ _EncodeReply = Callable[[Reply], bytes]
 class StreamPeer:
     """One client, from its first request to the end of the connection."""
 
-    def __init__(self, outbox: Outbox, context: StreamContext, *, encode: _EncodeReply) -> None:
+    def __init__(
+        self, outbox: Outbox, context: StreamContext, *, address: str, encode: _EncodeReply
+    ) -> None:
         """Begin without a robot.
 
         Args:
+            address: Host and port of the client, for logs.
             outbox: Messages to the client.
             context: What the clients of the server share.
             encode: Encodes a reply for the client's transport.
         """
         self._loop = asyncio.get_running_loop()
+        self.address = address
         self.outbox = outbox
         self._context = context
         self._encode = encode
@@ -329,21 +334,26 @@ class StreamServer:
         if peer is not None:
             peer.disconnect()
             num_sent = peer.frame_sender.num_sent
-            log.info("stream client %s disconnected after %d frames", identity.hex(), num_sent)
+            log.info("stream client %s disconnected after %d frames", peer.address, num_sent)
 
     def _end_connection(self, identity: bytes, peer: StreamPeer) -> None:
         """Disconnect a client that reads too few of the replies."""
         if self._peers.get(identity) is peer:
-            log.warning("stream client %s reads nothing: disconnected", identity.hex())
+            log.warning("stream client %s reads nothing: disconnected", peer.address)
             self._remove_peer(identity)
             self._socket.disconnect(identity)
 
     def _handle_message(self, identity: bytes, parts: list[bytes]) -> None:
+        connection = self._socket.find_connection(identity)
+        begin_s = time.thread_time()
         try:
             self._receive(identity, parts)
         except Exception:
             log_fault(log, "a stream message failed")
             self._reject(identity, Error(0, INTERNAL_FAULT))
+        if connection is not None:
+            duration_s = time.thread_time() - begin_s
+            connection.account.charge(duration_s, is_dialogue=connection.is_dialogue)
 
     def _receive(self, identity: bytes, parts: list[bytes]) -> None:
         try:
@@ -383,8 +393,14 @@ class StreamServer:
             # Later: the caller has more to do with the peer.
             on_overflow=lambda: self._loop.call_soon(self._end_connection, identity, peer),
         )
-        peer = self._peers[identity] = StreamPeer(outbox, self._context, encode=bytes_from_message)
-        log.info("stream client %s connected", identity.hex())
+        connection = self._socket.find_connection(identity)
+        address = connection.address if connection else identity.hex()
+        peer = self._peers[identity] = StreamPeer(
+            outbox, self._context, address=address, encode=bytes_from_message
+        )
+        if connection is not None:
+            connection.has_robot = lambda: peer.robot.has_robot
+        log.info("stream client %s connected", address)
         return peer
 
     def _schedule_flush(self, peer: StreamPeer | None = None) -> None:

@@ -29,9 +29,8 @@ from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
 from catoptra_server.frames.encode import Payload
-from catoptra_server.serve.limits import BACKLOG
-from catoptra_server.serve.stream.guard import ConnectionGuard
-from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.port import BACKLOG, ConnectionLimits
+from catoptra_server.serve.stream.guard import ConnectionGuard, GuardedConnection
 
 log = logging.getLogger(__name__)
 _MessageHandler = Callable[[bytes, list[bytes]], None]
@@ -187,11 +186,13 @@ class RouterSocket:
             resources.callback(context.destroy, linger=0)
             self._monitor = context.socket(zmq.PAIR)
             self._socket = _bind_router(context, f"ipc://{path}", monitor=self._monitor)
-            resources.callback(ConnectionGuard(listener, path, limits=limits).close)
+            self._guard = ConnectionGuard(listener, path, limits=limits)
+            resources.callback(self._guard.close)
             self._release = resources.pop_all().close
         # File descriptors of the connections: open ones, and the ones of peers with a message.
         self._open_connections: set[int] = set()
         self._connections: dict[bytes, int] = {}
+        self._guarded: dict[bytes, GuardedConnection | None] = {}
         self._identities: dict[int, bytes] = {}
         self._is_closed = False
         self._scheduled_read: asyncio.Handle | None = None
@@ -223,6 +224,10 @@ class RouterSocket:
             self._forget(peer)
             return SendResult.DISCONNECTED
         return SendResult.SENT
+
+    def find_connection(self, peer: bytes) -> GuardedConnection | None:
+        """Connection of a peer to the public port; None once it has ended."""
+        return self._guarded.get(peer)
 
     def disconnect(self, peer: bytes) -> None:
         """End the connection of a peer; unsent messages are dropped."""
@@ -276,8 +281,12 @@ class RouterSocket:
             return False
         if self._connections.get(peer, connection) != connection:
             self._end(peer)
-        self._connections[peer] = connection
-        self._identities[connection] = peer
+        if peer not in self._connections:
+            self._connections[peer] = connection
+            self._identities[connection] = peer
+            with ExitStack() as stack, suppress(OSError):
+                end = stack.enter_context(socket.socket(fileno=os.dup(connection)))
+                self._guarded[peer] = self._guard.find_connection(end)
         return True
 
     def _read_monitor(self) -> None:
@@ -302,6 +311,7 @@ class RouterSocket:
 
     def _forget(self, peer: bytes) -> None:
         connection = self._connections.pop(peer, None)
+        self._guarded.pop(peer, None)
         if connection is not None:
             self._identities.pop(connection, None)
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
+import time
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any, Protocol
@@ -26,6 +28,7 @@ from catoptra_protocol.stream.requests import DriveRequest
 from catoptra_server.frames.encode import Payload
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.limits import LoopAccount
+from catoptra_server.serve.port import NEWCOMER_AGE_S
 from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.serve.stream.replies import StreamContext
 from catoptra_server.serve.stream.router import Outbox, SendResult
@@ -99,7 +102,7 @@ class PageSocket:
             on_blocked=lambda: None,  # the end of each message sends the next
             on_overflow=self._disconnect,
         )
-        self.peer = StreamPeer(outbox, context, encode=_encode_reply)
+        self.peer = StreamPeer(outbox, context, address=connection.address, encode=_encode_reply)
         self._dead_man_switch = DeadManSwitch(
             # Not bound: a fault gives the client another session.
             lambda robot: self.peer.robot.stop(robot),
@@ -235,7 +238,7 @@ class WebConnection(web.RequestHandler):
         super().__init__(
             server,
             loop=loop,
-            tcp_keepalive=False,  # AcceptLoop has set this
+            tcp_keepalive=False,  # the port has set this
             access_log=None,  # type: ignore[arg-type] # None is no log
             logger=log,
             max_line_size=_MAX_LINE_BYTES,
@@ -245,42 +248,42 @@ class WebConnection(web.RequestHandler):
         )
         self.address = address
         self.opened_at_s = opened_at_s
-        self.is_websocket = False
-        """Whether the connection has become a WebSocket, which may live long."""
+        self.page: PageSocket | None = None
+        """The WebSocket that the connection has become."""
         self._account = account
         self._on_lost = on_lost
         self._open_loop = loop
         self._hold: asyncio.TimerHandle | None = None
+        self._requested_at_s = -math.inf
         self._num_request_bytes = 0
         self._num_messages = 0
         self._num_unanswered = 0
 
     def data_received(self, data: bytes) -> None:
         """Parse input, and read no more for a while once too much of the loop was used."""
-        if self._is_dialogue:
-            # A peer that waits for replies occupies the loop with few requests at any time.
-            self._account.write_off()
         self._num_messages = 0
         self._num_request_bytes += len(data)
-        if not self.is_websocket and self._num_request_bytes > _MAX_REQUEST_BYTES:
+        if self.page is None and self._num_request_bytes > _MAX_REQUEST_BYTES:
             log.info("web connection of %s closed: its request has no end", self.address)
             self.abort()
             return
-        self._account.charge(_READ_COST_S)
-        with self._account.charge_block():
-            super().data_received(data)
-        self._hold_back()
+        begin_s = time.thread_time()
+        super().data_received(data)
+        self._charge(_READ_COST_S + time.thread_time() - begin_s)
 
     async def begin_request(self) -> None:
         """Charge a request or a message, and wait until the connection may use the loop again."""
+        self._requested_at_s = self._open_loop.time()
         self._num_messages += 1
         self._num_unanswered += 1
         self._num_request_bytes = 0
-        self._account.charge(_REQUEST_COST_S)
-        # With eight pages the price of one request, 36 ms of waiting, is above the burst already.
-        if not self._is_dialogue:
-            self._hold_back()
-            await self._account.wait()
+        self._charge(_REQUEST_COST_S)
+        await self._account.wait()
+
+    def _charge(self, duration_s: float) -> None:
+        # A peer that waits for replies occupies the loop with few requests at any time.
+        self._account.charge(duration_s, is_dialogue=self._is_dialogue)
+        self._hold_back()
 
     def note_reply(self) -> None:
         """Record that something was sent."""
@@ -290,6 +293,27 @@ class WebConnection(web.RequestHandler):
     def _is_dialogue(self) -> bool:
         """Whether the peer waits for replies; one may be sent that is not noted yet."""
         return self._num_unanswered <= _MAX_DIALOGUE + 1 and self._num_messages <= _MAX_DIALOGUE
+
+    @property
+    def has_handshake(self) -> bool:
+        """Whether the peer has sent a whole request."""
+        return self._requested_at_s > -math.inf
+
+    @property
+    def has_left(self) -> bool:
+        """Whether nothing more is sent."""
+        return self.is_closing and self._requested_at_s > -math.inf
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the page has a robot, or has requested something a moment ago."""
+        has_robot = self.page is not None and self.page.peer.robot.has_robot
+        is_recent = self._open_loop.time() - self._requested_at_s < NEWCOMER_AGE_S
+        return has_robot or (self.page is not None and is_recent)
+
+    def end(self) -> None:
+        """Close the connection at once."""
+        self.abort()
 
     @property
     def is_closing(self) -> bool:

@@ -15,7 +15,7 @@ from ipaddress import ip_address
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.serve.limits import Listener
+from catoptra_server.serve.port import Listener
 
 MAX_VIEW_CONNECTIONS = 128
 """Connections of all pages: two WebSockets each, and six at most while one loads files."""

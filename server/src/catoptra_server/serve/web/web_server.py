@@ -15,18 +15,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from aiohttp import web
 
 from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.serve.limits import AcceptLoop, set_vanished_timeout
+from catoptra_server.serve.port import ConnectionLimits, Port, set_vanished_timeout
 from catoptra_server.serve.stream.replies import StreamContext
 from catoptra_server.serve.stream.session import INTERNAL_FAULT
-from catoptra_server.serve.tcp_server import ConnectionLimits
 from catoptra_server.serve.web.page_socket import (
     SECURITY_HEADERS,
     PageSocket,
@@ -42,7 +40,6 @@ MAX_WEBSOCKETS = 64
 _SOCKET_PATH = "/socket"
 # Of a connection that is no WebSocket: loading the page takes less than a second.
 _MAX_LIFETIME_S = 30.0
-_CHECK_INTERVAL_S = 0.25
 # A ping after this time without input, and a reply within half of that: a page that has vanished
 # without closing the connection is noticed within 7.5 s.
 _PING_INTERVAL_S = 5.0
@@ -63,7 +60,6 @@ class WebServer:
         *,
         access: WebAccess,
         limits: ConnectionLimits,
-        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin to accept connections.
 
@@ -73,94 +69,71 @@ class WebServer:
             pages: What requests read.
             access: Who may use the port.
             limits: Number of connections, and time of the loop for their input.
-            monotonic: Clock of the connections' lifetime, seconds.
         """
         self._loop = asyncio.get_running_loop()
         self._context = context
         self._pages = pages
         self._access = access
         self._limits = limits
-        self._monotonic = monotonic
         # aiohttp's part: a handler of requests for the protocol, one object a connection.
         self._server = web.Server(self._handle, handler_cancellation=True)
-        # In the order of acceptance.
-        self._connections: dict[WebConnection, None] = {}
-        self._sockets: dict[WebConnection, PageSocket] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._accept_loop = AcceptLoop(listener, self._accept, name="view")
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        self._port = Port(listener, self._open, name="view", limits=limits, check=self._check)
 
     @property
     def port(self) -> int:
         """TCP port on which the server listens."""
-        return self._accept_loop.port
+        return self._port.number
 
     @property
     def num_connections(self) -> int:
         """Number of open connections."""
-        return len(self._connections)
+        return len(self._port)
 
     @property
     def sockets(self) -> tuple[PageSocket, ...]:
         """Open WebSockets."""
-        return tuple(self._sockets.values())
+        return tuple(one.page for one in self._port if one.page is not None)
 
     async def close(self) -> None:
         """Release the port and end every connection."""
-        self._accept_loop.close()
-        self._check.cancel()
+        self._port.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for connection in list(self._connections):
+        for connection in self._port:
             connection.abort()
         await self._server.shutdown(_CLOSE_TIMEOUT_S)
         self._pages.close()
 
-    def _accept(self, accepted: socket.socket, address: str) -> None:
-        if len(self._connections) >= self._limits.max_connections and not self._make_room():
-            limit = f"the limit of {self._limits.max_connections} connections is reached"
-            raise ConnectionRefusedError(limit)
+    def _open(self, accepted: socket.socket, address: str) -> WebConnection:
         set_vanished_timeout(accepted)
         accepted.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         connection = WebConnection(
             self._server,
             address=address,
-            account=self._limits.loop_share.open_account(),
-            opened_at_s=self._monotonic(),
-            on_lost=lambda lost: self._connections.pop(lost, None),
+            account=self._limits.loop_share.open_account(address),
+            opened_at_s=self._loop.time(),
+            on_lost=self._port.remove,
         )
-        self._connections[connection] = None
         task = self._loop.create_task(self._connect(connection, accepted))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        return connection
 
     async def _connect(self, connection: WebConnection, accepted: socket.socket) -> None:
         try:
             await self._loop.connect_accepted_socket(lambda: connection, accepted)
         except OSError as error:
             log.info("web connection of %s closed: %s", connection.address, error)
-            self._connections.pop(connection, None)
+            self._port.remove(connection)
             accepted.close()
 
-    def _make_room(self) -> bool:
-        """Close the oldest connection that is no WebSocket; False if there is none."""
-        oldest = next((one for one in self._connections if not one.is_websocket), None)
-        if oldest is None:
-            return False
-        log.info("web connection of %s closed for a newcomer", oldest.address)
-        # At once, not when asyncio reports the end: the newcomer takes its place.
-        self._connections.pop(oldest)
-        oldest.abort()
-        return True
-
-    def _check_connections(self) -> None:
-        """End connections that live too long, and WebSockets that read nothing."""
-        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
-        opened_before_s = self._monotonic() - _MAX_LIFETIME_S
-        for connection in list(self._connections):
-            if not connection.is_websocket and connection.opened_at_s < opened_before_s:
-                connection.abort()
-        for page_socket in self.sockets:
-            page_socket.check()
+    def _check(self, connection: WebConnection, now_s: float) -> str:
+        """Reason to end a connection that lives too long, or reads nothing; empty for none."""
+        if connection.page is not None:
+            connection.page.check()
+            return ""
+        is_overdue = connection.opened_at_s < now_s - _MAX_LIFETIME_S
+        return f"no WebSocket within {_MAX_LIFETIME_S:g} s" if is_overdue else ""
 
     async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
         connection = request.protocol
@@ -223,10 +196,6 @@ class WebServer:
     async def _serve_socket(
         self, request: web.BaseRequest, connection: WebConnection
     ) -> web.StreamResponse:
-        if len(self._sockets) >= MAX_WEBSOCKETS:
-            limit = f"the limit of {MAX_WEBSOCKETS} WebSockets is reached: close another page"
-            log.warning("a page request of %s was refused: %s", connection.address, limit)
-            return text_response(503, limit)
         websocket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             autoping=False,  # counted like all other messages
@@ -240,12 +209,8 @@ class WebServer:
             await websocket.prepare(request)
         except web.HTTPException as error:
             return text_response(error.status, "this address is a WebSocket")
-        connection.is_websocket = True
-        page_socket = self._sockets[connection] = PageSocket(websocket, connection, self._context)
-        try:
-            await page_socket.serve()
-        finally:
-            del self._sockets[connection]
+        connection.page = PageSocket(websocket, connection, self._context)
+        await connection.page.serve()
         return websocket
 
 

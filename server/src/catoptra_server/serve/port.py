@@ -1,0 +1,401 @@
+"""A listening port: who may connect, how many, and who makes room for a newcomer.
+
+One set of rules for control, image, stream and page. At the limit the connection that is needed
+least ends. It is one that neither has a robot nor watches one: first those whose peer has left,
+then those that have sent nothing valid, then the oldest. Such connections may fill three quarters
+of the places; the rest is kept for those that have a robot, watch one, or are younger than 10 s. So
+neither silent connections nor idle ones shut newcomers out, and an idle controller may wait for its
+user all day while there is room.
+
+* **Sockets are accepted here**, since asyncio's own servers log a traceback for each failed
+  `accept`, without a pause: 27 000 in a minute without free descriptors.
+* **A storm costs its sender.** Opening and closing a connection takes 1 ms of the loop, so 20 a
+  second are opened after the first 64. Accepted sockets wait for that; one that has been closed
+  meanwhile costs next to nothing, and one that has sent something comes first: behind 240 silent
+  connections a second a newcomer waited for 2 to 6 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import field
+from ipaddress import ip_address
+from typing import Generic, Protocol, TypeVar
+
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.serve.limits import LoopShare, find_shared_address
+
+log = logging.getLogger(__name__)
+Listener = socket.socket
+# Connections that the kernel completes before they are accepted. One that does not fit is tried
+# again by the peer's kernel after a second.
+BACKLOG = 128
+# Age up to which a connection without a robot has a place of the kept quarter; likewise the time
+# for which a connection counts as watching after a request.
+NEWCOMER_AGE_S = 10.0
+# Sockets accepted in one turn of the loop, and those that wait to be opened.
+_MAX_ACCEPTS_PER_TURN = 16
+_MAX_WAITING = 256
+_MAX_BURST = 64
+_MAX_OPENED_PER_S = 20.0
+# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
+# and only burn processor time.
+_ACCEPT_RETRY_S = 1.0
+CHECK_INTERVAL_S = 0.25
+# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
+_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+# A host that vanished is disconnected after this time, with or without bytes on their way;
+# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
+_VANISHED_AFTER_S = 6
+_VANISHED_OPTIONS = {
+    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPCNT": 2,
+    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """Limits of the connections to one port."""
+
+    max_connections: int = 64
+    """Concurrent connections, as in UDK."""
+    max_per_address: int = 16
+    """Those of one address that is not of this machine."""
+    handshake_timeout_s: float = 0.0
+    """Time for the first valid input; 0 = no limit."""
+    idle_timeout_s: float = 0.0
+    """Silence of a peer, unless the handler allows more; 0 = no limit."""
+    loop_share: LoopShare = field(default_factory=LoopShare)
+    """Time of the event loop for the peers' input; one for all ports of a server."""
+
+
+class Connection(Protocol):
+    """What a port knows of a connection, whatever the protocol."""
+
+    address: str
+    """Host and port of the peer."""
+    opened_at_s: float
+    """Time of the connection, on the loop's clock."""
+
+    @property
+    def has_handshake(self) -> bool:
+        """Whether the peer has sent something valid."""
+
+    @property
+    def has_left(self) -> bool:
+        """Whether the peer sends nothing more."""
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the connection has a robot, or watches one."""
+
+    def end(self) -> None:
+        """Close the connection at once."""
+
+
+_ConnectionT = TypeVar("_ConnectionT", bound=Connection)
+
+
+class Port(Generic[_ConnectionT]):
+    """The connections of a listening socket, from their acceptance to `remove`."""
+
+    def __init__(
+        self,
+        listener: Listener,
+        open_connection: Callable[[socket.socket, str], _ConnectionT],
+        *,
+        name: str,
+        limits: ConnectionLimits,
+        check: Callable[[_ConnectionT, float], str] = lambda connection, now_s: "",
+    ) -> None:
+        """Begin to accept; to be called from the event loop.
+
+        Args:
+            listener: Listening socket, which the port owns from now on.
+            open_connection: Makes the connection of an accepted socket and the peer's address; an
+                OSError closes the socket and is logged.
+            name: Name of the port in the log.
+            limits: Number of connections, and the time for their first valid input.
+            check: Called regularly with each connection and the loop's time: the reason to end
+                the connection; empty for none.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._listener = listener
+        self._open_connection = open_connection
+        self._name = name
+        self._limits = limits
+        self._check = check
+        # In the order of acceptance.
+        self._connections: dict[_ConnectionT, None] = {}
+        self._waiting: list[tuple[socket.socket, str]] = []
+        self._num_failures = 0
+        # Connections that may be opened at once, at a time of the loop's clock.
+        self._num_free = float(_MAX_BURST)
+        self._counted_at_s = self._loop.time()
+        self._opening: asyncio.TimerHandle | None = None
+        self._checking = self._loop.call_later(CHECK_INTERVAL_S, self._check_connections)
+        self._listen()
+
+    @property
+    def number(self) -> int:
+        """TCP port of the listening socket."""
+        number: int = self._listener.getsockname()[1]
+        return number
+
+    def __len__(self) -> int:
+        """Number of connections."""
+        return len(self._connections)
+
+    def __iter__(self) -> Iterator[_ConnectionT]:
+        """Connections at present, in the order of acceptance."""
+        return iter(tuple(self._connections))
+
+    def close(self) -> None:
+        """Release the port; accepted connections stay open."""
+        if self._listener.fileno() < 0:
+            return
+        self._loop.remove_reader(self._listener)
+        self._listener.close()
+        self._checking.cancel()
+        if self._opening is not None:
+            self._opening.cancel()
+        for accepted, _ in self._waiting:
+            accepted.close()
+
+    def remove(self, connection: _ConnectionT) -> None:
+        """Forget a connection that has ended."""
+        self._connections.pop(connection, None)
+
+    def _listen(self) -> None:
+        # The socket may have been closed while a retry was pending.
+        if self._listener.fileno() >= 0:
+            self._loop.add_reader(self._listener, self._accept_waiting)
+
+    def _accept_waiting(self) -> None:
+        for _ in range(_MAX_ACCEPTS_PER_TURN):
+            try:
+                accepted, address = self._listener.accept()
+            # None left, or the peer has disconnected between the event and this call.
+            except (BlockingIOError, ConnectionAbortedError):
+                break
+            except OSError as error:
+                self._log_failure(error)
+                self._loop.remove_reader(self._listener)
+                self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
+                break
+            accepted.setblocking(False)
+            self._waiting.append((accepted, "{}:{}".format(*address[:2])))
+        self._open_waiting()
+
+    def _open_waiting(self) -> None:
+        """Open connections as far as their rate allows: those first whose peer has sent bytes."""
+        if self._opening is not None:
+            self._opening.cancel()
+            self._opening = None
+        num_free = self._count_free()
+        if num_free < len(self._waiting):
+            self._sort_waiting()
+        num_opened = min(num_free, len(self._waiting))
+        self._num_free -= num_opened
+        opened, self._waiting = self._waiting[:num_opened], self._waiting[num_opened:]
+        for accepted, address in opened:
+            self._open(accepted, address)
+        if self._waiting:
+            pause_s = (1.0 - self._num_free) / _MAX_OPENED_PER_S
+            self._opening = self._loop.call_later(max(0.0, pause_s), self._open_waiting)
+
+    def _sort_waiting(self) -> None:
+        """Put sockets with bytes first; close those whose peer has left, and those too many."""
+        first_bytes = [_peek(accepted) for accepted, _ in self._waiting]
+        entries = [*zip(first_bytes, self._waiting, strict=True)]
+        with_bytes = [one for first, one in entries if first]
+        silent = [one for first, one in entries if first is None]
+        self._waiting = [*with_bytes, *silent][:_MAX_WAITING]
+        for _, one in entries:
+            if one not in self._waiting:
+                one[0].close()
+
+    def _count_free(self) -> int:
+        """Number of connections that may be opened now."""
+        now_s = self._loop.time()
+        earned = _MAX_OPENED_PER_S * (now_s - self._counted_at_s)
+        self._num_free = min(self._num_free + earned, float(_MAX_BURST))
+        self._counted_at_s = now_s
+        return int(self._num_free)
+
+    def _open(self, accepted: socket.socket, address: str) -> None:
+        try:
+            _set_options(accepted)
+            self._make_room(address)
+            self._connections[self._open_connection(accepted, address)] = None
+        except OSError as error:
+            log.warning("connection of %s to the %s port closed: %s", address, self._name, error)
+            accepted.close()
+
+    def _make_room(self, address: str) -> None:
+        """End a connection where a newcomer finds no place.
+
+        Raises:
+            ConnectionRefusedError: All have a robot or watch one.
+        """
+        host = find_shared_address(address)
+        if host is not None:
+            of_host = [one for one in self if find_shared_address(one.address) == host]
+            if len(of_host) >= self._limits.max_per_address:
+                limit = f"the limit of {len(of_host)} connections of one address is reached"
+                self._free_place(of_host, limit)
+        if len(self._connections) >= self._limits.max_connections:
+            limit = f"the limit of {self._limits.max_connections} connections is reached"
+            self._free_place(list(self), limit)
+
+    def _free_place(self, candidates: list[_ConnectionT], limit: str) -> None:
+        opened_before_s = self._loop.time() - NEWCOMER_AGE_S
+        unused = [one for one in candidates if one.has_left or not one.is_in_use]
+        old = [one for one in unused if one.has_left or one.opened_at_s < opened_before_s]
+        silent = [one for one in unused if one not in old and not one.has_handshake]
+        # The last quarter is for newcomers, of which those without a word make room for others.
+        is_crowded = 4 * len(old) > 3 * self._limits.max_connections
+        ended = min(
+            old if is_crowded or not silent else silent,
+            key=lambda one: (not one.has_left, one.has_handshake, one.opened_at_s),
+            default=None,
+        )
+        if ended is None:
+            raise ConnectionRefusedError(limit)
+        log.info("%s closed for a newcomer to the %s port: %s", ended.address, self._name, limit)
+        # At once, not when asyncio reports the end: the newcomer takes its place.
+        self.remove(ended)
+        ended.end()
+
+    def _check_connections(self) -> None:
+        """End connections that are overdue."""
+        self._checking = self._loop.call_later(CHECK_INTERVAL_S, self._check_connections)
+        now_s, limit_s = self._loop.time(), self._limits.handshake_timeout_s
+        for connection in self:
+            reason = self._check(connection, now_s)
+            if (
+                limit_s
+                and not connection.has_handshake
+                and connection.opened_at_s < now_s - limit_s
+            ):
+                reason = f"nothing valid within {limit_s:g} s"
+            if reason:
+                log.info("%s disconnected: %s", connection.address, reason)
+                connection.end()
+
+    def _log_failure(self, error: OSError) -> None:
+        self._num_failures += 1
+        log.warning(
+            "the %s port accepts no connection for %g s (%d times so far): %s",
+            *(self._name, _ACCEPT_RETRY_S, self._num_failures, error.strerror),
+        )
+
+
+async def warn_of_exposure(host: str) -> None:
+    """Log a warning if other machines can reach the ports of a host name or address."""
+    try:
+        reachable = [a for a in await _resolve(host) if not ip_address(a).is_loopback]
+    except (OSError, UnicodeError):
+        # UnicodeError: an impossible name, such as a..b. Opening the ports fails too, and ends the
+        # server with the reason.
+        return
+    if reachable:
+        log.warning(
+            "the ports are open to the network on %s, without authentication, except for the live "
+            "page, whose link has a token: every machine that reaches them can drive the robots "
+            "and see their cameras. Restrict them by a firewall, "
+            "or serve on 127.0.0.1 and connect through `ssh -L`",
+            ", ".join(reachable),
+        )
+
+
+def create_listener(host: str, port: int, *, name: str) -> Listener:
+    """Listening socket on an address of a host, an IPv4 one if the host has both.
+
+    Args:
+        host: Name or address; `::` accepts IPv4 and IPv6, an empty one every IPv4 address.
+        port: TCP port; 0 = a free one.
+        name: Name of the port in error messages.
+
+    Raises:
+        OSError: The address is not available; names port and host.
+    """
+    try:
+        infos = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        # USARSim's clients speak IPv4, and `localhost` may be listed as ::1 first.
+        infos.sort(key=lambda info: info[0] != socket.AF_INET)
+        family, _, _, _, address = infos[0]
+        # One socket for IPv4 and IPv6, where the system supports both on one.
+        dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+        listener = socket.create_server(
+            address, family=family, backlog=BACKLOG, dualstack_ipv6=dual
+        )
+    except OSError as error:
+        raise OSError(error.errno, f"{name} port {host}:{port}: {_describe(error)}") from error
+    listener.setblocking(False)
+    return listener
+
+
+def set_vanished_timeout(accepted: socket.socket) -> None:
+    """Disconnect a peer early whose host vanishes, or that reads nothing.
+
+    Raises:
+        OSError: The peer has left.
+    """
+    for option, value in _VANISHED_OPTIONS.items():
+        if hasattr(socket, option):  # not all systems have all
+            accepted.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+
+async def wait_for_connection(listener: Listener) -> None:
+    """Wait until a connection is in the backlog of a listening socket that nobody else reads."""
+    loop, connected = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(listener, connected.set)
+    try:
+        await connected.wait()
+    finally:
+        loop.remove_reader(listener)
+
+
+def _peek(accepted: socket.socket) -> bytes | None:
+    """First byte that a peer has sent; empty if it has left, None if nothing has arrived."""
+    try:
+        return accepted.recv(1, socket.MSG_PEEK)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
+
+
+async def _resolve(host: str) -> list[str]:
+    """Addresses of a host, without the scope of link-local ones; of "" the wildcard."""
+    found = await asyncio.get_running_loop().getaddrinfo(
+        host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+    )
+    return sorted({str(address[0]).partition("%")[0] for *_, address in found})
+
+
+def _set_options(end: socket.socket) -> None:
+    # A reply must not wait for the acknowledgement of the one before. asyncio sets this only on
+    # sockets whose protocol number is stated, as `accept` does not.
+    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _KEEPALIVE_OPTIONS.items():
+        if hasattr(socket, option):
+            end.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+
+def _describe(error: OSError) -> str:
+    """Reason without the address, which `socket.create_server` appends."""
+    # Errors of getaddrinfo have negative numbers, which the system has no text for.
+    if error.errno is None or error.errno < 0:
+        return str(error.strerror)
+    return os.strerror(error.errno)
