@@ -218,6 +218,20 @@ def run_failing_server(*arguments: str) -> tuple[int, str]:
     return process.returncode, process.stderr
 
 
+def test_server_whose_output_is_full_says_so(tmp_path: Path) -> None:
+    arguments = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD), "--control-port", "0")
+    command = [sys.executable, "-m", "catoptra_server", *arguments, "--image-port", "0"]
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S
+        )
+    assert process.returncode == 2
+    assert "standard output takes no line, which has the addresses: No space left" in (
+        process.stderr
+    )
+    assert "--host" not in process.stderr
+
+
 def test_server_with_a_broken_robot_file_exits_with_2_and_the_line(tmp_path: Path) -> None:
     path = tmp_path / "robot.ini"
     path.write_text(OMNI_ROBOT.read_text().replace("K=11.546", "K=two"))

@@ -30,6 +30,7 @@ from catoptra_protocol.usarsim.commands import (
     SetViewports,
     ShareControl,
     StepCommand,
+    Stepper,
     Trace,
     command_from_message,
     line_from_command,
@@ -97,6 +98,8 @@ READ = [
     ("getstartposes", GetStartPoses()),
     ("GETSTARTPOSES {Any thing}", GetStartPoses()),
     ("STEP {Time 0.2}", StepCommand(0.2)),
+    ("STEPPER", Stepper()),
+    ("DRIVE {Left 1} {HaltAfter 0.5}", Drive(left=1.0, halt_after_s=0.5)),
     ("STEP", StepCommand(0.0)),
     ("STEP {Time soon}", StepCommand(0.0)),
     # To be ignored: unknown words, blank text, a word glued to the next message.
@@ -130,6 +133,8 @@ WRITTEN = [
     (GetGeo("Sonar", "F1"), b"GETGEO {Type Sonar} {Name F1}"),
     (GetStartPoses(), b"GETSTARTPOSES"),
     (StepCommand(0.2), b"STEP {Time 0.2}"),
+    (Stepper(), b"STEPPER"),
+    (Drive(1.0, halt_after_s=0.5), b"DRIVE {Left 1.0} {HaltAfter 0.5}"),
 ]
 
 

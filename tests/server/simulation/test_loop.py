@@ -35,6 +35,7 @@ from catoptra_protocol.usarsim.commands import (
     SetViewports,
     ShareControl,
     StepCommand,
+    Stepper,
     Trace,
 )
 from catoptra_protocol.usarsim.control_connection import ControlServer
@@ -180,6 +181,7 @@ COMMANDS: tuple[Command, ...] = (
     GetGeo("Robot"),
     GetStartPoses(),
     StepCommand(0.02),
+    Stepper(),
     Note("ekf", "{}"),
     ShareControl(True),
 )
@@ -276,6 +278,24 @@ def test_step_when_slower_than_the_budget_of_a_tick_does_not_delay_the_next() ->
 def test_step_without_a_robot_has_only_a_result() -> None:
     client = run_commands(Drive(1.0, 1.0), GetConf("Robot"), StepCommand(0.2))
     assert client.reports == [CommandResult(0.2, "Step", "Clock", "OK")]
+
+
+@pytest.mark.parametrize("has_robot", [False, True])
+def test_step_of_a_connection_that_has_not_declared_itself_needs_a_robot(has_robot: bool) -> None:
+    client, steps = FakeClient(), list[StepResult]()
+    simulation = make_simulation()
+
+    def reply(step: StepResult) -> None:
+        steps.append(step)
+        post_stop(simulation)
+
+    if has_robot:
+        simulation.post(CommandReceived(client, INIT))
+    simulation.post(StepRequested(client, 0.1, reply, is_declared=False))
+    simulation.run()
+    (result,) = steps
+    assert result.time_s == (0.1 if has_robot else 0.0)
+    assert ("has not sent STEPPER" in result.failure) is not has_robot
 
 
 def test_time_without_steps_stands_still() -> None:

@@ -112,6 +112,32 @@ def test_drive_when_too_fast_or_normalized_is_in_rad_s(command: Drive, speed_rad
     assert position(robot)[0] == pytest.approx(speed_rad_s * 0.13 * TICK_S, rel=1e-9)
 
 
+HALTING = Drive(2.0, 2.0, halt_after_s=0.1)
+
+
+@pytest.mark.parametrize(
+    ("commands", "ticks"),
+    [
+        ([(0, HALTING)], 4),
+        # Each command of a side counts anew, or ends the watch; a light does neither.
+        ([(0, HALTING), (3, HALTING)], 7),
+        ([(0, HALTING), (3, Drive(2.0))], 20),
+        ([(0, HALTING), (3, Drive(light=True))], 4),
+        ([(0, Drive(2.0, 2.0, halt_after_s=-1.0))], 0),
+        ([(0, Drive(2.0, 2.0))], 20),
+    ],
+)
+def test_robot_whose_driver_falls_silent_halts_in_time(
+    commands: list[tuple[int, Drive]], ticks: int
+) -> None:
+    robot, due = spawn(), dict(commands)
+    for tick in range(20):
+        if tick in due:
+            robot.drive_wheels(due[tick], tick * TICK_S)
+        step(robot, 1, since=tick)
+    assert position(robot)[0] == pytest.approx(2.0 * 0.13 * TICK_S * ticks)
+
+
 def test_chassis_when_standing_rides_at_its_height() -> None:
     np.testing.assert_array_equal(spawn().world_from_robot.translation, (0.0, 0.0, -0.1457))
 

@@ -180,6 +180,9 @@ class DriveRequest:
     normalized: bool
     robot: str = ""
     """Exact name of a robot whose owner shares its control; empty for the client's own."""
+    halt_after_s: float | None = None
+    """Time, s, after which the robot halts unless another request sets its speeds; None: 0.25 s
+    where a page of the web port drives, else never."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -335,6 +335,22 @@ class StepCommand:
         return (("Time", format_exact(self.time_s)),)
 
 
+@dataclass(frozen=True, slots=True)
+class Stepper:
+    """Declare that this connection advances the lockstep clock, also without a robot. Ours."""
+
+    WORD: ClassVar[str] = "STEPPER"
+
+    @classmethod
+    def from_message(cls, message: Message) -> Stepper:
+        """Parse a line; the command has no fields."""
+        return cls()
+
+    def to_pairs(self) -> Pairs:
+        """Name and value of each block of the line."""
+        return ()
+
+
 Command = (
     Init
     | Drive
@@ -348,6 +364,7 @@ Command = (
     | GetGeo
     | GetStartPoses
     | StepCommand
+    | Stepper
     | Note
     | ShareControl
 )
@@ -366,6 +383,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "GETGEO": GetGeo.from_message,
     "GETSTARTPOSES": GetStartPoses.from_message,
     "STEP": StepCommand.from_message,
+    "STEPPER": Stepper.from_message,
     "NOTE": Note.from_message,
     "SHARE": ShareControl.from_message,
 }
@@ -423,6 +441,7 @@ __all__ = [
     "SetViewports",
     "ShareControl",
     "StepCommand",
+    "Stepper",
     "Trace",
     "command_from_message",
     "line_from_command",

@@ -44,6 +44,8 @@ class Drive:
     light: bool | None = None
     flip: bool | None = None
     """Accepted for compatibility; no robot here can be turned over."""
+    halt_after_s: float | None = None
+    """Time, s, after which the robot halts unless another command sets its speeds; None: never."""
 
     @classmethod
     def from_message(cls, message: Message) -> Drive:
@@ -54,6 +56,7 @@ class Drive:
             normalized=lenient_fields.read_boolean(message, "Normalized") or False,
             light=lenient_fields.read_boolean(message, "Light"),
             flip=lenient_fields.read_boolean(message, "Flip"),
+            halt_after_s=lenient_fields.read_number(message, "HaltAfter"),
         )
 
     def to_pairs(self) -> Pairs:
@@ -64,6 +67,7 @@ class Drive:
             ("Normalized", self.normalized or None),
             ("Light", self.light),
             ("Flip", self.flip),
+            ("HaltAfter", self.halt_after_s),
         )
 
 

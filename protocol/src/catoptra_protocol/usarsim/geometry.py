@@ -61,13 +61,13 @@ class GeometryItem:
         )
 
     def to_udk_pairs(self, model: str) -> Pairs:
-        """The four pairs of the item in UDK, where the chassis is named as the robot's model."""
+        """The four pairs of the item in UDK, where each mount is the robot (Sensor.uc)."""
         # Rounded to centimetres: a capture has 0.21 for a configured 0.2085.
         return (
             ("Name", self.name),
             ("Location", format_rounded_vector(self.location_m)),
             ("Orientation", format_rounded_vector(self.rotation_rad)),
-            ("Mount", model if self.mount == CHASSIS_MOUNT and model else self.mount),
+            ("Mount", model or self.mount),
         )
 
 

@@ -119,7 +119,12 @@ async def _serve_until_signal(
             listening.enter_context(
                 termination.call_on_signal(stop_soon, flush=partial(_end_log, writer))
             )
-            _print_addresses(address)
+            try:
+                _print_addresses(address)
+            except OSError as error:
+                raise CatoptraError(
+                    f"standard output takes no line, which has the addresses: {error.strerror}"
+                ) from error
 
         await serve(options, announce, stop)
 

@@ -15,7 +15,7 @@ from functools import partial
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
-from catoptra_protocol.usarsim.commands import Command, StepCommand
+from catoptra_protocol.usarsim.commands import Command, StepCommand, Stepper
 from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
@@ -126,6 +126,7 @@ class _ControlPeer:
         self._has_room = asyncio.Event()
         # Whether the client waited for the replies at the time of its last input.
         self._is_dialogue = True
+        self._is_stepper = False
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports; from any thread, as all methods of a simulation's client."""
@@ -156,6 +157,9 @@ class _ControlPeer:
             parse_s = time.thread_time() - begin_s
             for command in commands:
                 self._connection.has_handshake = True
+                if isinstance(command, Stepper):
+                    self._is_stepper = True
+                    continue
                 await self._post_in_turn(self._make_event(command))
             self._is_dialogue = (
                 len(commands) <= _MAX_DIALOGUE_COMMANDS and not self._connection.has_more_input
@@ -167,7 +171,9 @@ class _ControlPeer:
 
     def _make_event(self, command: Command) -> CommandReceived | StepRequested:
         if isinstance(command, StepCommand):
-            return StepRequested(self, command.time_s, self._reply_step)
+            return StepRequested(
+                self, command.time_s, self._reply_step, is_declared=self._is_stepper
+            )
         return CommandReceived(self, command)
 
     async def _post_in_turn(self, event: SimulationEvent) -> None:

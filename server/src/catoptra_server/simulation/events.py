@@ -93,6 +93,8 @@ class StepRequested:
     reply: Callable[[StepResult], None]
     refusal: str = ""
     """Reason why the step is not to be executed, found in the queue; empty for none."""
+    is_declared: bool = True
+    """Whether the client has declared that it advances the clock; else it needs a robot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from catoptra_protocol.usarsim.commands import (
     SetViewports,
     ShareControl,
     StepCommand,
+    Stepper,
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report, StartPoses
@@ -172,6 +173,8 @@ class Fleet:
                     reports = execute_control(robot, command, time_s, partial(self.sense, robot))
                     if reports:
                         client.deliver(reports)
+            case Stepper():
+                pass  # the port marks the steps that follow
             case StepCommand():
                 raise AssertionError("STEP advances the clock: the simulation loop executes it")
             case _:

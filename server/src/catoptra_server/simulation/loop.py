@@ -268,19 +268,22 @@ class Simulation:
 
     def _step(self, step: StepRequested) -> StepResult:
         """Advance a lockstep clock, and read the client's whole sensor cycle."""
-        failure = step.refusal or self._find_step_error(step.duration_s)
+        failure = step.refusal or self._find_step_error(step)
         if failure:
             return StepResult(self._time_s, failure=failure)
         self._advance(step)
         readings = self._fleet.read_sensors(step.client, self._time_s)
         return StepResult(self._time_s, tuple(readings))
 
-    def _find_step_error(self, duration_s: float) -> str:
+    def _find_step_error(self, step: StepRequested) -> str:
         if self._clock is not ClockMode.LOCKSTEP:
             return "no step: the server's clock is real time; run it with --clock lockstep"
         # A chained comparison is false for NaN, too.
-        if not 0.0 <= duration_s <= _MAX_STEP_S:
-            return f"no step: a step is 0 s to {_MAX_STEP_S:g} s, not {duration_s:g} s"
+        if not 0.0 <= step.duration_s <= _MAX_STEP_S:
+            return f"no step: a step is 0 s to {_MAX_STEP_S:g} s, not {step.duration_s:g} s"
+        # The clock is everybody's: a line that came here by mistake must not move it.
+        if not step.is_declared and self._fleet.find_robot(step.client) is None:
+            return "no step: this connection has no robot, and has not sent STEPPER"
         return ""
 
     def _catch_up(self) -> None:

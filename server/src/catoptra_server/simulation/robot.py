@@ -116,6 +116,8 @@ class Robot:
         self._schedule = _ReportSchedule([*intervals, description.status_interval_s], time_s)
         self._battery_empty_s = time_s + description.battery_s
         self._light = False
+        # Set by a command whose driver may fall silent.
+        self._halt_at_s = math.inf
         self._twist = AT_REST
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
@@ -221,6 +223,9 @@ class Robot:
             self._body, spin=WheelSpin(left, right).limit_to(max_rad_s)
         )
         self._light = self._light if drive.light is None else drive.light
+        if drive.left is not None or drive.right is not None:
+            after_s = math.inf if drive.halt_after_s is None else drive.halt_after_s
+            self._halt_at_s = time_s + after_s
 
     def drive_joint(self, name: str, value: float | None, order: int) -> None:
         """Command a joint by the name of the link; an unknown name has no effect."""
@@ -249,6 +254,9 @@ class Robot:
             for chain in (*self._chassis_joints, *self.mission_packages):
                 chain.step(duration_s)
         else:
+            self._body = dataclasses.replace(self._body, spin=WheelSpin())
+        if time_s >= self._halt_at_s:
+            self._halt_at_s = math.inf
             self._body = dataclasses.replace(self._body, spin=WheelSpin())
         before = self._body.pose
         self._body, travel = step_body(

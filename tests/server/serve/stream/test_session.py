@@ -482,23 +482,3 @@ def test_sharing_is_posted_as_a_command() -> None:
         assert recorder.posted == [CommandReceived(recorder.session, ShareControl(True))]
 
     run_scenario(scenario())
-
-
-def test_stop_halts_the_own_robot_or_a_shared_one_without_a_reply() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.stop("")
-        assert recorder.posted == []  # there is no robot to halt
-        await recorder.spawn()
-        num_sent = len(recorder.sent)
-        recorder.session.stop("")
-        assert recorder.posted[-1] == CommandReceived(recorder.session, Drive(0.0, 0.0))
-        recorder.session.stop("Theirs")
-        event = recorder.posted[-1]
-        assert isinstance(event, SharedRobotDriven)
-        assert (event.robot, event.drive) == ("Theirs", Drive(0.0, 0.0))
-        event.reply("there is no robot 'Theirs'")
-        await settle()
-        assert len(recorder.sent) == num_sent
-
-    run_scenario(scenario())

@@ -16,7 +16,6 @@ from catoptra_protocol.stream.replies import (
     CameraReply,
     Error,
     FrameHeader,
-    Ok,
     SensorReports,
     StatusReply,
 )
@@ -35,7 +34,7 @@ from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream import router as router_module
 from catoptra_server.serve.web import page_socket, web_server
 from catoptra_server.serve.web.page_socket import (
-    DeadManSwitch,
+    MaskCheck,
     PageSocket,
     WebConnection,
     resource_response,
@@ -51,8 +50,6 @@ SPAWN = SpawnRequest(900, "USARBot.OmniP2AT", "Mine", None, "Centre")
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
 Play = Callable[[PageSession, PageClient], Awaitable[None]]
-
-DRIVE_TIMEOUT_S = 0.25
 
 
 def run_page(play: Play, simulation: FakeSimulation | None = None) -> None:
@@ -278,31 +275,20 @@ def test_fault_in_a_request_ends_that_request_only(
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_robot_stops_when_its_page_sends_no_more_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("halt_after_s", "posted_s"), [(None, 0.25), (2.0, 2.0)])
+def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
+    halt_after_s: float | None, posted_s: float
+) -> None:
     async def play(session: PageSession, page: PageClient) -> None:
         await spawn(session, page)
-        assert await page.request(DriveRequest(1, 2.0, 1.0, False)) == Ok(1)
-        begin_s = asyncio.get_running_loop().time()
-        await wait_until(lambda: len(speeds(session)) == 2, "stop")
-        assert speeds(session) == [(2.0, 1.0), (0.0, 0.0)]
-        waited_s = asyncio.get_running_loop().time() - begin_s
-        assert waited_s > 0.9 * DRIVE_TIMEOUT_S
-        # The page may drive again.
-        assert await page.request(DriveRequest(2, 1.0, 1.0, False)) == Ok(2)
-        assert await page.request(DriveRequest(3, 0.0, 0.0, False)) == Ok(3)
-        assert len(speeds(session)) == 4
-
-    run_page(play)
-
-
-def test_shared_robot_stops_when_its_page_sends_no_more_drives() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
-        await page.send(DriveRequest(1, 2.0, 1.0, False, "Theirs"))
-        await wait_until(lambda: len(session.simulation.posted_events) == 2, "drive and stop")
-        drive, stop = session.simulation.posted_events
-        assert isinstance(drive, SharedRobotDriven)
-        assert isinstance(stop, SharedRobotDriven)
-        assert (stop.robot, stop.drive.left, stop.drive.right) == ("Theirs", 0.0, 0.0)
+        for robot in ("", "Theirs"):
+            await page.send(DriveRequest(1, 2.0, 1.0, False, robot, halt_after_s))
+        events = session.simulation.posted_events
+        await wait_until(lambda: isinstance(events[-1], SharedRobotDriven), "both drives")
+        own, theirs = events[-2:]
+        assert isinstance(own, CommandReceived)
+        assert isinstance(theirs, SharedRobotDriven)
+        assert own.command == theirs.drive == Drive(2.0, 1.0, halt_after_s=posted_s)
 
     run_page(play)
 
@@ -398,111 +384,34 @@ def test_text_is_plain_and_never_stored() -> None:
     assert response.headers["Allow"] == "GET"
 
 
-class Clock:
-    """Time and pending calls, under control of the test."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-        self.calls: list[_Call] = []
-
-    def call_later(self, delay_s: float, function: Callable[[], None]) -> _Call:
-        call = _Call(self.now_s + delay_s, function)
-        self.calls.append(call)
-        return call
-
-    def advance(self, duration_s: float) -> None:
-        self.now_s += duration_s
-        for call in [call for call in self.calls if call.at_s <= self.now_s]:
-            self.calls.remove(call)
-            if not call.is_cancelled:
-                call.function()
+MASK = b"abcd"
+MASKED = (
+    b"\x81\x82" + MASK + b"hi"  # a text of two bytes
+    + b"\x81\xfe\x01\x00" + MASK + bytes(256)
+    + b"\x82\xff" + (70_000).to_bytes(8, "big") + MASK + bytes(70_000)
+    + b"\x89\x80" + MASK  # an empty ping
+)  # fmt: skip
 
 
-class _Call:
-    def __init__(self, at_s: float, function: Callable[[], None]) -> None:
-        self.at_s, self.function, self.is_cancelled = at_s, function, False
-
-    def cancel(self) -> None:
-        self.is_cancelled = True
-
-
-class Scene:
-    """A switch, its clock, and the robots that it has stopped."""
-
-    def __init__(self) -> None:
-        self.clock, self.stopped = Clock(), list[str]()
-        self.switch = DeadManSwitch(self.stopped.append, call_later=self.clock.call_later)
-
-    def drive(self, left: float | None, right: float | None, robot: str = "") -> None:
-        self.switch.record_drive(DriveRequest(1, left, right, False, robot))
-
-
-def test_robot_when_requests_end_stops_once_within_a_quarter_of_a_second() -> None:
-    scene = Scene()
-    scene.drive(1.0, 1.0)
-    scene.clock.advance(0.99 * DRIVE_TIMEOUT_S)
-    assert scene.stopped == []
-    scene.clock.advance(0.02 * DRIVE_TIMEOUT_S)
-    assert scene.stopped == [""]
-    scene.clock.advance(10.0)
-    assert scene.stopped == [""]
-
-
-def test_robot_when_requests_go_on_does_not_stop() -> None:
-    scene = Scene()
-    for _ in range(100):
-        scene.drive(1.0, -1.0)
-        scene.clock.advance(0.05)
-    assert scene.stopped == []
-
-
-def test_robot_when_it_stands_is_not_stopped() -> None:
-    scene = Scene()
-    scene.drive(1.0, 1.0)
-    scene.drive(0.0, 0.0)
-    scene.drive(None, None)
-    scene.clock.advance(10.0)
-    assert scene.stopped == []
-
-
-@pytest.mark.parametrize(("left", "right"), [(0.0, None), (None, 0.0), (None, None)])
-def test_robot_when_a_side_is_left_unchanged_still_moves(
-    left: float | None, right: float | None
+@pytest.mark.parametrize("piece_bytes", [1, 7, 100_000])
+@pytest.mark.parametrize(("last", "is_masked"), [(b"\x81\x82", True), (b"\x81\x02", False)])
+def test_frame_without_a_mask_is_found_behind_others(
+    piece_bytes: int, last: bytes, is_masked: bool
 ) -> None:
-    scene = Scene()
-    scene.drive(1.0, 1.0)
-    scene.drive(left, right)
-    scene.clock.advance(DRIVE_TIMEOUT_S)
-    assert scene.stopped == [""]
+    data, check = MASKED + last, MaskCheck()
+    pieces = [data[begin : begin + piece_bytes] for begin in range(0, len(data), piece_bytes)]
+    assert all([check.feed(piece) for piece in pieces]) is is_masked
 
 
-def test_each_driven_robot_has_its_own_time() -> None:
-    scene = Scene()
-    scene.drive(1.0, 1.0, "A")
-    scene.clock.advance(0.6 * DRIVE_TIMEOUT_S)
-    scene.drive(1.0, 1.0, "B")
-    scene.clock.advance(0.6 * DRIVE_TIMEOUT_S)
-    assert scene.stopped == ["A"]
-    scene.clock.advance(0.6 * DRIVE_TIMEOUT_S)
-    assert scene.stopped == ["A", "B"]
+def test_page_that_sends_a_frame_without_a_mask_is_closed() -> None:
+    async def play(session: PageSession, page: PageClient) -> None:
+        assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
+        transport = page.websocket._writer.transport
+        assert transport is not None
+        transport.write(b"\x81\x02hi")
+        await wait_until(lambda: not session.server.num_connections, "end of the connection")
 
-
-def test_robots_of_many_names_are_forgotten_after_their_stop() -> None:
-    scene = Scene()
-    for number in range(1000):
-        scene.drive(1.0, 1.0, str(number))
-    scene.clock.advance(DRIVE_TIMEOUT_S)
-    assert len(scene.stopped) == 1000
-    assert not scene.switch._speeds
-    assert not scene.switch._timers
-
-
-def test_switch_when_closed_stops_nothing_more() -> None:
-    scene = Scene()
-    scene.drive(1.0, 1.0)
-    scene.switch.close()
-    scene.clock.advance(10.0)
-    assert scene.stopped == []
+    run_page(play)
 
 
 def only_connection(session: PageSession) -> WebConnection:

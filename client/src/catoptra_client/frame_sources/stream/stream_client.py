@@ -265,6 +265,7 @@ class StreamClient:
         *,
         normalized: bool = False,
         robot: str = "",
+        halt_after_s: float | None = None,
     ) -> None:
         """Set the wheel speeds of both sides, which hold until the next call or `reset`.
 
@@ -274,6 +275,8 @@ class StreamClient:
             normalized: Whether speeds are percent of the maximum.
             robot: Exact name of a robot whose owner shares its control (`share_control`); empty =
                 this client's own.
+            halt_after_s: Simulation time after which the robot halts unless another call sets its
+                speeds, so that a program that hangs drives into nothing; None: never.
 
         Raises:
             CatoptraError: This client has no robot, or the other one does not exist or is not
@@ -283,7 +286,8 @@ class StreamClient:
         Never repeated by the client, since a late drive would surprise. In lockstep nothing moves
         before `step`.
         """
-        self._exchange.call(DriveRequest(next(self._ids), left, right, normalized, robot), Ok)
+        request = DriveRequest(next(self._ids), left, right, normalized, robot, halt_after_s)
+        self._exchange.call(request, Ok)
 
     def share_control(self, shared: bool = True) -> None:
         """Let other clients drive this client's robot, or no longer; it halts then.

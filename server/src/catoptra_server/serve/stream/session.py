@@ -132,18 +132,6 @@ class RobotSession:
         """Set the wheel speeds."""
         self.post(CommandReceived(self, _drive_from_request(request)))
 
-    def stop(self, name: str) -> None:
-        """Set both wheel speeds to 0, without a reply.
-
-        Args:
-            name: Robot whose owner shares control; empty for the client's own.
-        """
-        halt = Drive(0.0, 0.0)
-        if name:
-            self.post(SharedRobotDriven(self, name, halt, lambda _: None))
-        elif self.has_robot:
-            self.post(CommandReceived(self, halt))
-
     def drive_by_name(self, request: DriveRequest, pending: PendingRequest) -> None:
         """Set the wheel speeds of the robot that the request names."""
         drive = _drive_from_request(request)
@@ -368,4 +356,4 @@ def _init_from_request(request: SpawnRequest) -> Init:
 
 
 def _drive_from_request(request: DriveRequest) -> Drive:
-    return Drive(request.left, request.right, request.normalized)
+    return Drive(request.left, request.right, request.normalized, halt_after_s=request.halt_after_s)

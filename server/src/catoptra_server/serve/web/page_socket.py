@@ -5,8 +5,7 @@ is one binary message: the length of the header as 4 bytes, the least significan
 the image. A connection that sends too much is not read for a while.
 
 **A robot that a page drives needs its hand.** 0.25 s without `drive` halt it, since a page that is
-hidden, frozen or cut off sends nothing. Programs keep USARSim's rule; the simulation halts what a
-lost client drove.
+hidden, frozen or cut off sends nothing. Programs keep USARSim's rule unless they ask for this one.
 """
 
 from __future__ import annotations
@@ -16,8 +15,9 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from http import HTTPStatus
-from typing import Any, Protocol
+from typing import Any
 
 from aiohttp import WSMsgType, web
 
@@ -68,16 +68,6 @@ _LENGTH_BYTES = 4
 _MAX_SENDING_S = 6.0
 
 
-class _Timer(Protocol):
-    """A pending call."""
-
-    def cancel(self) -> None:
-        """Cancel the call."""
-
-
-_CallLater = Callable[[float, Callable[[], None]], _Timer]
-
-
 class PageSocket:
     """A WebSocket from the handshake to the end."""
 
@@ -103,11 +93,6 @@ class PageSocket:
             on_overflow=self._disconnect,
         )
         self.peer = StreamPeer(outbox, context, address=connection.address, encode=_encode_reply)
-        self._dead_man_switch = DeadManSwitch(
-            # Not bound: a fault gives the client another session.
-            lambda robot: self.peer.robot.stop(robot),
-            call_later=self._loop.call_later,
-        )
 
     async def serve(self) -> None:
         """Reply to requests until the WebSocket ends; removes the robot then."""
@@ -131,7 +116,6 @@ class PageSocket:
             self._disconnect()
 
     def _close(self) -> None:
-        self._dead_man_switch.close()
         self.peer.disconnect()
         if self._sending is not None:
             self._sending.cancel()
@@ -175,8 +159,8 @@ class PageSocket:
             self.peer.send_reply(Error(0, INTERNAL_FAULT))
             return
         log.debug("from page %s: %s", self._connection.address, request)
-        if isinstance(request, DriveRequest):
-            self._dead_man_switch.record_drive(request)
+        if isinstance(request, DriveRequest) and request.halt_after_s is None:
+            request = replace(request, halt_after_s=_DRIVE_TIMEOUT_S)
         self.peer.serve(request)
 
     def _send(self, parts: list[Payload]) -> SendResult:
@@ -211,6 +195,38 @@ class PageSocket:
 
 def _encode_reply(reply: Reply) -> bytes:
     return json_from_message(reply).encode()
+
+
+class MaskCheck:
+    """Whether all frames of a browser are masked (RFC 6455 5.1), which aiohttp does not check."""
+
+    def __init__(self) -> None:
+        self._head = bytearray()
+        self._num_body_bytes = 0
+
+    def feed(self, data: bytes) -> bool:
+        """Check the next bytes; False for a frame without a mask."""
+        position = 0
+        while position < len(data):
+            if self._num_body_bytes:
+                passed = min(self._num_body_bytes, len(data) - position)
+                self._num_body_bytes -= passed
+                position += passed
+                continue
+            self._head.append(data[position])
+            position += 1
+            if len(self._head) < 2:
+                continue
+            if not self._head[1] & 0x80:
+                return False
+            length = self._head[1] & 0x7F
+            num_length_bytes = {126: 2, 127: 8}.get(length, 0)
+            if len(self._head) == 2 + num_length_bytes + 4:
+                if num_length_bytes:
+                    length = int.from_bytes(self._head[2 : 2 + num_length_bytes], "big")
+                self._num_body_bytes = length
+                self._head.clear()
+        return True
 
 
 class WebConnection(web.RequestHandler):
@@ -254,6 +270,7 @@ class WebConnection(web.RequestHandler):
         self._on_lost = on_lost
         self._open_loop = loop
         self._hold: asyncio.TimerHandle | None = None
+        self._mask_check = MaskCheck()
         self._requested_at_s = -math.inf
         self._num_request_bytes = 0
         self._num_messages = 0
@@ -265,6 +282,10 @@ class WebConnection(web.RequestHandler):
         self._num_request_bytes += len(data)
         if self.page is None and self._num_request_bytes > _MAX_REQUEST_BYTES:
             log.info("web connection of %s closed: its request has no end", self.address)
+            self.abort()
+            return
+        if self.page is not None and not self._mask_check.feed(data):
+            log.info("web connection of %s closed: a frame without a mask", self.address)
             self.abort()
             return
         begin_s = time.thread_time()
@@ -370,47 +391,6 @@ class WebConnection(web.RequestHandler):
             self._hold.cancel()
         self._on_lost(self)
         super().connection_lost(exc)
-
-
-class DeadManSwitch:
-    """The robots that one page drives at present, by name; the page's own has the empty name."""
-
-    def __init__(self, stop: Callable[[str], None], *, call_later: _CallLater) -> None:
-        """Start without a robot.
-
-        Args:
-            stop: Sets both wheel speeds of a robot to 0.
-            call_later: Calls a function after some seconds.
-        """
-        self._stop = stop
-        self._call_later = call_later
-        # Robots that stand are not listed: a page cannot fill the dict with names.
-        self._speeds: dict[str, tuple[float, float]] = {}
-        self._timers: dict[str, _Timer] = {}
-
-    def record_drive(self, request: DriveRequest) -> None:
-        """Record a request to drive; after the last one the robot stops in time."""
-        robot = request.robot
-        left, right = self._speeds.pop(robot, (0.0, 0.0))
-        if robot in self._timers:
-            self._timers.pop(robot).cancel()
-        left = left if request.left is None else request.left
-        right = right if request.right is None else request.right
-        if left or right:
-            self._speeds[robot] = left, right
-            self._timers[robot] = self._call_later(
-                _DRIVE_TIMEOUT_S, lambda: self._stop_robot(robot)
-            )
-
-    def close(self) -> None:
-        """End without a stop: the simulation halts what a disconnected client drives."""
-        for timer in self._timers.values():
-            timer.cancel()
-        self._timers.clear()
-
-    def _stop_robot(self, robot: str) -> None:
-        del self._timers[robot], self._speeds[robot]
-        self._stop(robot)
 
 
 def text_response(
