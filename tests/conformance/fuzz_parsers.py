@@ -19,7 +19,7 @@ from itertools import count, islice
 from rich.console import Console
 from rich.table import Table
 
-from conformance import fuzz_files, fuzz_stream, fuzz_usarsim
+from conformance import fuzz_calibration, fuzz_files, fuzz_stream, fuzz_usarsim
 from conformance.fuzz_target import FuzzFailureError, FuzzTarget
 
 _PROGRESS_INTERVAL = 50_000
@@ -31,6 +31,7 @@ def all_targets() -> list[FuzzTarget]:
         *fuzz_usarsim.usarsim_targets(),
         *fuzz_stream.stream_targets(),
         *fuzz_files.file_targets(),
+        *fuzz_calibration.calibration_targets(),
     ]
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import random
+import zlib
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -48,7 +50,9 @@ _ODD_VALUES: tuple[Any, ...] = (
 def stream_targets() -> list[FuzzTarget]:
     """The parsers."""
     requests, replies = _load_messages("client"), _load_messages("server")
-    frames = tuple(_frame_seeds((DATA / "stream/frame.bytes").read_bytes()))
+    frames = tuple(
+        _frame_seeds(*(_read_vector(f"frame{suffix}") for suffix in ("", "_with_labels")))
+    )
     images = tuple(_encoded_images().values())
     return [
         FuzzTarget("unpack", _feed_msgpack, (*requests, *replies), mutate_message),
@@ -60,6 +64,10 @@ def stream_targets() -> list[FuzzTarget]:
         FuzzTarget("rgb_from_image_bytes", _feed_image, images, period=5),
         FuzzTarget("omni_camera_from_pairs", _feed_camera, (_HYPERBOLIC_CONF, _PARABOLIC_CONF)),
     ]
+
+
+def _read_vector(name: str) -> bytes:
+    return (DATA / f"stream/{name}.bytes").read_bytes()
 
 
 def _load_messages(sender: str) -> tuple[bytes, ...]:
@@ -171,8 +179,8 @@ def _make_frame_feeder() -> FeedInput:
             header = reply_from_bytes(data[2 : 2 + length])
             if not isinstance(header, FrameHeader):
                 return False
-            image = data[2 + length :]
-            frame = frame_from_parts(header, [image], camera_cache=camera_cache, received_s=0.0)
+            parts = _split_parts(header, data[2 + length :])
+            frame = frame_from_parts(header, parts, camera_cache=camera_cache, received_s=0.0)
         except RemoteProtocolError:
             return False
         # The picture and its difference from a reference share an image.
@@ -183,9 +191,17 @@ def _make_frame_feeder() -> FeedInput:
     return feed
 
 
-def _frame_seeds(header: bytes) -> list[bytes]:
-    """A frame of each encoding: length of the header, the header, the image."""
+def _split_parts(header: FrameHeader, data: bytes) -> list[bytes]:
+    """The image, and the channels of labels behind it."""
+    sizes = [channel.num_bytes for channel in header.labels.channels] if header.labels else []
+    begins = [max(0, len(data) - sum(sizes[index:])) for index in range(len(sizes) + 1)]
+    return [data[begin:end] for begin, end in pairwise([0, *begins])]
+
+
+def _frame_seeds(header: bytes, labelled_header: bytes) -> list[bytes]:
+    """A frame of each encoding: length of the header, the header, the image; one with labels."""
     seeds = []
+    channels = {"range": np.ones((6, 8), "<f4").tobytes(), "ids": zlib.compress(bytes(96))}
     camera_model = dict(parse_message(_PARABOLIC_CONF.decode()).pairs[2:])
     for encoding, image in _encoded_images().items():
         fields = msgpack.unpackb(header)
@@ -193,7 +209,11 @@ def _frame_seeds(header: bytes) -> list[bytes]:
         fields["camera_model"] = camera_model
         data = msgpack.packb(fields)
         seeds.append(len(data).to_bytes(2) + data + image)
-    return seeds
+    fields |= {"labels": msgpack.unpackb(labelled_header)["labels"]}
+    for record in fields["labels"]["channels"]:
+        record["num_bytes"] = len(channels[record["name"]])
+    data = msgpack.packb(fields)
+    return [*seeds, len(data).to_bytes(2) + data + image + b"".join(channels.values())]
 
 
 def _encoded_images() -> dict[str, bytes]:

@@ -19,6 +19,7 @@ from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS
+from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
@@ -149,10 +150,15 @@ def omni_camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
     Raises:
         RemoteProtocolError: A field is missing or wrong; names the field.
     """
+    with reject_overflow(RemoteProtocolError):
+        return _make_omni_camera(pairs), _parse_number(pairs, "ViewpointHeight")
+
+
+def _make_omni_camera(pairs: Pairs) -> OmniCamera:
     projection = _projection_from_pairs(pairs)
     scale_key = _scale_key(_pairs_from_projection(projection))
     try:
-        camera = OmniCamera(
+        return OmniCamera(
             projection=projection,
             width_px=_parse_side_px(pairs, "Width"),
             height_px=_parse_side_px(pairs, "Height"),
@@ -166,7 +172,6 @@ def omni_camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
         )
     except DomainError as error:
         raise RemoteProtocolError(f"CONF of an impossible camera: {error}") from error
-    return camera, _parse_number(pairs, "ViewpointHeight")
 
 
 @lru_cache(maxsize=_NUM_CACHED_CAMERAS)

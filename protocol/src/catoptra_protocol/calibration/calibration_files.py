@@ -10,6 +10,7 @@ from catoptra_protocol.calibration.files import MAX_BYTES
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
 from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 
@@ -56,9 +57,14 @@ def camera_from_file(
         raise ConfigError(
             SourceLocation(file), key="file", value="", expected="a text in UTF-8"
         ) from error
+
+    def make_error(reason: str) -> ConfigError:
+        return ConfigError(SourceLocation(file), key="numbers", value="", expected=reason)
+
     for each in FORMATS:
         if each.is_format(text):
-            return _turn(each.read(text, file, camera), text, file, picture)
+            with reject_overflow(make_error):
+                return _turn(each.read(text, file, camera), text, file, picture)
     names = ", ".join(each.NAME for each in FORMATS)
     raise ConfigError(
         SourceLocation(file), key="format", value=text[:40], expected=f"a file of {names}"

@@ -9,12 +9,14 @@ that take users' pixels and directions return a value and a mask instead.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import DomainError
+from catoptra_protocol.errors import CatoptraError, DomainError
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -128,3 +130,22 @@ def has_finite_square(values: npt.NDArray[np.floating[Any]]) -> Bools:
     """
     limit = 0.25 * math.sqrt(float(np.finfo(np.asarray(values).dtype).max))
     return np.asarray(np.abs(values) <= limit)
+
+
+@contextmanager
+def reject_overflow(make_error: Callable[[str], CatoptraError]) -> Iterator[None]:
+    """Raise an error of ours where numbers of others leave what can be computed with.
+
+    For blocks that make a camera of a file or a message: single numbers pass every check, and their
+    powers, quotients or roots do not exist.
+
+    Args:
+        make_error: Makes the error of a reason.
+    """
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    # NumPy's LinAlgError is a ValueError.
+    except (ArithmeticError, ValueError) as error:
+        reason = f"numbers of a possible camera; these cannot be computed with ({error})"
+        raise make_error(reason) from error

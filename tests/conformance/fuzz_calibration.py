@@ -1,0 +1,144 @@
+"""Fuzz targets of cameras: calibration files of all formats, ray tables, camera files, CONF.
+
+A calibration file comes from another program, a CONF line from a server: every fault is an error of
+ours that names the field, never one of NumPy or of the standard library, and a camera that is
+accepted computes a direction for a pixel.
+"""
+
+from __future__ import annotations
+
+import atexit
+import random
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_protocol.calibration.calibration_files import camera_from_file
+from catoptra_protocol.calibration.exports import EXPORTS
+from catoptra_protocol.calibration.ray_table import bytes_from_ray_table, make_ray_table
+from catoptra_protocol.camera_conf import any_camera_from_pairs, pairs_from_omni_camera
+from catoptra_protocol.errors import CatoptraError, ConfigError, RemoteProtocolError
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_server.config.camera_file import (
+    CameraFile,
+    carry_camera,
+    read_camera_file,
+    read_camera_files,
+)
+from conformance.fuzz_target import FeedInput, FuzzTarget, mutate
+from helpers.configs import CAMERAS
+
+# A fit of a polynomial takes milliseconds, a ray table ten.
+_FILE_PERIOD, _TABLE_PERIOD = 20, 200
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+# Finite ones at the ends of what a double can be, and what is no number.
+_ODD_NUMBERS = (
+    *(b"0", b"-0.0", b"1", b"-1", b"0.5", b"2", b"1e-320", b"1e308", b"-1e308", b"1e155", b"1e-9"),
+    *(b"nan", b"inf", b"-inf", b"9" * 400, b"1e999", b"null", b"true", b"[]", b"{}", b'""', b"~"),
+    *(b"179.999", b"360", b"4096", b"65536", b"-90", b"0x10", b"1_0", b"[1,[2]]"),
+)
+
+
+def calibration_targets() -> list[FuzzTarget]:
+    """The parsers."""
+    files = read_camera_files([path.stem for path in sorted(CAMERAS.glob("*.ini"))])
+    folder = tempfile.TemporaryDirectory(prefix="fuzz")
+    atexit.register(folder.cleanup)
+    scratch = Path(folder.name)
+    cameras = {one.name: _read_camera(one, scratch) for one in files}
+    texts = tuple(one.path.read_bytes() for one in files)
+    table = bytes_from_ray_table(make_ray_table(cameras["equidistant_185"]), law="fuzz")
+    feed_file = _make_file_feeder(scratch / "fuzzed")
+    return [
+        *(
+            FuzzTarget(name, feed_file, seeds, mutate_numbers, _FILE_PERIOD)
+            for name, seeds in _calibration_seeds(cameras).items()
+        ),
+        FuzzTarget(
+            "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _FILE_PERIOD
+        ),
+        FuzzTarget("ray table", feed_file, (table,), period=_TABLE_PERIOD),
+        FuzzTarget("CONF of a camera", _feed_conf, _conf_seeds(cameras), mutate_numbers, 3),
+    ]
+
+
+def mutate_numbers(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """A text with one or two of its numbers replaced; one in four with other changes."""
+    if rng.random() < 0.25:
+        return mutate(rng, seeds)
+    data = rng.choice(seeds)
+    for _ in range(rng.randrange(1, 3)):
+        found = rng.choice([*_NUMBER.finditer(data)] or [None])
+        if found is not None:
+            data = data[: found.start()] + rng.choice(_ODD_NUMBERS) + data[found.end() :]
+    return data
+
+
+def _read_camera(file: CameraFile, folder: Path) -> OmniCamera:
+    return carry_camera(file, folder / "robot.ini", size_px=64).camera
+
+
+def _calibration_seeds(cameras: dict[str, OmniCamera]) -> dict[str, tuple[bytes, ...]]:
+    """Files of each format: of a mirror and of a lens, however well the model fits."""
+    described = [
+        replace(cameras[name], picture=Picture.FLIPPED) for name in ("paper", "stereographic_220")
+    ]
+    seeds: dict[str, list[bytes]] = {}
+    for export in EXPORTS:
+        for camera in described:
+            text = export.format.write(export.fit(camera), "cam0")
+            seeds.setdefault(export.format.NAME, []).append(text.encode())
+    return {name: tuple(texts) for name, texts in seeds.items()}
+
+
+def _conf_seeds(cameras: dict[str, OmniCamera]) -> tuple[bytes, ...]:
+    """A CONF line of every camera."""
+    lines = []
+    for camera in cameras.values():
+        blocks = "".join(
+            f" {{{name} {value}}}" for name, value in pairs_from_omni_camera(camera, 1.0)
+        )
+        lines.append(f"CONF {{Type Camera}}{blocks}".encode())
+    return tuple(lines)
+
+
+def _make_file_feeder(file: Path) -> FeedInput:
+    def feed(data: bytes) -> bool:
+        file.write_bytes(data)
+        return _look_through(lambda: camera_from_file(file), ConfigError)
+
+    return feed
+
+
+def _make_camera_feeder(folder: Path) -> FeedInput:
+    file = folder / "camera.ini"
+
+    def feed(data: bytes) -> bool:
+        file.write_bytes(data)
+        return _look_through(lambda: _read_camera(read_camera_file(file), folder), CatoptraError)
+
+    return feed
+
+
+def _feed_conf(data: bytes) -> bool:
+    pairs = parse_message(data.decode("latin-1")).pairs
+    return _look_through(lambda: any_camera_from_pairs(pairs), RemoteProtocolError)
+
+
+def _look_through(make: Callable[[], object], error: type[Exception]) -> bool:
+    """Whether a camera is accepted; then two of its pixels have directions, or none."""
+    try:
+        camera = make()
+    except error:
+        return False
+    # Of a strange camera a pixel may have no direction, but no exception.
+    if isinstance(camera, OmniCamera):
+        with np.errstate(all="ignore"):
+            direction_from_pixel(camera, np.array([camera.centre_px, (0.5, 0.5)]))
+    return True
