@@ -15,6 +15,7 @@ from catoptra_studies.cameras.camera_metrics import (
     floor_view,
     resolution_at,
     resolution_curve,
+    ring_pixels,
 )
 
 
@@ -38,8 +39,7 @@ def test_covered_sphere_is_less_where_the_image_ends_before_the_rim() -> None:
 
 def test_resolution_of_an_equidistant_lens() -> None:
     resolution = resolution_at(make_camera(200.0), math.radians(90.0))
-    assert resolution.radial == pytest.approx(1.0)
-    assert resolution.tangential == pytest.approx(0.5 * math.pi)
+    assert resolution == pytest.approx((1.0, 0.5 * math.pi))
 
 
 def test_resolution_on_the_axis_is_the_same_in_both_directions() -> None:
@@ -48,24 +48,29 @@ def test_resolution_on_the_axis_is_the_same_in_both_directions() -> None:
 
 
 def test_resolution_beyond_the_rim_is_nan() -> None:
-    assert math.isnan(resolution_at(make_camera(170.0), math.radians(90.0)).radial)
+    assert np.isnan(resolution_at(make_camera(170.0), math.radians(90.0))).all()
 
 
 def test_floor_of_a_lens_that_shows_the_horizon_has_no_end() -> None:
-    view = floor_view(make_camera(185.0), 0.6)
-    assert (view.blind_radius_m, view.reach_m) == (0.0, math.inf)
+    assert floor_view(make_camera(185.0), 0.6) == (0.0, math.inf)
 
 
 def test_floor_of_a_narrow_lens_ends_at_its_rim() -> None:
     camera = camera_with_inscribed_rim(
         OrthographicLens(), width_px=90, height_px=90, rim_rad=math.radians(60.2)
     )
-    reach_m = floor_view(camera, 0.6).reach_m
+    _, reach_m = floor_view(camera, 0.6)
     assert reach_m == pytest.approx(0.6 * math.tan(math.radians(60.2)), abs=1e-5)
 
 
 def test_floor_below_an_image_without_the_axis_is_blind() -> None:
     # The image begins 50 px below the axis: no circle around the axis is whole.
     camera = replace(make_camera(180.0), centre_px=(100.0, -50.0))
-    view = floor_view(camera, 0.6)
-    assert (view.blind_radius_m, view.reach_m) == (math.inf, 0.0)
+    assert floor_view(camera, 0.6) == (math.inf, 0.0)
+
+
+def test_ring_has_the_radius_of_its_angle_and_none_beyond_the_rim() -> None:
+    camera = make_camera(220.0)
+    radius = np.hypot(*(ring_pixels(camera, math.radians(60.0)) - camera.centre_px).T)
+    np.testing.assert_allclose(radius, camera.scale_px * math.radians(60.0), atol=1e-9)
+    assert np.isnan(ring_pixels(camera, math.radians(120.0))).all()

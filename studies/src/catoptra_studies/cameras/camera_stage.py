@@ -7,7 +7,7 @@ commands `cameras` and `compare` declare their cameras, world and sizes here.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -113,47 +113,32 @@ def add_camera_options(parser: argparse.ArgumentParser, *, size_px: int) -> None
 def open_requested_stage(
     parsed: argparse.Namespace,
 ) -> Iterator[tuple[CameraStage, Callable[[], None]]]:
-    """Open the stage of a command line, and a progress bar that each camera advances."""
-    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
-    world_file = find_configuration("worlds", parsed.world)
-    with (
-        open_progress() as progress,
-        open_stage(files, world_file, parsed.output, size_px=parsed.size) as stage,
-    ):
-        yield stage, progress.add_task("cameras", len(files))
-
-
-@contextmanager
-def open_stage(
-    files: Sequence[CameraFile], world_file: Path, folder: Path, *, size_px: int | None
-) -> Iterator[CameraStage]:
-    """Start the renderer of a world, with all cameras at the first pose of the studies.
-
-    Args:
-        files: Cameras.
-        world_file: World to show.
-        folder: Folder for a robot file of each camera.
-        size_px: Width and height of images, of cameras that have no size of their own.
+    """Start the renderer of a command line's world, and a progress bar that each camera advances.
 
     Raises:
         ConfigError: The world or a camera cannot be read.
     """
-    cameras = tuple(_give_to_robot(file, folder, size_px) for file in files)
-    world, _ = read_world(world_file)
-    pose = study_poses(world)[0]
-    renderer = choose_renderer(RendererKind.TRACE.value, build_scene(world), world).renderer
-    try:
-        states = tuple(
-            CameraState(pose.at_height(camera.height_m + float(mirror.translation[2])) @ mirror)
-            for camera in cameras
-            for mirror in (camera.description.robot_from_mirror,)
-        )
-        yield CameraStage(renderer, world_file, world.landmarks, cameras, states)
-    finally:
-        renderer.close()
+    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
+    world_file = find_configuration("worlds", parsed.world)
+    with open_progress() as progress:
+        cameras = tuple(_give_to_robot(file, parsed.output, parsed.size) for file in files)
+        world, _ = read_world(world_file)
+        # All cameras at the first pose of the studies.
+        pose = study_poses(world)[0]
+        renderer = choose_renderer(RendererKind.TRACE.value, build_scene(world), world).renderer
+        try:
+            states = tuple(
+                CameraState(pose.at_height(camera.height_m + float(mirror.translation[2])) @ mirror)
+                for camera in cameras
+                for mirror in (camera.description.robot_from_mirror,)
+            )
+            stage = CameraStage(renderer, world_file, world.landmarks, cameras, states)
+            yield stage, progress.add_task("cameras", len(files))
+        finally:
+            renderer.close()
 
 
-def _give_to_robot(file: CameraFile, folder: Path, size_px: int | None) -> StagedCamera:
+def _give_to_robot(file: CameraFile, folder: Path, size_px: int) -> StagedCamera:
     robot_file = folder.resolve() / f"robot_{file.name}.ini"
     description = carry_camera(file, robot_file, size_px=size_px)
     above_chassis_m = -float(description.robot_from_mirror.translation[2])

@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 import html
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from catoptra_protocol.optics.camera_rays import near_limit_m
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import (
@@ -24,7 +23,7 @@ from catoptra_studies.cameras.camera_metrics import (
     limit_rad,
     min_angle_rad,
     resolution_curve,
-    shows_direction,
+    ring_pixels,
 )
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
@@ -68,40 +67,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
+    folder: Path = parsed.output
     with open_requested_stage(parsed) as (stage, on_camera):
-        page = draw_gallery(stage, parsed.output, num_timed=parsed.frames, on_camera=on_camera)
-    print_line(f"written: {page}")
-    return 0
-
-
-def draw_gallery(
-    stage: CameraStage, folder: Path, *, num_timed: int, on_camera: Callable[[], None]
-) -> Path:
-    """Write a picture of each camera, cameras.json and index.html.
-
-    Args:
-        stage: World with the cameras.
-        folder: Folder for all files.
-        num_timed: Frames of each camera that are timed.
-        on_camera: Called after each picture.
-
-    Returns:
-        Path of the page.
-    """
-    frame_ms = stage.time_frames(num_timed)
-    rows = [describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
-    for index, staged in enumerate(stage.cameras):
-        path = folder / f"{staged.file.name}.png"
-        with plot_style.open_page(path, 740) as page:
-            _draw_camera(page, staged, stage.render_frame(index))
-        on_camera()
+        frame_ms = stage.time_frames(parsed.frames)
+        rows = [_describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
+        for index, staged in enumerate(stage.cameras):
+            with plot_style.open_page(folder / f"{staged.file.name}.png", 740) as page:
+                _draw_camera(page, staged, stage.render_frame(index))
+            on_camera()
     write_json(folder / "cameras.json", rows)
     path = folder / "index.html"
     path.write_text(_format_page(folder, stage, rows), encoding="utf-8")
-    return path
+    print_line(f"written: {path}")
+    return 0
 
 
-def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
+def _describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
     """Numbers of a camera, as for JSON: None stands for nothing or unknown."""
     camera, file = staged.camera, staged.file
     fold_rad, near_m = camera.fold_rad, near_limit_m(camera)
@@ -117,17 +98,6 @@ def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
         "central_beyond_m": None if math.isnan(near_m) else near_m,
         "frame_ms": frame_ms,
     }
-
-
-def ring_pixels(camera: OmniCamera, theta_rad: float) -> Floats:
-    """(n, 2) pixels of the circle of one angle; nan where the image ends."""
-    azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
-    sine = math.sin(theta_rad)
-    direction = np.stack(
-        (sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(361, math.cos(theta_rad))), axis=-1
-    )
-    pixel, _ = camera.pixel_from_direction(direction)
-    return np.where(shows_direction(camera, direction)[:, None], pixel, math.nan)
 
 
 def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.Image) -> None:
