@@ -33,11 +33,11 @@ class ReportFigure:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a table, as plain text."""
+    """One cell of a table with a style, as plain text."""
 
     text: str
 
-    css_class: str = ""
+    css_class: str
     """Class of the report's style sheet: n aligns right, yes and no have colours."""
 
 
@@ -65,20 +65,21 @@ def figure_elements(folder: Path, figures: Sequence[ReportFigure]) -> str:
     return "\n".join(figure_element(folder, figure) for figure in figures)
 
 
-def html_table(header: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> str:
-    """Table with a row of headings."""
+def html_table(header: Sequence[Cell | str], rows: Sequence[Sequence[Cell | str]]) -> str:
+    """Table with a row of headings; cells without a style are plain texts."""
     lines = [_row_element("th", header), *(_row_element("td", row) for row in rows)]
     return f"<table>{''.join(lines)}</table>"
 
 
-def _row_element(tag: str, cells: Sequence[Cell]) -> str:
+def _row_element(tag: str, cells: Sequence[Cell | str]) -> str:
     return f"<tr>{''.join(_cell_element(tag, cell) for cell in cells)}</tr>"
 
 
-def _cell_element(tag: str, cell: Cell) -> str:
+def _cell_element(tag: str, cell: Cell | str) -> str:
     # Every text is escaped here, so that no caller has to remember.
-    attribute = f' class="{cell.css_class}"' if cell.css_class else ""
-    return f"<{tag}{attribute}>{html.escape(cell.text)}</{tag}>"
+    if isinstance(cell, str):
+        return f"<{tag}>{html.escape(cell)}</{tag}>"
+    return f'<{tag} class="{cell.css_class}">{html.escape(cell.text)}</{tag}>'
 
 
 # As wide as the sources, so that a diff of a report shows changed sentences, not paragraphs.

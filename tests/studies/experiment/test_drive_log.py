@@ -16,7 +16,6 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_studies.experiment.drive_log import (
     LandmarkMeasurement,
     manual_measurement,
-    manual_noise_sources,
 )
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, REAL
 from catoptra_studies.experiment.route import Waypoint
@@ -30,8 +29,7 @@ HERE = Waypoint(0.4, -0.9, 0.6)
 
 
 def measure(setup, count, *, seed=3, robot="Run0") -> list[tuple[LandmarkMeasurement, ...]]:
-    noise = manual_noise_sources(seed, robot, FIELD)
-    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, noise)
+    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, seed=seed, robot_name=robot)
     return [function(HERE) for _ in range(count)]
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,10 +23,10 @@ from catoptra_studies.experiment.experiment_results import write_experiment_resu
 from catoptra_studies.experiment.experiment_runner import (
     PUBLISHED_FILTER,
     ExperimentConfig,
+    open_server,
     parse_server_address,
     run_setup,
     train_classifier,
-    wait_for_server,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_studies.experiment.figure_source import CameraFigures, capture_frame_comparison
@@ -184,14 +184,6 @@ def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):
         pass
 
 
-@pytest.fixture
-def closed_address() -> Iterator[ServerAddress]:
-    """An address that rejects connections: the port is bound but not listening."""
-    with socket.socket() as held:
-        held.bind(("127.0.0.1", 0))
-        yield ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
-
-
 @pytest.mark.parametrize(
     ("text", "address"),
     [
@@ -210,23 +202,44 @@ def test_address_when_invalid_is_rejected_with_an_example(text: str) -> None:
         parse_server_address(text)
 
 
-def test_server_when_it_greets_is_returned() -> None:
-    def greet(connection: socket.socket) -> None:
-        ScriptedControlPeer(connection)
-        wait_for_close(connection)
-
-    with serve_script(greet) as port:
-        address = ServerAddress("127.0.0.1", port, 5003)
-        assert wait_for_server(address, timeout_s=0.0) == address
-
-
-def test_server_when_it_never_answers_times_out(closed_address: ServerAddress) -> None:
+@pytest.fixture
+def remote(config, monkeypatch):
+    """Open the simulated set-up's server at an address, by a clock that pauses move."""
     now, pauses = [0.0], []
 
     def sleep(time_s: float) -> None:
         pauses.append(time_s)
         now[0] += time_s
 
-    with pytest.raises(ConnectionLostError, match="no control server at 127"):
-        wait_for_server(closed_address, timeout_s=1.0, clock=lambda: now[0], sleep=sleep)
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
+    monkeypatch.setattr("catoptra_studies.experiment.experiment_runner.time", clock)
+
+    def open_remote(address: ServerAddress) -> ServerAddress:
+        there = replace(config, remote_servers={SIM.name: address}, timeout_s=1.0)
+        with open_server(there, SIM) as opened:
+            return opened
+
+    return open_remote, pauses
+
+
+def test_server_when_it_greets_is_used(remote) -> None:
+    def greet(connection: socket.socket) -> None:
+        ScriptedControlPeer(connection)
+        wait_for_close(connection)
+
+    open_remote, pauses = remote
+    with serve_script(greet) as port:
+        address = ServerAddress("127.0.0.1", port, 5003)
+        assert open_remote(address) == address
+    assert pauses == []
+
+
+def test_server_when_it_never_answers_times_out(remote) -> None:
+    open_remote, pauses = remote
+    # The port is bound and not listening: it rejects connections.
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        address = ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
+        with pytest.raises(ConnectionLostError, match="no control server at 127"):
+            open_remote(address)
     assert 1.0 <= sum(pauses) < 1.5

@@ -7,18 +7,16 @@ and fails where its own metric is changed. Differences have the numbers of the r
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 import pytest
 
-from catoptra_studies.experiment.metrics import compute_run_metrics
+from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import (
     STATEMENTS,
     UNTYPICAL_STATEMENTS,
     RunShare,
     evaluate_claims,
-    evaluate_statements,
     list_differences,
     pool_shares,
 )
@@ -69,7 +67,7 @@ CONSISTENT_RUN = {"accepted_steps_1_to_22": 0.9}
 
 
 def make_run(run: int, changes: dict[str, Any]) -> dict[str, Any]:
-    return asdict(compute_run_metrics(make_filter_run(run, largest_m=0.3))) | changes
+    return summarize_runs([make_filter_run(run, largest_m=0.3)])["runs"][0] | changes
 
 
 def make_setups(*, num_changed: int = 0, num_runs: int = 20, **changed: Any) -> dict[str, Any]:
@@ -155,7 +153,7 @@ def test_untypical_statement_counts_the_runs_that_satisfy_it(changed, key):
     setups = make_summary(num_changed=3, **changed)
     counts = {
         claim.key: claim.runs.num_satisfying
-        for claim in evaluate_statements(UNTYPICAL_STATEMENTS, setups)
+        for claim in evaluate_claims(setups, UNTYPICAL_STATEMENTS)
     }
     # The runs that are not changed reach 0.25 m in step 84.
     assert counts.pop(key) == 3

@@ -136,8 +136,7 @@ def _draw_resolution(page: plot_style.Page, camera: OmniCamera) -> None:
 
 
 def _format_page(folder: Path, stage: CameraStage, rows: list[dict[str, Any]]) -> str:
-    cells = [[Cell(row["title"]), *(Cell(text, "n") for text in _row_texts(row))] for row in rows]
-    header = [Cell(text) for text in _HEADER]
+    cells = [[row["title"], *(Cell(text, "n") for text in _row_texts(row))] for row in rows]
     figures = [
         figure_element(folder, _figure(camera, row))
         for camera, row in zip(stage.cameras, rows, strict=True)
@@ -147,7 +146,7 @@ def _format_page(folder: Path, stage: CameraStage, rows: list[dict[str, Any]]) -
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Cameras</title>'
         f"<style>{style}</style><h1>Cameras</h1><p>{html.escape(_INTRODUCTION)}</p>"
-        f"{html_table(header, cells)}{''.join(figures)}</html>\n"
+        f"{html_table(_HEADER, cells)}{''.join(figures)}</html>\n"
     )
 
 

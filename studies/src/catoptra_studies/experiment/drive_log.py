@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,22 +70,6 @@ def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeas
     )
 
 
-def manual_noise_sources(
-    seed: int, robot_name: str, landmarks: Iterable[Landmark]
-) -> dict[str, np.random.Generator]:
-    """Independent random numbers for the measurements of each landmark, by name.
-
-    Args:
-        seed: Seed of the experiment.
-        robot_name: Name of the robot, which numbers the run.
-        landmarks: Landmarks that are measured.
-    """
-    return {
-        landmark.name: _named_generator(str(seed), robot_name, landmark.name)
-        for landmark in landmarks
-    }
-
-
 def _named_generator(*names: str) -> np.random.Generator:
     """Philox keyed by names, as the server keys the noise of robots."""
     # SHA-256 and not hash(), which Python salts in each process. NUL separates: no name has one.
@@ -98,7 +82,9 @@ def manual_measurement(
     camera: OmniCamera,
     height_m: float,
     landmarks: tuple[Landmark, ...],
-    noise: Mapping[str, np.random.Generator],
+    *,
+    seed: int,
+    robot_name: str,
 ) -> _MeasurementFunction:
     """Measurement of the true landmarks with noise, as by hand in recorded frames.
 
@@ -107,13 +93,16 @@ def manual_measurement(
         camera: Camera with the image in which the noise applies.
         height_m: Height of the viewpoint above the floor.
         landmarks: Landmarks of the field.
-        noise: Source of the noise of each landmark, by name.
+        seed: Seed of the experiment.
+        robot_name: Name of the robot, which numbers the run.
     """
+    # Independent for each landmark.
+    generators = [_named_generator(str(seed), robot_name, one.name) for one in landmarks]
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
         measurements = (
-            _measure_manually(setup, camera, height_m, truth, landmark, noise[landmark.name])
-            for landmark in landmarks
+            _measure_manually(setup, camera, height_m, truth, landmark, generator)
+            for landmark, generator in zip(landmarks, generators, strict=True)
         )
         return tuple(m for m in measurements if m is not None)
 
@@ -230,8 +219,9 @@ def log_drive(
                 )
                 measure = _detector_measurement(images, detector)
             else:
-                noise = manual_noise_sources(seed, robot_name, landmarks)
-                measure = manual_measurement(setup, camera, height_m, landmarks, noise)
+                measure = manual_measurement(
+                    setup, camera, height_m, landmarks, seed=seed, robot_name=robot_name
+                )
             return DriveLog(setup.name, run, drive_route(setup, robot, measure, on_step))
 
 

@@ -213,7 +213,8 @@ def open_server(
     # A server loads one robot file, and a set-up is a robot file: so each has a server.
     if setup.name in config.remote_servers:
         address = config.remote_servers[setup.name]
-        return nullcontext(wait_for_server(address, timeout_s=config.timeout_s))
+        _wait_for_server(address, config.timeout_s)
+        return nullcontext(address)
     return run_server(
         config.robot_file(setup.robot_file),
         config.field_world_file,
@@ -247,37 +248,22 @@ def parse_server_address(text: str) -> tuple[str, ServerAddress]:
     return match[1], ServerAddress(match[2], int(control), int(image))
 
 
-def wait_for_server(
-    address: ServerAddress,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> ServerAddress:
+def _wait_for_server(address: ServerAddress, timeout_s: float) -> None:
     """Wait until a server's control port accepts a connection and sends the greeting.
-
-    Args:
-        address: Server to wait for.
-        timeout_s: Longest wait.
-        clock: Source of the time in seconds.
-        sleep: Function that pauses for a number of seconds.
-
-    Returns:
-        The address as given.
 
     Raises:
         ConnectionLostError: The server did not accept a connection in time.
     """
-    deadline_s = clock() + timeout_s
+    deadline_s = time.monotonic() + timeout_s
     while True:
         try:
             # Waits for the greeting: a proxy may accept before the server behind listens.
             RobotClient.connect(address.host, address.control_port).close()
-            return address
+            return
         except ConnectionLostError:
-            if clock() >= deadline_s:
+            if time.monotonic() >= deadline_s:
                 raise
-        sleep(_POLL_INTERVAL_S)
+        time.sleep(_POLL_INTERVAL_S)
 
 
 # From here two beacons and a goal are within 2.5 m.

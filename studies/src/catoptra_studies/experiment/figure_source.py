@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -81,16 +81,16 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
 def _read_camera_figures(folder: Path) -> CameraFigures:
     """Read figures.json of a folder."""
     index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
-    return CameraFigures(
-        tuple(_report_figure(entry) for entry in index["figures"]),
-        index["metrics"],
-        index["timings"],
+    figures = tuple(
+        ReportFigure(
+            entry["file"],
+            f"{entry['title']} (the paper's {entry['paper_reference']})",
+            entry["caption"],
+            entry["alt"],
+        )
+        for entry in index["figures"]
     )
-
-
-def _report_figure(entry: dict[str, str]) -> ReportFigure:
-    title = f"{entry['title']} (the paper's {entry['paper_reference']})"
-    return ReportFigure(entry["file"], title, entry["caption"], entry["alt"])
+    return CameraFigures(figures, index["metrics"], index["timings"])
 
 
 def _draw_figures(config: ExperimentConfig) -> None:
@@ -107,22 +107,16 @@ def _draw_figures(config: ExperimentConfig) -> None:
         raise CatoptraError("the figures of the camera could not be drawn: see the lines above")
 
 
-def _wait_for_file(
-    file: Path,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> None:
-    deadline_s = clock() + timeout_s
+def _wait_for_file(file: Path, *, timeout_s: float) -> None:
+    deadline_s = time.monotonic() + timeout_s
     # An empty file is one that the other program has just opened.
     while not (file.is_file() and file.stat().st_size):
-        if clock() >= deadline_s:
+        if time.monotonic() >= deadline_s:
             raise CatoptraError(
                 f"no figures of the camera: {file} did not appear within {timeout_s:g} s. Draw "
                 "them with catoptra-studies figures, or leave them out: --figures none"
             )
-        sleep(_POLL_INTERVAL_S)
+        time.sleep(_POLL_INTERVAL_S)
 
 
 _DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"

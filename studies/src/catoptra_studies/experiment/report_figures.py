@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_client.landmarks import COLOUR_CODES, DetectionStages, Detector
+from catoptra_client.landmarks import COLOUR_CODES, DetectionStages
 from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog, Positions, true_positions
+from catoptra_studies.experiment.experiment_runner import DetectorSnapshot
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import error_quantiles
 from catoptra_studies.paper_values import PAPER_EKF_ERROR_M, PAPER_ODOMETRY_ERROR_M
@@ -206,37 +207,27 @@ def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
     axes.set_xlim(0, 100.5)
 
 
-def draw_classifier_output(
-    path: Path, rgb: UInt8Array, detector: Detector, stages: DetectionStages
-) -> None:
-    """Write the frame with bearings, the cylinder, and the labels with the detections.
-
-    Args:
-        path: PNG file to write.
-        rgb: (h, w, 3) frame.
-        detector: Detector that was used.
-        stages: Results of all stages for this frame.
-    """
+def draw_classifier_output(path: Path, snapshot: DetectorSnapshot) -> None:
+    """Write the frame with bearings, the cylinder, and the labels with the detections."""
+    stages = snapshot.stages
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 3.6)) as figure:
         left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.55))
-        _draw_bearings(left.subplots(), rgb, detector, stages)
+        _draw_bearings(left.subplots(), snapshot)
         above, below = right.subplots(2, 1)
         above.imshow(stages.cylinder)
         above.set_title("cylinder unwarped from the frame")
         below.imshow(_label_image(stages))
         below.set_title("pixels above the threshold of Eq. 3, and landmarks")
-        _label_landmarks(below, detector, stages)
+        _label_landmarks(below, snapshot)
         for axes in (above, below):
-            _set_azimuth_ticks(axes, stages.cylinder.shape[1], detector)
+            _set_azimuth_ticks(axes, snapshot)
 
 
-def _draw_bearings(
-    axes: plot_style.Axes, rgb: UInt8Array, detector: Detector, stages: DetectionStages
-) -> None:
+def _draw_bearings(axes: plot_style.Axes, snapshot: DetectorSnapshot) -> None:
     """Draw a frame with a ray towards each detected landmark."""
-    axes.imshow(rgb)
-    camera = detector.view.camera
-    for detection in stages.detections:
+    axes.imshow(snapshot.rgb)
+    camera = snapshot.detector.view.camera
+    for detection in snapshot.stages.detections:
         # The level direction of the bearing: the ray ends on the horizon, above the landmark.
         direction = np.array(
             [math.cos(detection.bearing_rad), math.sin(detection.bearing_rad), 0.0]
@@ -261,13 +252,13 @@ def _label_image(stages: DetectionStages) -> UInt8Array:
     return image
 
 
-def _label_landmarks(axes: plot_style.Axes, detector: Detector, stages: DetectionStages) -> None:
+def _label_landmarks(axes: plot_style.Axes, snapshot: DetectorSnapshot) -> None:
     """Write name, bearing and range of each landmark."""
-    num_columns = stages.cylinder.shape[1]
-    detections = sorted(stages.detections, key=lambda detection: detection.bearing_rad)
+    num_columns = snapshot.stages.cylinder.shape[1]
+    detections = sorted(snapshot.stages.detections, key=lambda detection: detection.bearing_rad)
     for number, detection in enumerate(detections):
         azimuth = np.array(detection.bearing_rad)
-        column = detector.view.cylinder.column_from_azimuth(azimuth) % num_columns
+        column = snapshot.detector.view.cylinder.column_from_azimuth(azimuth) % num_columns
         range_ = f", {detection.range_m:.2f} m" if detection.has_range else ""
         name = detection.name.replace("_", " ")
         text = f"{name}\n{math.degrees(detection.bearing_rad):.1f}°{range_}"
@@ -283,9 +274,9 @@ def _label_landmarks(axes: plot_style.Axes, detector: Detector, stages: Detectio
         )
 
 
-def _set_azimuth_ticks(axes: plot_style.Axes, num_columns: int, detector: Detector) -> None:
+def _set_azimuth_ticks(axes: plot_style.Axes, snapshot: DetectorSnapshot) -> None:
     degrees = np.array([-135, -90, -45, 0, 45, 90, 135])
-    cylinder = detector.view.cylinder
+    cylinder, num_columns = snapshot.detector.view.cylinder, snapshot.stages.cylinder.shape[1]
     columns = [cylinder.column_from_azimuth(np.array(math.radians(d))) for d in degrees]
     labels = [f"{d}°".replace("-", "−") for d in degrees]
     axes.set_xticks([float(c) % num_columns for c in columns], labels)
@@ -314,28 +305,14 @@ def _central_square(rgb: UInt8Array) -> UInt8Array:
 
 
 def draw_overview(
-    path: Path,
-    rgb: UInt8Array,
-    detector: Detector,
-    *,
-    stages: DetectionStages,
-    logged_run: tuple[DriveLog, FilterRun],
+    path: Path, snapshot: DetectorSnapshot, drive_log: DriveLog, filter_run: FilterRun
 ) -> None:
-    """Write the frame with bearings, and the map of a drive.
-
-    Args:
-        path: PNG file to write.
-        rgb: (h, w, 3) frame.
-        detector: Detector that was used.
-        stages: Results of all stages for this frame.
-        logged_run: Drive for the map, and a filter's results.
-    """
-    drive_log, filter_run = logged_run
+    """Write the frame with bearings, and the map of a drive with a filter's results."""
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 4.2)) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-        _draw_bearings(left, rgb, detector, stages)
+        _draw_bearings(left, snapshot)
         left.set_title("frame of the mirror camera, with the landmarks found")
-        _draw_field(right, detector.landmarks)
+        _draw_field(right, snapshot.detector.landmarks)
         _draw_paths(right, drive_log, filter_run)
         _widen_to_path(right, filter_run.odometry)
         right.set_title("localized by them on a drive of 100 steps")

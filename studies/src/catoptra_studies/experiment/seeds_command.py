@@ -36,7 +36,6 @@ from catoptra_studies.experiment.paper_claims import (
     UNTYPICAL_STATEMENTS,
     Claim,
     evaluate_claims,
-    evaluate_statements,
     pool_shares,
 )
 from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
@@ -60,7 +59,7 @@ class SeedResult:
         return 0 if all(claim.is_confirmed for claim in self.claims) else 1
 
 
-def format_seeds_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
+def _format_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
     """Markdown with three tables: claims, untypical statements, and the seeds."""
     failed = [str(result.seed) for result in results if result.status]
     ending = f"1 with the seeds {', '.join(failed)}" if failed else "0 with every seed"
@@ -138,7 +137,7 @@ def _run(parsed: argparse.Namespace) -> int:
     return _EXIT_FAILURE if any(result.status for result in results) else 0
 
 
-def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
+def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     """Drive, filter and evaluate one seed, and write summary.json into a folder for this seed.
 
     Args:
@@ -154,7 +153,7 @@ def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     return SeedResult(
         seed,
         tuple(evaluate_claims(setups)),
-        tuple(evaluate_statements(UNTYPICAL_STATEMENTS, setups)),
+        tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS)),
     )
 
 
@@ -178,7 +177,7 @@ def _run_seeds(
     with open_progress() as progress, pool:
         advance = progress.add_task("seeds", len(seeds))
         # In the order of the seeds; the first that fails ends the command.
-        for result in pool.imap(partial(evaluate_experiment, config), seeds):
+        for result in pool.imap(partial(_evaluate_experiment, config), seeds):
             results.append(result)
             advance()
     return results
@@ -192,7 +191,7 @@ def _end_by_signal() -> None:
 
 def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> None:
     report = config.output_folder / "seeds.md"
-    report.write_text(format_seeds_report(results, num_runs=config.num_runs), encoding="utf-8")
+    report.write_text(_format_report(results, num_runs=config.num_runs), encoding="utf-8")
     rows = [
         (
             (claims[0].text, str(pool_shares(claim.runs for claim in claims))),
