@@ -5,10 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_studies.accuracy_cost.cost_report import (
-    format_cost_report,
-    format_summary_table,
-)
+from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
 from catoptra_studies.accuracy_cost.cost_results import CostResults
 
 
@@ -92,9 +89,7 @@ def test_section_has_the_cost_of_camera_and_scanner(results: CostResults) -> Non
     assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in text
 
 
-def test_section_compares_the_camera_model_with_the_finest_mesh(
-    results: CostResults,
-) -> None:
+def test_section_compares_the_camera_model_with_the_finest_mesh(results: CostResults) -> None:
     text = " ".join(format_cost_report(results).split())
     assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in text
 

@@ -9,11 +9,7 @@ import cv2
 import pytest
 
 from catoptra_studies.camera_figures.figure_spec import FigureInputs
-from catoptra_studies.camera_figures.figures_command import (
-    FIGURES,
-    main,
-    write_figures,
-)
+from catoptra_studies.camera_figures.figures_command import FIGURES, main, write_figures
 from catoptra_studies.commands import EXIT_FAILURE, open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 

@@ -24,11 +24,7 @@ from catoptra_studies.degradation.degradation_sweeps import DegradationSweep
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 
 SWEEP = DegradationSweep(
-    "Too dark",
-    "no light",
-    "light",
-    {"0.5": "A=1|B=2", "0.1": "A=2"},
-    ini_keys="C=3",
+    "Too dark", "no light", "light", {"0.5": "A=1|B=2", "0.1": "A=2"}, ini_keys="C=3"
 )
 EXAMPLE = ExampleFrame(np.zeros((4, 4, 3), np.uint8), (), (), (), (2.0, 2.0))
 

@@ -14,12 +14,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
 )
 
 SWEEP = DegradationSweep(
-    "Two words",
-    "w",
-    "u",
-    {"1": "B=2|C=3"},
-    ini_keys="A=1",
-    base_robot="base.ini",
+    "Two words", "w", "u", {"1": "B=2|C=3"}, ini_keys="A=1", base_robot="base.ini"
 )
 
 

@@ -13,10 +13,7 @@ from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_studies.experiment.drive_log import (
-    LandmarkMeasurement,
-    manual_measurement,
-)
+from catoptra_studies.experiment.drive_log import LandmarkMeasurement, manual_measurement
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, REAL
 from catoptra_studies.experiment.route import Waypoint
 

@@ -29,11 +29,7 @@ from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import MIN_GAIN, LevelCost, pareto_front
-from catoptra_studies.camera_figures.frame_rates import (
-    DrawFunction,
-    RenderTiming,
-    time_round_robin,
-)
+from catoptra_studies.camera_figures.frame_rates import DrawFunction, RenderTiming, time_round_robin
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
-from catoptra_studies import plot_style
+from catoptra_studies.plot_style import Page, open_page
 from catoptra_studies.reports import write_json
 from catoptra_studies.study_subject import (
     FIGURE_RENDERERS,
@@ -77,7 +77,7 @@ class FigureSpec:
     width_px: int
     height_px: int
 
-    draw: Callable[[plot_style.Page, FigureInputs], FigureCaption]
+    draw: Callable[[Page, FigureInputs], FigureCaption]
 
 
 @contextmanager
@@ -123,7 +123,7 @@ def open_figure_inputs(
 def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
     """Draw a figure into a folder."""
     path = folder / figure.file
-    with plot_style.open_page(path, figure.height_px, figure.width_px) as page:
+    with open_page(path, figure.height_px, figure.width_px) as page:
         return figure.draw(page, inputs)
 
 

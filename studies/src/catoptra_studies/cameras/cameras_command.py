@@ -17,7 +17,6 @@ import numpy as np
 
 from catoptra_protocol.optics.camera_rays import near_limit_m
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
     limit_rad,
@@ -32,6 +31,18 @@ from catoptra_studies.cameras.camera_stage import (
     open_requested_stage,
 )
 from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.plot_style import (
+    BLUE,
+    ORANGE,
+    RED,
+    Image,
+    Page,
+    add_axes,
+    add_text,
+    label_box,
+    open_page,
+    show_image,
+)
 from catoptra_studies.reports import (
     Cell,
     ReportFigure,
@@ -72,7 +83,7 @@ def _run(parsed: argparse.Namespace) -> int:
         frame_ms = stage.time_frames(parsed.frames)
         rows = [_describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
         for index, staged in enumerate(stage.cameras):
-            with plot_style.open_page(folder / f"{staged.file.name}.png", 740) as page:
+            with open_page(folder / f"{staged.file.name}.png", 740) as page:
                 _draw_camera(page, staged, stage.render_frame(index))
             on_camera()
     write_json(folder / "cameras.json", rows)
@@ -100,37 +111,37 @@ def _describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
     }
 
 
-def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.Image) -> None:
+def _draw_camera(page: Page, staged: StagedCamera, image: Image) -> None:
     camera = staged.camera
     width = round(_IMAGE_PX * min(1.0, image.shape[1] / image.shape[0]))
-    axes = plot_style.show_image(page, image, 20, 60, width)
-    plot_style.add_text(page, 20, 14, staged.file.title, fontsize=10, fontweight="bold")
+    axes = show_image(page, image, 20, 60, width)
+    add_text(page, 20, 14, staged.file.title, fontsize=10, fontweight="bold")
     for degrees in range(_RING_SPACING_DEG, 180, _RING_SPACING_DEG):
         # On the rim itself rounding would make a dashed line.
         if math.radians(degrees) > camera.rim_rad - _RIM_MARGIN_RAD:
             break
         pixel = ring_pixels(camera, math.radians(degrees))
-        colour = plot_style.RED if degrees == 90 else plot_style.ORANGE
+        colour = RED if degrees == 90 else ORANGE
         axes.plot(pixel[:, 0], pixel[:, 1], color=colour, linewidth=0.8)
         u, v = pixel[45]
         if math.isfinite(u):
-            box = plot_style.label_box(0.8)
+            box = label_box(0.8)
             axes.text(u, v, f"{degrees}°", ha="center", va="center", fontsize=7, bbox=box)
     _draw_resolution(page, camera)
 
 
-def _draw_resolution(page: plot_style.Page, camera: OmniCamera) -> None:
+def _draw_resolution(page: Page, camera: OmniCamera) -> None:
     theta = np.linspace(min_angle_rad(camera), min(camera.rim_rad, _MAX_PLOTTED_RAD), 400)
     radial, tangential = resolution_curve(camera, theta)
-    axes = plot_style.add_axes(page, 780, 90, 700, 540)
-    axes.plot(np.degrees(theta), radial, color=plot_style.BLUE, label="along the image radius")
-    axes.plot(np.degrees(theta), tangential, "--", color=plot_style.ORANGE, label="across it")
+    axes = add_axes(page, 780, 90, 700, 540)
+    axes.plot(np.degrees(theta), radial, color=BLUE, label="along the image radius")
+    axes.plot(np.degrees(theta), tangential, "--", color=ORANGE, label="across it")
     # Scales near an antipode would flatten all other parts of the curves.
     shown = theta <= _MAX_SCALED_RAD
     highest = 1.1 * float(np.maximum(radial, tangential)[shown].max())
     axes.set(xlim=(0, 180), ylim=(0, highest), xticks=range(0, 181, _RING_SPACING_DEG),
              xlabel="angle from the axis, degrees")  # fmt: skip
-    axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
+    axes.axvline(90.0, color=RED, linewidth=0.8)
     axes.set_title(f"px per degree, image of {camera.width_px} x {camera.height_px} px")
     axes.legend(loc="best")
 

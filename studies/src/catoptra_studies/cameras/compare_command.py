@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import covered_sphere, floor_view, resolution_at
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
@@ -33,6 +32,7 @@ from catoptra_studies.experiment.experiment_runner import (
 )
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAPER_FILTER, SIM
 from catoptra_studies.experiment.localization_filter import FilterRun
+from catoptra_studies.plot_style import BLUE, PAGE_WIDTH_IN, open_chart
 from catoptra_studies.reports import format_number, markdown_table, replace_non_finite, write_json
 
 _FLOOR_DISTANCE_M = 3.0
@@ -177,13 +177,13 @@ def _write_comparison(rows: Sequence[tuple[str, _Row]], folder: Path) -> None:
 
 
 def _draw_comparison(rows: Sequence[tuple[str, _Row]], path: Path) -> None:
-    size = (plot_style.PAGE_WIDTH_IN, 1.0 + 0.75 * len(rows))
-    with plot_style.open_chart(path, figsize=size) as figure:
+    size = (PAGE_WIDTH_IN, 1.0 + 0.75 * len(rows))
+    with open_chart(path, figsize=size) as figure:
         panels = figure.subplots(3, 2, sharey=True).flat
         for axes, (key, title) in zip(panels, _PANELS, strict=True):
             values = [row[key] for _, row in rows]
             widths = [value if math.isfinite(value) else 0.0 for value in values]
-            axes.barh([name for name, _ in rows], widths, color=plot_style.BLUE, height=0.6)
+            axes.barh([name for name, _ in rows], widths, color=BLUE, height=0.6)
             for place, value in enumerate(values):
                 axes.annotate(format_number(value), (widths[place], place), (3, 0),
                               textcoords="offset points", va="center", fontsize=7)  # fmt: skip

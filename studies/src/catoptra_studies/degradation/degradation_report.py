@@ -11,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from catoptra_studies import plot_style
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
     ExampleFrame,
@@ -27,19 +26,28 @@ from catoptra_studies.degradation.degradation_study import (
 )
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
+from catoptra_studies.plot_style import (
+    ACCEPTED,
+    MUTED,
+    ODOMETRY,
+    REJECTED,
+    Axes,
+    add_legend,
+    open_chart,
+)
 from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
 
 _NUM_COLUMNS = 4
 _TRAINING_STYLES = (
-    (TRAINED_ON_CLEAN, plot_style.REJECTED, "o-", "trained on clean images"),
-    (TRAINED_ON_DEGRADED, plot_style.ACCEPTED, "s--", "retrained on such images"),
+    (TRAINED_ON_CLEAN, REJECTED, "o-", "trained on clean images"),
+    (TRAINED_ON_DEGRADED, ACCEPTED, "s--", "retrained on such images"),
 )
 
 
 def _draw_sweep(path: Path, result: SweepResult) -> None:
     """Write the plot of one sweep: an example of each level above rate and error."""
     levels = _all_levels(result)
-    with plot_style.open_chart(path, figsize=(2.2 * len(levels), 5.0)) as figure:
+    with open_chart(path, figsize=(2.2 * len(levels), 5.0)) as figure:
         above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
         above.suptitle(f"{result.sweep.name}: {result.sweep.description}\n", fontweight="bold")
         for axes, level in zip(above.subplots(1, len(levels)), levels, strict=True):
@@ -50,13 +58,13 @@ def _draw_sweep(path: Path, result: SweepResult) -> None:
         for axes in (rate_axes, error_axes):
             axes.set_xlabel(result.sweep.unit)
         # The error axes have every series; the rate axes lack odometry.
-        plot_style.add_legend(figure, error_axes, loc="outside lower center", ncols=3)
+        add_legend(figure, error_axes, loc="outside lower center", ncols=3)
 
 
 def _draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
     """Write the curves of all sweeps, each a detection rate above a position error."""
     num_rows = math.ceil(len(results) / _NUM_COLUMNS)
-    with plot_style.open_chart(path, figsize=(3.0 * _NUM_COLUMNS, 3.5 * num_rows)) as figure:
+    with open_chart(path, figsize=(3.0 * _NUM_COLUMNS, 3.5 * num_rows)) as figure:
         cells = figure.subfigures(num_rows, _NUM_COLUMNS, squeeze=False).flat
         # The last row may have more cells than there are sweeps.
         for cell, result in zip(cells, results, strict=False):
@@ -64,12 +72,10 @@ def _draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
             _draw_curves(rate_axes, error_axes, result)
             rate_axes.set_title(result.sweep.name)
             error_axes.set_xlabel(result.sweep.unit)
-        plot_style.add_legend(figure, error_axes, loc="outside lower center", ncols=3)
+        add_legend(figure, error_axes, loc="outside lower center", ncols=3)
 
 
-def _draw_curves(
-    rate_axes: plot_style.Axes, error_axes: plot_style.Axes, result: SweepResult
-) -> None:
+def _draw_curves(rate_axes: Axes, error_axes: Axes, result: SweepResult) -> None:
     """Draw percentages of beacons found, and the filter's errors with the paper's bound."""
     levels = _all_levels(result)
     labels = [level.label for level in levels]
@@ -79,8 +85,8 @@ def _draw_curves(
         rate_axes.plot(labels, [100.0 * m.detection_rate for m in metrics], line, **style)
         error_axes.plot(labels, [m.ekf_max_m for m in metrics], line, **style)
     odometry_m = [_metrics(level, TRAINED_ON_CLEAN).odometry_max_m for level in levels]
-    error_axes.plot(labels, odometry_m, ":", color=plot_style.ODOMETRY, label="odometry alone")
-    error_axes.axhline(PAPER_EKF_ERROR_M, color=plot_style.MUTED, lw=1, ls="--")
+    error_axes.plot(labels, odometry_m, ":", color=ODOMETRY, label="odometry alone")
+    error_axes.axhline(PAPER_EKF_ERROR_M, color=MUTED, lw=1, ls="--")
     # Markers at 0 and 100 % would be cut in half.
     rate_axes.set(ylim=(-4, 104), ylabel="beacons found, %")
     error_axes.set_ylim(bottom=0.0)
@@ -103,21 +109,21 @@ def _example_title(level: LevelResult) -> str:
     return f"{level.label}\n{num_detected} of {num_detected + len(example.missed_px)}{false}"
 
 
-def _draw_example(axes: plot_style.Axes, example: ExampleFrame) -> None:
+def _draw_example(axes: Axes, example: ExampleFrame) -> None:
     """Draw the frame: rings on detected beacons, crosses on missed ones, rays to false ones."""
     axes.imshow(example.rgb)
     _draw_markers(axes, example.detected_px, "o", "white")
-    _draw_markers(axes, example.missed_px, "x", plot_style.ODOMETRY)
+    _draw_markers(axes, example.missed_px, "x", ODOMETRY)
     u, v = example.centre_px
     reach_px = 0.45 * example.rgb.shape[0]
     for bearing_rad in example.false_bearings_rad:
         # Forward is up; bearings grow to the robot's right, which a mirror shows on the left.
         end = (u - reach_px * math.sin(bearing_rad), v - reach_px * math.cos(bearing_rad))
-        axes.plot([u, end[0]], [v, end[1]], color=plot_style.REJECTED, lw=1.5)
+        axes.plot([u, end[0]], [v, end[1]], color=REJECTED, lw=1.5)
     axes.set_axis_off()
 
 
-def _draw_markers(axes: plot_style.Axes, pixels: Sequence[Pixel], marker: str, colour: str) -> None:
+def _draw_markers(axes: Axes, pixels: Sequence[Pixel], marker: str, colour: str) -> None:
     if pixels:
         u, v = zip(*pixels, strict=True)
         axes.plot(u, v, marker, color=colour, ms=11, mfc="none", mew=2.0)

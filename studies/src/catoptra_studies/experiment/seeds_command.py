@@ -151,9 +151,7 @@ def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     write_json(folder / "summary.json", summary)
     setups = summary["setups"]
     return SeedResult(
-        seed,
-        tuple(evaluate_claims(setups)),
-        tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS)),
+        seed, tuple(evaluate_claims(setups)), tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS))
     )
 
 

@@ -17,12 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.experiment.route import (
-    Chassis,
-    Waypoint,
-    WheelCommand,
-    wheel_command_towards,
-)
+from catoptra_studies.experiment.route import Chassis, Waypoint, WheelCommand, wheel_command_towards
 
 # Half a step of the route: the arc to a nearer waypoint would begin with a sharp turn.
 _REACHED_M = 0.1
@@ -99,9 +94,7 @@ def steer(
     command = wheel_command_towards(target, pose, chassis)
     slowdown = min(1.0, command.duration_s / min_duration_s)
     return WheelCommand(
-        slowdown * command.left_rad_s,
-        slowdown * command.right_rad_s,
-        command.duration_s / slowdown,
+        slowdown * command.left_rad_s, slowdown * command.right_rad_s, command.duration_s / slowdown
     )
 
 
