@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,7 +24,6 @@ from catoptra_server.frames.plan.error_bound import (
     coordinate_errors,
     error_bound,
 )
-from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
@@ -172,7 +171,22 @@ def _measure_level(
     plan = subject.plan(level.renderer_kind, level.render_settings)
     # The geometric part alone: samples blur edges but displace nothing.
     bound = _bound_frames(subject, plan).geometric
-    cost = _level_cost(subject.camera, level, plan, bound=bound, timing=timing, error=error)
+    cost = LevelCost(
+        name=level.name,
+        renderer=level.renderer_kind.value,
+        num_polygons=plan.surface.num_polygons if isinstance(plan.surface, Tessellation) else 0,
+        samples=plan.samples,
+        face_size_px=plan.face_size_px,
+        is_key=level.is_key,
+        robot_ini=level_robot_ini(level, subject.camera.width_px),
+        **asdict(timing),
+        bound_max_px=bound.max_px,
+        bound_rms_px=bound.rms_px,
+        bound_max_deg=bound.max_deg,
+        **asdict(error),
+        # Decided by `_mark_pareto_front`, once all levels are measured.
+        is_on_pareto_front=False,
+    )
     return MeasuredLevel(cost, frames[0])
 
 
@@ -184,37 +198,6 @@ def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
         summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
     )
     return add_scene(error_bound(subject.camera, plan), subject.camera, angle_rad)
-
-
-def _level_cost(
-    camera: OmniCamera,
-    level: AccuracyLevel,
-    plan: RenderPlan,
-    *,
-    bound: GeometricError,
-    timing: RenderTiming,
-    error: _ImageError,
-) -> LevelCost:
-    return LevelCost(
-        name=level.name,
-        renderer=level.renderer_kind.value,
-        num_polygons=plan.surface.num_polygons if isinstance(plan.surface, Tessellation) else 0,
-        samples=plan.samples,
-        face_size_px=plan.face_size_px,
-        is_key=level.is_key,
-        robot_ini=level_robot_ini(level, camera.width_px),
-        wall_ms=timing.wall_ms,
-        cpu_ms=timing.cpu_ms,
-        stage_ms=timing.stage_ms,
-        bound_max_px=bound.max_px,
-        bound_rms_px=bound.rms_px,
-        bound_max_deg=bound.max_deg,
-        rmse=error.rmse,
-        psnr_db=error.psnr_db,
-        ssim=error.ssim,
-        # Decided by `_mark_pareto_front`, once all levels are measured.
-        is_on_pareto_front=False,
-    )
 
 
 def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:

@@ -11,7 +11,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
@@ -180,7 +180,14 @@ def measure_frame_rates(
         for view in (perspective, *cameras.values()):
             view.close()
     return tuple(
-        _frame_rate_row(subject.world.name, renderer_kind, payload, timing)
+        FrameRate(
+            world=subject.world.name,
+            renderer=renderer_kind.value,
+            payload=payload.name,
+            num_polygons=payload.num_polygons,
+            fps=1e3 / timing.wall_ms,
+            **asdict(timing),
+        )
         for payload, timing in zip(payloads, timings, strict=True)
     )
 
@@ -227,21 +234,6 @@ def _draw_function(perspective: View, payload: _Payload, subject: StudySubject) 
         }
 
     return draw_frame
-
-
-def _frame_rate_row(
-    world: str, renderer_kind: RendererKind, payload: _Payload, timing: RenderTiming
-) -> FrameRate:
-    return FrameRate(
-        world=world,
-        renderer=renderer_kind.value,
-        payload=payload.name,
-        num_polygons=payload.num_polygons,
-        fps=1e3 / timing.wall_ms,
-        wall_ms=timing.wall_ms,
-        cpu_ms=timing.cpu_ms,
-        stage_ms=timing.stage_ms,
-    )
 
 
 def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> float:
