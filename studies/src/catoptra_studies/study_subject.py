@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,11 +81,8 @@ class StudySubject:
     def render_reference(self, samples: int) -> tuple[Image, ...]:
         """Render the exact frame at each pose, of samples^2 rays a pixel."""
         settings = RenderSettings(PerPixel(), samples)
-        view = self.prepare_view(RendererKind.TRACE, settings)
-        try:
+        with closing(self.prepare_view(RendererKind.TRACE, settings)) as view:
             return tuple(view.render(state).rgb for state in self.camera_states)
-        finally:
-            view.close()
 
     def render_frame(
         self, size_px: int, samples: int, *, surface: MirrorSurface | None = None
@@ -104,7 +101,7 @@ class StudySubject:
         # A copy: the subject itself keeps the study's size.
         resized = dataclasses.replace(self, camera=camera)
         settings = RenderSettings(surface or PerPixel(), samples)
-        return _render_once(
+        return render_once(
             resized.prepare_view(RendererKind.TRACE, settings), self.camera_states[0]
         )
 
@@ -112,14 +109,13 @@ class StudySubject:
         """Render the view of one virtual camera of the cube, at the first pose."""
         camera = FaceCamera(face, round(size_px * self.resolution_scale))
         view = self.renderers[RendererKind.TRACE].prepare_face(camera, samples)
-        return _render_once(view, self.camera_states[0])
+        return render_once(view, self.camera_states[0])
 
 
-def _render_once(view: View, state: CameraState) -> Image:
-    try:
+def render_once(view: View, state: CameraState) -> Image:
+    """Render one frame and close the view."""
+    with closing(view):
         return view.render(state).rgb
-    finally:
-        view.close()
 
 
 @contextmanager

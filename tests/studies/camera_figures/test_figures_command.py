@@ -57,6 +57,11 @@ def test_every_decimal_number_of_a_caption_is_a_metric(index: dict[str, Any]) ->
             assert any(abs(float(text) - n) <= 1.01 * rounding for n in numbers), entry["caption"]
 
 
+def test_exact_model_is_exact_to_the_rounding_of_its_rays(index: dict[str, Any]) -> None:
+    # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
+    assert 0.0 < index["metrics"]["polygon_error"]["exact_model_max_px"] < 2e-5
+
+
 def test_robot_file_when_missing_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

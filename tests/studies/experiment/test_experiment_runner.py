@@ -132,7 +132,7 @@ class Watch:
 
 def test_a_watched_run_gives_the_same_log_and_shows_its_filter(config, trained, results):
     links = SimpleQueue[str]()
-    robot = config.robot_file(SIM.robot_file)
+    robot = config.find_file("robots", SIM.robot_file)
     log_file = config.output_folder / "watched.log"
     with run_server(
         robot, config.field_world_file, seed=0, log_file=log_file, on_page=links.put

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, replace
 
 import cv2
@@ -125,22 +126,21 @@ def measure_levels(
         num_rounds: Timed frames of each level.
         on_round: Called after each round over all levels.
     """
-    # All views are open together, since the levels are timed in turn.
-    views = [subject.prepare_view(level.renderer_kind, level.render_settings) for level in levels]
-    try:
-        timings = time_round_robin(
-            [_draw_function(view, subject) for view in views],
-            num_rounds=num_rounds,
-            on_round=on_round,
-        )
+    with ExitStack() as stack:
+        # All views are open together, since the levels are timed in turn.
+        views = [
+            stack.enter_context(
+                closing(subject.prepare_view(level.renderer_kind, level.render_settings))
+            )
+            for level in levels
+        ]
+        draw = [_draw_function(view, subject) for view in views]
+        timings = time_round_robin(draw, num_rounds=num_rounds, on_round=on_round)
         mask = _visible_mask(subject.camera)
         measured = [
             _measure_level(subject, level, view, reference, timing=timing, mask=mask)
             for level, view, timing in zip(levels, views, timings, strict=True)
         ]
-    finally:
-        for view in views:
-            view.close()
     return _mark_pareto_front(measured)
 
 

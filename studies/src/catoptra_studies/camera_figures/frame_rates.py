@@ -11,6 +11,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -167,18 +168,20 @@ def measure_frame_rates(
         num_rounds: Timed frames of each payload.
         on_round: Called after each round over all payloads.
     """
-    perspective = subject.renderers[renderer_kind].prepare_perspective(_PERSPECTIVE_VIEW, _SAMPLES)
-    cameras = {
-        name: subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES))
-        for name, surface in _surfaces().items()
-    }
-    try:
+    with ExitStack() as stack:
+
+        def keep(view: View) -> View:
+            return stack.enter_context(closing(view))
+
+        renderer = subject.renderers[renderer_kind]
+        perspective = keep(renderer.prepare_perspective(_PERSPECTIVE_VIEW, _SAMPLES))
+        cameras = {
+            name: keep(subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES)))
+            for name, surface in _surfaces().items()
+        }
         payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
         draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
         timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
-    finally:
-        for view in (perspective, *cameras.values()):
-            view.close()
     return tuple(
         FrameRate(
             world=subject.world.name,
@@ -292,17 +295,14 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
         )  # fmt: skip
         axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
     axes.set_title(f"frames a second in {world}", loc="left", fontsize=8.5)
-    axes.set_xticks(range(len(payloads)), [_tick_label(name) for name in payloads], fontsize=7)
+    axes.set_xticks(
+        range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7
+    )
     axes.grid(visible=False, axis="x")
     # The label is centred under the payloads that are numbers of polygons.
     numbers = [position for position, payload in enumerate(payloads) if payload.isdigit()]
     centre = (sum(numbers) / len(numbers) + 0.5) / len(payloads)
     axes.set_xlabel("polygons of the camera's mirror", fontsize=7.5, labelpad=2, x=centre)
-
-
-def _tick_label(payload: str) -> str:
-    """The payload in two short lines."""
-    return payload.replace(" ", "\n")
 
 
 def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:

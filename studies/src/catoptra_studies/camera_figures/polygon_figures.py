@@ -87,7 +87,7 @@ def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> _Po
     )
 
 
-def exact_model_error_px(camera: OmniCamera) -> float:
+def _exact_model_error_px(camera: OmniCamera) -> float:
     """Largest error where the camera model is evaluated in every pixel.
 
     Trace casts rays in float32, so their directions are rounded; the model itself is float64.
@@ -241,7 +241,7 @@ def draw_polygon_error(page: Page, inputs: FigureInputs) -> FigureCaption:
     errors = {
         interpolation: _measure_errors(camera, interpolation) for interpolation in Interpolation
     }
-    exact_px = exact_model_error_px(camera)
+    exact_px = _exact_model_error_px(camera)
     axes = add_axes(page, 150, 60, 1330, 600)
     axes.set(xscale="log", yscale="log", xlim=(11, 6000), ylim=(2e-6, 300), xlabel="polygons N")
     axes.set_xticks(POLYGON_COUNTS, [str(count) for count in POLYGON_COUNTS])

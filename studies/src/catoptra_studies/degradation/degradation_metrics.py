@@ -25,7 +25,7 @@ from catoptra_studies.degradation.recorded_drive import (
 )
 from catoptra_studies.experiment.drive_log import DriveStep
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, PAPER_FILTER, ExperimentSetup
-from catoptra_studies.experiment.localization_filter import FilterRun, replay_filter
+from catoptra_studies.experiment.localization_filter import replay_filter
 from catoptra_studies.experiment.metrics import (
     RangeBearingPair,
     rms_range_bearing,
@@ -109,7 +109,11 @@ def compute_degradation_metrics(
         for evaluation in _evaluate_drive(drive, found)
     ]
     errors = [error for frame in evaluations for error in frame.detection_errors.values()]
-    filter_runs = _run_filter(drives, detections, setup, landmarks)
+    landmark_map = make_landmark_map(landmarks)
+    filter_runs = [
+        replay_filter(add_measurements(drive, found), setup, PAPER_FILTER, landmark_map)
+        for drive, found in zip(drives, detections, strict=True)
+    ]
     range_m, bearing_rad = rms_range_bearing(errors)
     return DegradationMetrics(
         num_frames=len(evaluations),
@@ -159,20 +163,6 @@ def _evaluate_frame(
         elif detection.name in beacons:
             errors[detection.name] = (detection.range_m - truth[0], error_rad)
     return _FrameEvaluation(beacons, errors, tuple(false_detections))
-
-
-def _run_filter(
-    recorded_drives: Sequence[RecordedDrive],
-    detections: Sequence[DriveDetections],
-    setup: ExperimentSetup,
-    landmarks: Sequence[Landmark],
-) -> list[FilterRun]:
-    landmark_map = make_landmark_map(landmarks)
-    drive_logs = (
-        add_measurements(drive, found)
-        for drive, found in zip(recorded_drives, detections, strict=True)
-    )
-    return [replay_filter(log, setup, PAPER_FILTER, landmark_map) for log in drive_logs]
 
 
 def _median(values: Sequence[float]) -> float:

@@ -201,16 +201,12 @@ def _summarize_sweep(result: SweepResult) -> dict[str, Any]:
 def _summarize_level(level: LevelResult, result: SweepResult) -> dict[str, Any]:
     return {
         "label": level.label,
-        "rms_difference_grey_levels": _rms_difference(level, result),
+        "rms_difference_grey_levels": rms_difference(level.example, result.clean.example),
         "trained_on": {
             training: {**asdict(metrics), "detection_rate": metrics.detection_rate}
             for training, metrics in level.metrics.items()
         },
     }
-
-
-def _rms_difference(level: LevelResult, result: SweepResult) -> float:
-    return rms_difference(level.example, result.clean.example)
 
 
 def _format_report(results: Sequence[SweepResult], *, num_runs: int) -> str:
@@ -282,7 +278,7 @@ def _format_sweep(result: SweepResult) -> str:
         metrics = level.metrics[TRAINED_ON_CLEAN]
         # Clean images have one classifier, which then stands in both halves of the row.
         retrained = _metrics(level, TRAINED_ON_DEGRADED)
-        difference = f"{_rms_difference(level, result):.1f}"
+        difference = f"{rms_difference(level.example, result.clean.example):.1f}"
         rows.append([level.label, difference, *_metric_cells(metrics), *_short_cells(retrained)])
     table = markdown_table((sweep.unit, *_LEVEL_HEADER), rows)
     return f"\n## {sweep.name}\n\n{sentence}\n\n{table}"

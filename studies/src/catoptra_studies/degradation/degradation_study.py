@@ -24,12 +24,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.degradation.recorded_drive import (
-    RecordedDrive,
-    detect_beacons,
-    make_drive_detector,
-    record_drive,
-)
+from catoptra_studies.degradation.recorded_drive import RecordedDrive, detect_beacons, record_drive
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     open_server,
@@ -161,10 +156,7 @@ def _evaluate_level(
 ) -> LevelResult:
     landmarks = config.landmarks
     detections = {
-        training: [
-            detect_beacons(drive, make_drive_detector(drive, classifier, landmarks))
-            for drive in drives
-        ]
+        training: [detect_beacons(drive, classifier, landmarks) for drive in drives]
         for training, classifier in classifiers.items()
     }
     metrics = {

@@ -97,7 +97,7 @@ class ExperimentConfig:
         """World file of the field."""
         if self.other_world is not None:
             return self.other_world[0]
-        return self.world_file(f"{_FIELD}.ini")
+        return self.find_file("worlds", f"{_FIELD}.ini")
 
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
@@ -108,15 +108,8 @@ class ExperimentConfig:
             return read_landmarks(find_landmark_file(_FIELD))
         return read_landmarks(self.config_folder / "landmarks" / f"{_FIELD}.csv")
 
-    def robot_file(self, name: str) -> Path:
-        """Robot file by name; an absolute path is returned as given."""
-        return self._find_file("robots", name)
-
-    def world_file(self, name: str) -> Path:
-        """World file by name; an absolute path is returned as given."""
-        return self._find_file("worlds", name)
-
-    def _find_file(self, kind: str, name: str) -> Path:
+    def find_file(self, kind: str, name: str) -> Path:
+        """Robot or world file in a folder, `robots` or `worlds`; an absolute path as given."""
         if Path(name).is_absolute():
             return Path(name)
         if self.config_folder is None:
@@ -216,7 +209,7 @@ def open_server(
         _wait_for_server(address, config.timeout_s)
         return nullcontext(address)
     return run_server(
-        config.robot_file(setup.robot_file),
+        config.find_file("robots", setup.robot_file),
         config.field_world_file,
         seed=config.seed,
         log_file=config.output_folder / f"server_{setup.name}.log",

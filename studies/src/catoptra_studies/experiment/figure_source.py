@@ -99,9 +99,9 @@ def _draw_figures(config: ExperimentConfig) -> None:
     command = [
         *(sys.executable, "-m", "catoptra_studies", "figures"),
         *("--output", str(config.output_folder)),
-        *("--robot", str(config.robot_file("p2at_omni.ini"))),
+        *("--robot", str(config.find_file("robots", "p2at_omni.ini"))),
         *("--world", str(config.field_world_file)),
-        *("--rings-world", str(config.world_file("incidence_rings.ini"))),
+        *("--rings-world", str(config.find_file("worlds", "incidence_rings.ini"))),
     ]
     if subprocess.run(command, check=False).returncode != 0:
         raise CatoptraError("the figures of the camera could not be drawn: see the lines above")
@@ -152,7 +152,7 @@ def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
     """Frame of a robot that turns on the spot."""
     with (
         run_server(
-            config.robot_file(robot_file),
+            config.find_file("robots", robot_file),
             config.field_world_file,
             seed=config.seed,
             log_file=config.output_folder / "server_frames.log",
