@@ -12,7 +12,6 @@ from catoptra_studies.reports import (
     html_table,
     markdown_table,
     replace_block,
-    wrap_bullet,
     wrap_paragraph,
 )
 
@@ -54,7 +53,7 @@ def test_number_has_its_significant_digits(value: float, digits: int, expected: 
 def test_paragraph_is_wrapped_and_a_bullet_hangs() -> None:
     text = "word " * 40
     assert max(map(len, wrap_paragraph(text).split("\n"))) <= 100
-    first, second, *_ = wrap_bullet(text).split("\n")
+    first, second, *_ = wrap_paragraph(text, bullet="* ").split("\n")
     assert first.startswith("* word")
     assert second.startswith("  word")
 

@@ -298,12 +298,8 @@ def draw_colour_bar(
     bar.axis("on")
     bar.set_yticks([])
     bar.grid(visible=False)
-    bar.set_xticks(
-        [_bar_position(tick, limits, width) for tick in ticks], [f"{tick:g}" for tick in ticks]
-    )
-    add_text(page, left - 14, top + 11, title, ha="right", va="center")
-
-
-def _bar_position(error: float, limits: tuple[float, float], width: int) -> float:
     min_error, max_error = limits
-    return width * math.log(error / min_error) / math.log(max_error / min_error)
+    decades = math.log(max_error / min_error)
+    positions = [width * math.log(tick / min_error) / decades for tick in ticks]
+    bar.set_xticks(positions, [f"{tick:g}" for tick in ticks])
+    add_text(page, left - 14, top + 11, title, ha="right", va="center")

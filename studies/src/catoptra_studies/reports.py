@@ -88,7 +88,7 @@ _LINE_WIDTH = 100
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table: the first column is text, all others are numbers aligned right."""
-    cells = [[_escape_cell(cell) for cell in row] for row in (header, *rows)]
+    cells = [[cell.replace("|", "\\|") for cell in row] for row in (header, *rows)]
     # Three dashes are the shortest rule that Markdown accepts.
     widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(header))]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
@@ -102,10 +102,6 @@ def _table_line(cells: Sequence[str], widths: Sequence[int]) -> str:
     return f"| {' | '.join(padded)} |"
 
 
-def _escape_cell(cell: str) -> str:
-    return cell.replace("|", "\\|")
-
-
 def format_number(value: float, digits: int = 3) -> str:
     """Format a number with as many significant digits, without an exponent where short enough."""
     if math.isinf(value) or math.isnan(value):
@@ -117,18 +113,13 @@ def format_number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits - 1}e}" if decimals > 5 else f"{value:.{decimals}f}"
 
 
-def wrap_paragraph(text: str) -> str:
-    """Wrap a text at the width of the sources."""
-    return textwrap.fill(" ".join(text.split()), _LINE_WIDTH, break_on_hyphens=False)
-
-
-def wrap_bullet(text: str) -> str:
-    """Wrap an entry of a list."""
+def wrap_paragraph(text: str, *, bullet: str = "") -> str:
+    """Wrap a text, or an entry of a list behind its bullet, at the width of the sources."""
     return textwrap.fill(
         " ".join(text.split()),
         _LINE_WIDTH,
-        initial_indent="* ",
-        subsequent_indent="  ",
+        initial_indent=bullet,
+        subsequent_indent=" " * len(bullet),
         break_on_hyphens=False,
     )
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
@@ -22,7 +21,7 @@ from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import Twist, srgb_from_linear
-from catoptra_studies.effects.effect_truth import EffectTruth, encode
+from catoptra_studies.effects.effect_truth import EffectTruth
 from helpers.effect_measurement import DYNAMIC_OBJECT
 from helpers.worlds import make_omni_camera
 
@@ -44,9 +43,15 @@ def grey(light: float) -> float:
     return 255.0 * float(srgb_from_linear(np.array(light)))
 
 
-def test_encoding_is_that_of_the_images() -> None:
-    light: Floats = np.concatenate((np.linspace(-0.1, 1.2, 1001), np.geomspace(1e-9, 1.0, 1001)))
-    np.testing.assert_allclose(encode(light), 255.0 * srgb_from_linear(light), atol=1e-10)
+# On both sides of the curve's joint at 0.0031308, and of white.
+@pytest.mark.parametrize("light", [0.002, 0.0062, 0.0064, 0.3, 0.999, 1.5])
+def test_change_is_in_the_grey_levels_of_the_images(light: float) -> None:
+    (truth,) = (
+        make_truth(lambda _: make_image(light))
+        .measure(STATE, (Exposure(0.01, 0.02),), frozenset())
+        .values()
+    )
+    assert truth == pytest.approx(grey(light) - grey(0.5 * light), abs=1e-4)
 
 
 def test_change_is_of_the_light_that_drawn_effects_leave() -> None:

@@ -39,7 +39,12 @@ def accuracy_sweep(face_size_px: int) -> tuple[AccuracyLevel, ...]:
     return (
         *_trace_levels(_SAMPLES),
         *_per_pixel_levels(face_size_px, _FACE_SCALES, _SAMPLES),
-        _supersampled_faces_level(),
+        # Faces with four samples a texel: whether samples are better spent on faces or on pixels.
+        AccuracyLevel(
+            "raster per pixel, 2x2, faces of 4 samples",
+            RendererKind.RASTER,
+            RenderSettings(PerPixel(), 2, face_samples=4),
+        ),
         *_polygon_levels(
             (*SQUARE_TESSELLATIONS, *WIDE_TESSELLATIONS), tuple(Interpolation), (1, 2)
         ),
@@ -79,13 +84,6 @@ def _per_pixel_levels(
                 RenderSettings(PerPixel(), number, size_px),
                 is_key=scale == 1.0 and number in (1, 2),
             )
-
-
-def _supersampled_faces_level() -> AccuracyLevel:
-    """The level whose faces have four samples a texel of their own."""
-    settings = RenderSettings(PerPixel(), 2, face_samples=4)
-    # Whether samples are better spent on faces or on pixels.
-    return AccuracyLevel("raster per pixel, 2x2, faces of 4 samples", RendererKind.RASTER, settings)
 
 
 def _polygon_levels(

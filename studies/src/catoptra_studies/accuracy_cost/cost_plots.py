@@ -7,7 +7,6 @@ Localization has rates and errors with the frames of each key level, from coarse
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_studies.accuracy_cost.cost_results import (
@@ -49,33 +48,23 @@ def write_result_plots(results: CostResults, folder: Path) -> None:
             _draw_localization(page, results.localization)
 
 
-@dataclass(frozen=True, slots=True)
-class _SeriesStyle:
-    """Style of the points of one kind of level."""
-
-    name: str
-    colour: str
-
-    marker: str
-    """Matplotlib's letter of a marker."""
-
-
-# Markers differ as well as colours, for readers who confuse two of these.
-_TRACE_STYLE = _SeriesStyle("trace, camera model in every ray", BLUE, "D")
-_PER_PIXEL_STYLE = _SeriesStyle("raster, camera model in every pixel", TEAL, "o")
-_UV_STYLE = _SeriesStyle("raster, polygons, UV as in the paper", ORANGE, "s")
-_POSITION_STYLE = _SeriesStyle("raster, polygons, position", RED, "^")
-_SERIES_STYLES = (_TRACE_STYLE, _PER_PIXEL_STYLE, _UV_STYLE, _POSITION_STYLE)
+# Name, colour and Matplotlib's marker of each kind of level. Markers differ as well as colours, for
+# readers who confuse two of these.
+_TRACE, _PER_PIXEL, _UV, _POSITION = _SERIES = (
+    ("trace, camera model in every ray", BLUE, "D"),
+    ("raster, camera model in every pixel", TEAL, "o"),
+    ("raster, polygons, UV as in the paper", ORANGE, "s"),
+    ("raster, polygons, position", RED, "^"),
+)
 
 
-def _series_style(level: LevelCost) -> _SeriesStyle:
-    """Style of a level's point."""
+def _series_of_level(level: LevelCost) -> tuple[str, str, str]:
     if level.renderer == "trace":
-        return _TRACE_STYLE
+        return _TRACE
     if not level.num_polygons:
-        return _PER_PIXEL_STYLE
+        return _PER_PIXEL
     # By the name: cost.json can be plotted without the server's types.
-    return _UV_STYLE if "(uv)" in level.name else _POSITION_STYLE
+    return _UV if "(uv)" in level.name else _POSITION
 
 
 _TOP_PX, _ERROR_PANEL_WIDTH_PX, _PANEL_HEIGHT_PX = 90, 600, 560
@@ -112,11 +101,12 @@ def _draw_error_panel(
     axes = add_axes(page, left, _TOP_PX + 30, _ERROR_PANEL_WIDTH_PX, _PANEL_HEIGHT_PX)
     axes.set(xscale="log", yscale="log", xlabel="a frame, ms")
     axes.set_title(title, loc="left", fontsize=8)
-    for style in _SERIES_STYLES:
-        series = [level for level in levels if _series_style(level) is style]
+    for series in _SERIES:
+        name, colour, marker = series
+        own = [level for level in levels if _series_of_level(level) == series]
         axes.plot(
-            [level.wall_ms for level in series], [error(level) for level in series], style.marker,
-            color=style.colour, markersize=4, alpha=0.75, label=style.name,
+            [level.wall_ms for level in own], [error(level) for level in own], marker,
+            color=colour, markersize=4, alpha=0.75, label=name,
         )  # fmt: skip
     # One front for each panel: a level can be best in geometry and beaten as an image.
     front = _pareto_levels(levels, error)

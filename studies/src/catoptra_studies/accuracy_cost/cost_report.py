@@ -22,7 +22,7 @@ from catoptra_studies.camera_figures.frame_rates import (
     FrameRate,
     frame_time_spread,
 )
-from catoptra_studies.reports import format_number, markdown_table, wrap_bullet, wrap_paragraph
+from catoptra_studies.reports import format_number, markdown_table, wrap_paragraph
 
 _GLOSSARY = """\
 | column | meaning |
@@ -233,9 +233,8 @@ def _format_frame_rates(results: CostResults) -> str:
         for payload in payloads
     ]
     header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
-    bullets = "\n".join(
-        wrap_bullet(line) for line in (*_conclusions(results), *_explanations(results))
-    )
+    sentences = (*_conclusions(results), *_explanations(results))
+    bullets = "\n".join(wrap_paragraph(sentence, bullet="* ") for sentence in sentences)
     return f"""\
 ## The paper's Figure 10: frames a second
 

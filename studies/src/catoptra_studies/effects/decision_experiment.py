@@ -56,6 +56,7 @@ MOTIONS: Mapping[str, PlanarVelocity] = {
     "driving": PlanarVelocity(0.6, 0.0, 0.1),
     "turning": PlanarVelocity(0.2, 0.0, 1.2),
 }
+
 # Fine enough for the corridor's doors, which leave 9 cm on either side of a turning base.
 _CELL_M = 0.1
 _CLEARANCE_M = 0.02
@@ -147,26 +148,20 @@ def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Boo
 
 
 def _flood(is_free: Bools, starts: list[tuple[int, int]]) -> Bools:
-    """(n, m) free cells that are connected with a free start."""
+    """(n, m) free cells that are connected with a free start by their sides."""
     reached = np.zeros_like(is_free)
-    waiting = [cell for cell in starts if is_free[cell]]
-    for cell in waiting:
-        reached[cell] = True
-    while waiting:
-        cell = waiting.pop()
-        for neighbour in _neighbours(cell, is_free.shape):
-            if is_free[neighbour] and not reached[neighbour]:
-                reached[neighbour] = True
-                waiting.append(neighbour)
-    return reached
-
-
-def _neighbours(cell: tuple[int, int], shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
-    """Cells that share a side with a cell."""
-    for column, row in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        i, j = cell[0] + column, cell[1] + row
-        if 0 <= i < shape[0] and 0 <= j < shape[1]:
-            yield i, j
+    for cell in starts:
+        reached[cell] = is_free[cell]
+    while True:
+        grown = reached.copy()
+        grown[1:] |= reached[:-1]
+        grown[:-1] |= reached[1:]
+        grown[:, 1:] |= reached[:, :-1]
+        grown[:, :-1] |= reached[:, 1:]
+        grown &= is_free
+        if np.array_equal(grown, reached):
+            return reached
+        reached = grown
 
 
 _ROBOT = "p2at_omni_real"
@@ -195,7 +190,7 @@ class TrialDecision:
     """Largest true change of any pixel, grey levels."""
 
 
-class TrialWorld:
+class _TrialWorld:
     """A world with the shipped real camera: decisions by the server, truth by the study."""
 
     def __init__(self, name: str, *, width_px: int | None = None) -> None:
@@ -205,8 +200,8 @@ class TrialWorld:
             width_px: Side of a square image; None for the shipped camera's own size.
         """
         self._name = name
-        self._startup = _read_world(name)
-        robot = self._startup.robots[0]
+        self.startup = _read_world(name)
+        robot = self.startup.robots[0]
         assert robot.omni_camera is not None, f"{_ROBOT} has a mirror camera"
         omni = robot.omni_camera
         if width_px is not None:
@@ -217,15 +212,11 @@ class TrialWorld:
         self._effects: tuple[Effect, ...] = tuple(
             one.effect for one in settings if one.mode is not EffectMode.NEVER
         )
-        scene, world = self._startup.scene, self._startup.world
+        scene, world = self.startup.scene, self.startup.world
         # One thread: the pool's processes share the processors.
         choice = choose_renderer("trace", scene, world, threads=1)
         self._views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(scene, world))
-        self._truth = _make_truth(self._startup, self._spec)
-
-    def choose_places(self, num_places: int, *, seed: int) -> tuple[Place, ...]:
-        """Places of this world."""
-        return choose_places(self._name, self._startup, num_places, seed=seed)
+        self._truth = _make_truth(self.startup, self._spec)
 
     def run(self, place: Place) -> Iterator[TrialDecision]:
         """Yield the decisions at a place, in all motions."""
@@ -340,7 +331,7 @@ def _run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
     """Decisions at one place of a world, in all motions."""
     study, world, number = task
     trial_world = _keep_world(study, world)
-    places = trial_world.choose_places(study.num_places, seed=study.seed)
+    places = choose_places(world, trial_world.startup, study.num_places, seed=study.seed)
     return tuple(trial_world.run(places[number]))
 
 
@@ -355,14 +346,14 @@ def _collect(
 
 
 # The world that this process used last: tasks come world by world.
-_kept: dict[tuple[str, int | None], TrialWorld] = {}
+_kept: dict[tuple[str, int | None], _TrialWorld] = {}
 
 
-def _keep_world(study: DecisionStudy, world: str) -> TrialWorld:
+def _keep_world(study: DecisionStudy, world: str) -> _TrialWorld:
     key = (world, study.width_px)
     if key not in _kept:
         for other in _kept.values():
             other.close()
         _kept.clear()
-        _kept[key] = TrialWorld(world, width_px=study.width_px)
+        _kept[key] = _TrialWorld(world, width_px=study.width_px)
     return _kept[key]

@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -35,7 +34,7 @@ from catoptra_client.robot_client import RobotClient
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.reports import VehicleGeometry
 from catoptra_studies.experiment.experiment_setups import (
@@ -147,9 +146,6 @@ def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> 
     # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
     t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
     return float(camera.projection.radius_ratio_from_t(t))
-
-
-Positions = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +296,6 @@ def read_chassis(robot: RobotClient) -> Chassis:
     return Chassis(geometry.wheel_radius_m, geometry.wheel_separation_m, float(speed or 0.0))
 
 
-def true_positions(drive_log: DriveLog) -> Positions:
+def true_positions(drive_log: DriveLog) -> Floats:
     """(steps + 1, 2) true positions in metres."""
     return np.array([(step.truth.x_m, step.truth.y_m) for step in drive_log.steps])

@@ -230,7 +230,15 @@ def note_from_filter_step(step: FilterStep) -> dict[str, object]:
     measurements = zip(step.drive_step.measurements, step.updates, strict=True)
     return {
         **belief_entries(step.belief),
-        "detections": [_note_detection(*measured) for measured in measurements],
+        "detections": [
+            {
+                "landmark": measurement.name,
+                "bearing_rad": measurement.bearing_rad,
+                "range_m": measurement.range_m,
+                "accepted": update.is_accepted,
+            }
+            for measurement, update in measurements
+        ],
         "text": _describe_filter_step(step),
     }
 
@@ -251,14 +259,3 @@ def _describe_filter_step(step: FilterStep) -> str:
         f"{math.degrees(sigma_yaw):.1f}°; the gate accepts {num_accepted} of "
         f"{len(step.updates)} landmarks"
     )
-
-
-def _note_detection(
-    measurement: LandmarkMeasurement, update: MeasurementUpdate
-) -> dict[str, object]:
-    return {
-        "landmark": measurement.name,
-        "bearing_rad": measurement.bearing_rad,
-        "range_m": measurement.range_m,
-        "accepted": update.is_accepted,
-    }

@@ -7,13 +7,13 @@ quantiles. Measurements are compared with the true poses: errors, and how many b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M
 from catoptra_studies.experiment.localization_filter import (
@@ -158,33 +158,25 @@ def detection_rate(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark], *, max_distance_m: float
 ) -> float:
     """Fraction of the beacons within a true distance that were measured; nan for none."""
-    num_near = num_measured = 0
-    for distance_m, is_measured in _beacon_distances(drive_logs, landmarks):
-        if distance_m <= max_distance_m:
-            num_near += 1
-            num_measured += is_measured
-    return num_measured / num_near if num_near else math.nan
+    distance_m, is_measured = _beacon_distances(drive_logs, landmarks)
+    near = is_measured[distance_m <= max_distance_m]
+    return float(near.mean()) if len(near) else math.nan
 
 
 def _detection_rates_by_distance(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
 ) -> list[dict[str, float]]:
     """Detection rate of the beacons in each interval of true distance that has any."""
-    num_bins = round(MAX_RANGE_M / _DISTANCE_BIN_M)
-    num_near, num_measured = np.zeros(num_bins, dtype=int), np.zeros(num_bins, dtype=int)
-    for distance_m, is_measured in _beacon_distances(drive_logs, landmarks):
-        index = int(distance_m / _DISTANCE_BIN_M)
-        if index < num_bins:
-            num_near[index] += 1
-            num_measured[index] += is_measured
+    distance_m, is_measured = _beacon_distances(drive_logs, landmarks)
+    indices = (distance_m / _DISTANCE_BIN_M).astype(int)
     return [
         {
             "from_m": index * _DISTANCE_BIN_M,
             "to_m": (index + 1) * _DISTANCE_BIN_M,
-            "rate": float(num_measured[index] / num_near[index]),
+            "rate": float(is_measured[indices == index].mean()),
         }
-        for index in range(num_bins)
-        if num_near[index]
+        for index in range(round(MAX_RANGE_M / _DISTANCE_BIN_M))
+        if index in indices
     ]
 
 
@@ -196,15 +188,19 @@ def true_range_bearing(step: DriveStep, landmark: Landmark) -> RangeBearingPair:
 
 def _beacon_distances(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
-) -> Iterator[tuple[float, bool]]:
-    """Yield true distance, and whether measured, of every beacon in every step."""
+) -> tuple[Floats, Floats]:
+    """(n,) true distances of every beacon in every step, and 1 where measured, otherwise 0."""
     # The start has no measurements and would count every beacon as missed.
-    for step in (step for drive_log in drive_logs for step in drive_log.steps[1:]):
+    steps = [step for drive_log in drive_logs for step in drive_log.steps[1:]]
+    beacons = [landmark for landmark in landmarks if landmark.kind == "beacon"]
+    rows = [
         # By name: a landmark is measured at most once in a step.
-        names = {measurement.name for measurement in step.measurements}
-        for landmark in landmarks:
-            if landmark.kind == "beacon":
-                yield true_range_bearing(step, landmark)[0], landmark.name in names
+        (true_range_bearing(step, one)[0], one.name in {m.name for m in step.measurements})
+        for step in steps
+        for one in beacons
+    ]
+    distance_m, is_measured = np.array(rows, dtype=np.float64).reshape(-1, 2).T
+    return distance_m, is_measured
 
 
 def _all_errors(

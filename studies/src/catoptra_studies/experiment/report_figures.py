@@ -17,7 +17,7 @@ from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
-from catoptra_studies.experiment.drive_log import DriveLog, Positions, true_positions
+from catoptra_studies.experiment.drive_log import DriveLog, true_positions
 from catoptra_studies.experiment.experiment_runner import DetectorSnapshot
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import error_quantiles
@@ -91,7 +91,7 @@ def _draw_paths(axes: Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
     _draw_direction_of_travel(axes, truth)
 
 
-def _draw_direction_of_travel(axes: Axes, truth: Positions) -> None:
+def _draw_direction_of_travel(axes: Axes, truth: Floats) -> None:
     """Draw an arrow head on each side of the true path, and on the diagonal."""
     for step in _ARROW_STEPS:
         tail, head = truth[step, ::-1], truth[step + 1, ::-1]
