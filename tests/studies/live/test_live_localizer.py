@@ -128,11 +128,13 @@ READINGS = (
     [
         (0.5, READINGS[0].pose),
         (1.0, READINGS[0].pose),
+        # From 3 rad across pi to -3 rad: the shorter direction.
+        (1.075, OdometryPose(0.075, -0.0375, 3.0 + 0.375 * (2.0 * math.pi - 6.0))),
         (1.2, READINGS[1].pose),
         (1.25, OdometryPose(0.25, -0.075, -2.975)),
         (1.4, READINGS[2].pose),
     ],
-    ids=["before the oldest", "oldest", "at a reading", "between", "newest"],
+    ids=["before the oldest", "oldest", "turning", "at a reading", "between", "newest"],
 )
 def test_odometry_at_a_time(time_s, expected):
     pose = interpolate_odometry(READINGS, time_s)
@@ -140,13 +142,6 @@ def test_odometry_at_a_time(time_s, expected):
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx(
         (expected.x_m, expected.y_m, expected.yaw_rad)
     )
-
-
-def test_yaw_turns_by_the_shorter_direction():
-    pose = interpolate_odometry(READINGS, 1.1)
-    assert pose is not None
-    # From 3 rad across pi to -3 rad.
-    assert abs(pose.yaw_rad) == pytest.approx(math.pi, abs=1e-6)
 
 
 def test_time_after_the_newest_reading_has_no_odometry():
