@@ -188,13 +188,14 @@ def first_start_pose(world: World) -> PlanarPose:
 def study_poses(world: World) -> tuple[PlanarPose, ...]:
     """Four poses around a world's first start, from which no line looks straight."""
     start = first_start_pose(world)
-    return tuple(_offset_pose(start, *offset) for offset in _POSE_OFFSETS)
-
-
-def _offset_pose(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
-    """Move a pose back and left along the robot's axes, then turn to the right."""
-    x_m, y_m, _ = (start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))).translation
-    return PlanarPose(float(x_m), float(y_m), start.yaw_rad + math.radians(turn_deg))
+    poses = []
+    for back_m, left_m, turn_deg in _POSE_OFFSETS:
+        # Back and left along the robot's axes, then a turn to the right.
+        moved = start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))
+        x_m, y_m, _ = moved.translation
+        yaw_rad = start.yaw_rad + math.radians(turn_deg)
+        poses.append(PlanarPose(float(x_m), float(y_m), yaw_rad))
+    return tuple(poses)
 
 
 def _require_omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescription:

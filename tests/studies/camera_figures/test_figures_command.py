@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import pytest
 
-from catoptra_studies.camera_figures.figure_spec import FigureInputs
-from catoptra_studies.camera_figures.figures_command import FIGURES, main, write_figures
+from catoptra_studies.camera_figures.figure_spec import FigureInputs, write_figures
+from catoptra_studies.camera_figures.figures_command import FIGURES, main
 from catoptra_studies.commands import EXIT_FAILURE, open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
@@ -21,7 +21,7 @@ MAX_BYTES = 300_000
 def folder(inputs: FigureInputs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("figures") / "new"
     with open_progress(is_visible=False) as progress:
-        write_figures(inputs, output, progress)
+        write_figures(FIGURES, inputs, output, progress)
     return output
 
 

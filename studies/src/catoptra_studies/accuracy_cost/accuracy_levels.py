@@ -119,19 +119,16 @@ def level_robot_ini(level: AccuracyLevel, size_px: int) -> str:
         size_px: Width and height of the image.
     """
     settings = level.render_settings
+    match settings.surface:
+        case PerPixel():
+            surface = "Polygons=0\n"
+        case Tessellation(sectors, rings, interpolation):
+            surface = f"Sectors={sectors}\nRings={rings}\nInterpolation={interpolation.value}\n"
     numbers = {"Samples": settings.samples, "FaceSamples": settings.face_samples}
     # 0 is the default's number, which a file states by leaving the key out.
     stated = "".join(f"{key}={number}\n" for key, number in numbers.items() if number)
     return (
-        f"[Catoptra.HyperbolicMirror]\n{_surface_ini(settings)}"
+        f"[Catoptra.HyperbolicMirror]\n{surface}"
         f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n{stated}"
         f"[USARBot.USARCameraTextureClientN]\nTextureSize={settings.face_size_px}\n"
     )
-
-
-def _surface_ini(settings: RenderSettings) -> str:
-    match settings.surface:
-        case PerPixel():
-            return "Polygons=0\n"
-        case Tessellation(sectors, rings, interpolation):
-            return f"Sectors={sectors}\nRings={rings}\nInterpolation={interpolation.value}\n"

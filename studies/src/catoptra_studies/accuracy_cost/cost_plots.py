@@ -109,16 +109,12 @@ def _draw_error_panel(
             color=colour, markersize=4, alpha=0.75, label=name,
         )  # fmt: skip
     # One front for each panel: a level can be best in geometry and beaten as an image.
-    front = _pareto_levels(levels, error)
+    points = [(level.wall_ms, error(level)) for level in levels]
+    front = [levels[index] for index in pareto_front(points, min_gain=MIN_GAIN)]
     _label_polygon_counts(axes, levels, error)
     _draw_front(axes, front, error)
     _set_time_ticks(axes, [level.wall_ms for level in levels])
     return axes, front
-
-
-def _pareto_levels(levels: Sequence[LevelCost], error: _ErrorMetric) -> list[LevelCost]:
-    points = [(level.wall_ms, error(level)) for level in levels]
-    return [levels[index] for index in pareto_front(points, min_gain=MIN_GAIN)]
 
 
 def _draw_front(axes: Axes, front: Sequence[LevelCost], error: _ErrorMetric) -> None:
@@ -193,7 +189,11 @@ def _draw_localization(page: Page, localization: LocalizationAccuracy) -> None:
         axes.set_title(title, loc="left", fontsize=8)
         if index:
             axes.set_yticklabels([])
-    _draw_odometry_note(page, localization)
+    text = (
+        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends "
+        f"up to {localization.odometry_max_m:.2g} m off (median run)"
+    )
+    add_text(page, 20, 20, text, color=MUTED)
 
 
 def _draw_localization_panel(
@@ -213,11 +213,3 @@ def _draw_localization_panel(
     if len(series) > 1:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
                     handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
-
-
-def _draw_odometry_note(page: Page, localization: LocalizationAccuracy) -> None:
-    text = (
-        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends "
-        f"up to {localization.odometry_max_m:.2g} m off (median run)"
-    )
-    add_text(page, 20, 20, text, color=MUTED)

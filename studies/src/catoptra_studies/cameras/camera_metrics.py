@@ -70,11 +70,6 @@ def min_angle_rad(camera: OmniCamera) -> float:
     return 2.0 * math.atan(camera.projection.t_min)
 
 
-def limit_rad(camera: OmniCamera) -> float:
-    """Angle at which the domain of the model ends."""
-    return 2.0 * math.atan(camera.projection.t_limit)
-
-
 def resolution_at(camera: OmniCamera, theta_rad: float) -> tuple[float, float]:
     """Pixels per degree along and across the image radius at an angle from the axis.
 

@@ -19,7 +19,6 @@ from catoptra_protocol.optics.camera_rays import near_limit_m
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
-    limit_rad,
     min_angle_rad,
     resolution_curve,
     ring_pixels,
@@ -104,7 +103,8 @@ def _describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
         "licence": file.licence,
         "covered_sphere": covered_sphere(camera),
         "rim_deg": math.degrees(camera.rim_rad),
-        "domain_deg": math.degrees(limit_rad(camera)),
+        # Where the domain of the model ends.
+        "domain_deg": math.degrees(2.0 * math.atan(camera.projection.t_limit)),
         "first_fold_deg": None if math.isinf(fold_rad) else math.degrees(fold_rad),
         "central_beyond_m": None if math.isnan(near_m) else near_m,
         "frame_ms": frame_ms,

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.commands.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
@@ -200,12 +200,21 @@ class _TrialWorld:
             width_px: Side of a square image; None for the shipped camera's own size.
         """
         self._name = name
-        self.startup = _read_world(name)
+        self.startup = read_startup_config(
+            [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
+        )
         robot = self.startup.robots[0]
         assert robot.omni_camera is not None, f"{_ROBOT} has a mirror camera"
         omni = robot.omni_camera
         if width_px is not None:
-            omni = replace(omni, camera=_resize(omni.camera, width_px))
+            # The same mirror in a square image.
+            camera = camera_with_inscribed_rim(
+                omni.camera.mirror,
+                width_px=width_px,
+                height_px=width_px,
+                rim_rad=omni.camera.rim_rad,
+            )
+            omni = replace(omni, camera=camera)
         self._robot, self._omni = robot, omni
         self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
         settings = self._omni.effects.settings
@@ -248,19 +257,6 @@ class _TrialWorld:
 
 def _follows_frame(decision: EffectDecision) -> bool:
     return decision.basis is DecisionBasis.MEASURED
-
-
-def _read_world(name: str) -> StartupConfig:
-    return read_startup_config(
-        [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
-    )
-
-
-def _resize(camera: OmniCamera, width_px: int) -> OmniCamera:
-    """Same mirror in a square image."""
-    return camera_with_inscribed_rim(
-        camera.mirror, width_px=width_px, height_px=width_px, rim_rad=camera.rim_rad
-    )
 
 
 def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:

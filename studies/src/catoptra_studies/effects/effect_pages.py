@@ -41,7 +41,7 @@ from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, srgb_from_linear
 from catoptra_studies.effects.effect_cases import EFFECT_CASES, EffectCase
-from catoptra_studies.plot_style import MUTED, TEAL, Image, Page, add_text, open_page, show_image
+from catoptra_studies.plot_style import MUTED, TEAL, Page, add_text, open_page, show_image
 
 _IMAGE_SIZE_PX = 480
 _PANEL_PX = 480
@@ -186,8 +186,8 @@ def _draw_page(
     for index, (image, title) in enumerate(zip(images, titles, strict=True)):
         left = 20 + index * (_PANEL_PX + 20)
         add_text(page, left, 18, title, fontweight="bold")
-        detail = _quantize_8_bit(_crop_detail(image, case.zoom))
-        show_image(page, detail, left, 56, _PANEL_PX)
+        detail = 255.0 * np.clip(_crop_detail(image, case.zoom), 0.0, 1.0)
+        show_image(page, np.rint(detail).astype(np.uint8), left, 56, _PANEL_PX)
     add_text(page, 20, 560, captions[0], color=TEAL)
     add_text(page, 20, 604, captions[1], color=MUTED)
 
@@ -212,8 +212,3 @@ def _display_gain(difference: Floats) -> int:
     # One pixel in a thousand may clip: else a single highlight would keep the rest invisible.
     maximum = float(np.quantile(np.abs(difference), 0.999))
     return int(2 ** np.floor(np.log2(0.5 / max(maximum, 1e-4)))) if maximum < 0.5 else 1
-
-
-def _quantize_8_bit(encoded: Floats) -> Image:
-    image: Image = np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(np.uint8)
-    return image

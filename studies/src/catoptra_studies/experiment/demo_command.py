@@ -41,7 +41,6 @@ from catoptra_studies.experiment.figure_source import (
     collect_camera_figures,
     default_figure_source,
 )
-from catoptra_studies.experiment.paper_claims import Claim
 
 _EXIT_FAILURE = 1
 
@@ -72,7 +71,8 @@ def _run(parsed: argparse.Namespace) -> int:
             f"Python {platform.python_version()}, {config.num_runs} runs a set-up, "
             f"seed {config.seed}.",
         )
-    _print_claims(claims)
+    rows = [((claim.text, str(claim.runs)), claim.is_confirmed) for claim in claims]
+    print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
     print_line(f"report: {report}")
     return 0 if all(claim.is_confirmed for claim in claims) else _EXIT_FAILURE
 
@@ -118,11 +118,6 @@ def _drive_setup(
         lambda name: advance[name](),
         on_page=lambda link: progress.print_line(f"{setup.name}: watch the drives at {link}"),
     )
-
-
-def _print_claims(claims: Sequence[Claim]) -> None:
-    rows = [((claim.text, str(claim.runs)), claim.is_confirmed) for claim in claims]
-    print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
 
 
 @contextmanager

@@ -102,7 +102,7 @@ def write_html_report(
         landmark_figures=figure_elements(folder, landmark_figures),
         drive_figures=figure_elements(folder, drive_figures),
         measurement_table=_measurement_table(summary["setups"]),
-        filter_tables=_filter_tables(summary["setups"]),
+        filter_tables="".join(map(_filter_table, summary["setups"].values())),
         timing=html.escape(timing),
     )
     report = folder / "report.html"
@@ -121,10 +121,6 @@ def _claim_table(claims: Sequence[Claim]) -> str:
 def _difference_table(differences: Sequence[Difference]) -> str:
     rows = [[d.paper, d.here, d.reason] for d in differences]
     return html_table(("The paper", "Here", "Why, as far as it is known"), rows)
-
-
-def _filter_tables(setups: Mapping[str, Any]) -> str:
-    return "".join(_filter_table(setup) for setup in setups.values())
 
 
 def _filter_table(setup: Mapping[str, Any]) -> str:

@@ -27,7 +27,6 @@ from catoptra_studies.commands import (
 from catoptra_studies.experiment.experiment_results import summarize_experiment
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
-    SetupResult,
     run_setup,
     train_classifier,
 )
@@ -147,22 +146,15 @@ def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     folder = config.output_folder / f"seed_{seed}"
     folder.mkdir(exist_ok=True)
     seeded = replace(config, seed=seed, output_folder=folder)
-    summary = summarize_experiment(seeded, _drive_all_setups(seeded))
+    # As `demo` trains and drives, without a display.
+    classifier, _ = train_classifier(seeded, lambda _: None)
+    results = [run_setup(seeded, setup, classifier, lambda _: None) for setup in seeded.setups]
+    summary = summarize_experiment(seeded, results)
     write_json(folder / "summary.json", summary)
     setups = summary["setups"]
     return SeedResult(
         seed, tuple(evaluate_claims(setups)), tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS))
     )
-
-
-def _drive_all_setups(config: ExperimentConfig) -> list[SetupResult]:
-    """Train and drive as `demo` does, without a display."""
-    classifier, _ = train_classifier(config, _ignore_progress)
-    return [run_setup(config, setup, classifier, _ignore_progress) for setup in config.setups]
-
-
-def _ignore_progress(name: str) -> None:
-    """Progress counts whole seeds."""
 
 
 def _run_seeds(
