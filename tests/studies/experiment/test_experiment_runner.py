@@ -39,10 +39,6 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 LANDMARKS = {m.name: m for m in read_landmarks(CONFIGS / "landmarks/four_legged_2006.csv")}
 
 
-def ignore_progress(name: str) -> None:
-    """Progress callback without effect."""
-
-
 @pytest.fixture(scope="module")
 def config(tmp_path_factory):
     return ExperimentConfig(
@@ -58,12 +54,12 @@ def config(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(config):
-    return train_classifier(config, ignore_progress)
+    return train_classifier(config)
 
 
 @pytest.fixture(scope="module")
 def results(config, trained):
-    return [run_setup(config, setup, trained[0], ignore_progress) for setup in SETUPS]
+    return [run_setup(config, setup, trained[0]) for setup in SETUPS]
 
 
 def test_landmarks_are_detected_in_frames_received_over_tcp(trained):
@@ -89,12 +85,12 @@ def test_sim_and_real_measure_with_their_own_noise(results):
 
 
 def test_the_same_run_gives_the_same_log(config, trained, results):
-    again = run_setup(config, REAL, trained[0], ignore_progress)
+    again = run_setup(config, REAL, trained[0])
     assert again.drive_logs == results[1].drive_logs
 
 
 def test_another_seed_gives_other_odometry_and_other_errors_by_hand(config, trained, results):
-    (other,) = run_setup(replace(config, seed=1), REAL, trained[0], ignore_progress).drive_logs
+    (other,) = run_setup(replace(config, seed=1), REAL, trained[0]).drive_logs
     (log,) = results[1].drive_logs
     assert other.steps[-1].odometry != log.steps[-1].odometry
     # Errors and no measurements, which differ with the slip of the robot alone.
@@ -141,7 +137,7 @@ def test_a_watched_run_gives_the_same_log_and_shows_its_filter(config, trained, 
         watch = Watch(address)
         try:
             watched = replace(config, remote_servers={SIM.name: address})
-            again = run_setup(watched, SIM, trained[0], ignore_progress)
+            again = run_setup(watched, SIM, trained[0])
         finally:
             watch.stop()
     assert again.drive_logs == results[0].drive_logs

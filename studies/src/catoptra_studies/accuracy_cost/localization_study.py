@@ -106,20 +106,16 @@ def measure_localization(
         levels: Levels from coarse to exact, at least one.
         progress: Display of the drives.
     """
-    advance = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
+    on_frame = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
     # One classifier, from the best frames: else the training would differ between levels as well.
     training_config = _level_config(config, levels[-1])
-    classifier, _ = train_classifier(training_config, lambda _: advance())
+    classifier, _ = train_classifier(training_config, on_frame=on_frame)
     results = {}
     for level in levels:
         level_config = _level_config(config, level)
-        advance = progress.add_task(level.name, level_config.num_runs * (len(SIM.route) - 1))
-        results[level.name] = run_setup(
-            level_config,
-            level_config.setups[0],
-            classifier,
-            lambda _, advance=advance: advance(),  # type: ignore[misc] # bound now, not later
-        )
+        (setup,) = level_config.setups
+        on_step = progress.add_task(level.name, level_config.num_runs * (len(SIM.route) - 1))
+        results[level.name] = run_setup(level_config, setup, classifier, on_step=on_step)
     return summarize_localization(results, training_config.landmarks)
 
 

@@ -117,8 +117,8 @@ def _drive_with_camera(
         server_arguments=("--renderer", "trace"),
         other_world=(stage.world_file.resolve(), stage.landmarks),
     )
-    classifier, _ = train_classifier(config, lambda _: None)
-    runs = run_setup(config, setup, classifier, lambda _: None).filter_runs
+    classifier, _ = train_classifier(config)
+    runs = run_setup(config, setup, classifier).filter_runs
     paper, consistent = runs[PAPER_FILTER.name], runs[CONSISTENT_FILTER.name]
     num_measured = np.concatenate([run.num_measured[1:] for run in paper])
     numbers = (*_error_quantiles(paper), *_error_quantiles(consistent), (num_measured > 0).mean())

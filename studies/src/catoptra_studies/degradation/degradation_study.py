@@ -140,7 +140,7 @@ def _record_drives(
     setup = replace(config.setups[0], name=name, robot_file=str(robot_file))
     with open_server(config, setup) as address:
         # On the same server, hence on images degraded like the drives' own.
-        classifier = train_on_server(config, address, lambda: None)
+        classifier = train_on_server(config, address)
         drives = []
         for run in range(config.num_runs):
             drives.append(record_drive(setup, run, address))

@@ -53,9 +53,6 @@ from catoptra_studies.experiment.localization_filter import (
 )
 from catoptra_studies.experiment.route import Waypoint
 
-# Receives the name of the task that has advanced by one.
-ProgressCallback = Callable[[str], None]
-
 _FIELD = "four_legged_2006"
 # The one that the paper's text discusses; it runs with the drive, the others after it.
 PUBLISHED_FILTER = PAPER_FILTER
@@ -133,7 +130,8 @@ def run_setup(
     config: ExperimentConfig,
     setup: ExperimentSetup,
     classifier: ColourClassifier | None,
-    on_progress: ProgressCallback,
+    *,
+    on_step: Callable[[], None] = lambda: None,
     on_page: PageCallback | None = None,
 ) -> SetupResult:
     """Drive every run on one server, then replay every filter over the logs.
@@ -142,14 +140,14 @@ def run_setup(
         config: Number of drives and servers.
         setup: Set-up to drive.
         classifier: Classifier, for a set-up that detects landmarks.
-        on_progress: Called with the set-up's name after each step.
+        on_step: Called after each step.
         on_page: Receives the link of the server's live page; None serves no page.
     """
     landmark_map = make_landmark_map(config.landmarks)
     with open_server(config, setup, on_page) as address:
         # One server for all runs: noise follows the robot's name, not the order of connections.
         drives = [
-            _drive_and_publish(config, setup, run, address, classifier, on_progress)
+            _drive_and_publish(config, setup, run, address, classifier, on_step)
             for run in range(config.num_runs)
         ]
     drive_logs = tuple(drive_log for drive_log, _ in drives)
@@ -170,7 +168,7 @@ def _drive_and_publish(
     run: int,
     address: ServerAddress,
     classifier: ColourClassifier | None,
-    on_progress: ProgressCallback,
+    on_step: Callable[[], None],
 ) -> tuple[DriveLog, FilterRun]:
     """Drive one run; one filter runs along, and the robot's viewers see the belief."""
     landmark_map = make_landmark_map(config.landmarks)
@@ -185,7 +183,7 @@ def _drive_and_publish(
             )
         )
         robot.publish(NOTE_NAME, note_from_filter_step(filter_steps[-1]))
-        on_progress(setup.name)
+        on_step()
 
     drive_log = log_drive(
         setup,
@@ -275,27 +273,27 @@ class DetectorSnapshot:
 
 
 def train_classifier(
-    config: ExperimentConfig, on_progress: ProgressCallback
+    config: ExperimentConfig, *, on_frame: Callable[[], None] = lambda: None
 ) -> tuple[ColourClassifier, DetectorSnapshot]:
     """Train a classifier from a server's frames and write classifier.npz.
 
     Args:
         config: Needs a set-up that detects landmarks.
-        on_progress: Called with "train" after each frame.
+        on_frame: Called after each frame.
 
     Returns:
         The classifier, and an example of detection.
     """
     setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
     with open_server(config, setup) as address:
-        classifier = train_on_server(config, address, lambda: on_progress("train"))
+        classifier = train_on_server(config, address, on_frame=on_frame)
         # For the user, too: catoptra-client bearings --classifier shows detections live.
         save_classifier(classifier, config.output_folder / "classifier.npz")
         return classifier, _take_snapshot(config, address, classifier)
 
 
 def train_on_server(
-    config: ExperimentConfig, address: ServerAddress, on_frame: Callable[[], None]
+    config: ExperimentConfig, address: ServerAddress, *, on_frame: Callable[[], None] = lambda: None
 ) -> ColourClassifier:
     """Train a classifier from the frames of one server."""
     return train(

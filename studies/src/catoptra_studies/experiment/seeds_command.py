@@ -147,8 +147,8 @@ def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     folder.mkdir(exist_ok=True)
     seeded = replace(config, seed=seed, output_folder=folder)
     # As `demo` trains and drives, without a display.
-    classifier, _ = train_classifier(seeded, lambda _: None)
-    results = [run_setup(seeded, setup, classifier, lambda _: None) for setup in seeded.setups]
+    classifier, _ = train_classifier(seeded)
+    results = [run_setup(seeded, setup, classifier) for setup in seeded.setups]
     summary = summarize_experiment(seeded, results)
     write_json(folder / "summary.json", summary)
     setups = summary["setups"]
