@@ -17,7 +17,7 @@ import numpy as np
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
@@ -65,12 +65,8 @@ def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> _I
     squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
     ssim = float(np.mean([_ssim_map(*pair)[mask].mean() for pair in pairs]))
-    return _ImageError(rmse, _psnr_db(rmse), ssim)
-
-
-def _psnr_db(rmse: float) -> float:
-    """Peak signal-to-noise ratio of an RMSE in grey levels."""
-    return 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
+    psnr_db = 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
+    return _ImageError(rmse, psnr_db, ssim)
 
 
 def signed_difference(image: Image, reference: Image) -> Floats:
@@ -136,7 +132,9 @@ def measure_levels(
         ]
         draw = [_draw_function(view, subject) for view in views]
         timings = time_round_robin(draw, num_rounds=num_rounds, on_round=on_round)
-        mask = _visible_mask(subject.camera)
+        # Pixels with the mirror at their centre; all others are black in every image.
+        centres = pixel_sample_positions(subject.camera)[:, :, 0]
+        _, mask = direction_from_pixel(subject.camera, centres)
         measured = [
             _measure_level(subject, level, view, reference, timing=timing, mask=mask)
             for level, view, timing in zip(levels, views, timings, strict=True)
@@ -148,12 +146,6 @@ def _draw_function(view: View, subject: StudySubject) -> DrawFunction:
     states = subject.camera_states
     # Another pose in every round: a frame that repeats the last one finds all data in caches.
     return lambda round_number: view.render(states[round_number % len(states)]).stage_ms
-
-
-def _visible_mask(camera: OmniCamera) -> Bools:
-    """(h, w) pixels with the mirror at their centre; all others are black in every image."""
-    _, is_visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
-    return is_visible
 
 
 def _measure_level(

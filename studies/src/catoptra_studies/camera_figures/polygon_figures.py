@@ -239,7 +239,11 @@ def draw_polygon_error(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw rms and largest displacement of both interpolations over the number of polygons."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     errors = {
-        interpolation: _measure_errors(camera, interpolation) for interpolation in Interpolation
+        interpolation: [
+            measure_polygon_error(camera, tessellation_from_polygon_count(count, interpolation))
+            for count in POLYGON_COUNTS
+        ]
+        for interpolation in Interpolation
     }
     exact_px = _exact_model_error_px(camera)
     axes = add_axes(page, 150, 60, 1330, 600)
@@ -252,13 +256,6 @@ def draw_polygon_error(page: Page, inputs: FigureInputs) -> FigureCaption:
     _draw_reference_lines(axes, errors[Interpolation.POSITION], exact_px)
     axes.legend(loc="center left", bbox_to_anchor=(0.01, 0.42))
     return _caption_errors(errors, exact_px)
-
-
-def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[_PolygonError]:
-    return [
-        measure_polygon_error(camera, tessellation_from_polygon_count(count, interpolation))
-        for count in POLYGON_COUNTS
-    ]
 
 
 def _draw_interpolation(

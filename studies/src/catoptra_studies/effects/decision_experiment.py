@@ -19,6 +19,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
@@ -113,17 +114,11 @@ def _find_cells(startup: StartupConfig) -> tuple[Floats, Floats]:
     centres = np.stack(np.meshgrid(columns, rows, indexing="ij"), axis=-1)
     flat = centres.reshape(-1, 2)
     is_free = _are_free(startup, flat, _CLEARANCE_M).reshape(centres.shape[:2])
-    is_reachable = _flood(is_free, _start_cells(startup, low))
-    reachable = centres[is_reachable]
+    # The origin is the start of a world without starts.
+    starts = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
+    reachable = centres[_flood(is_free, np.rint((np.array(starts) - low) / _CELL_M).astype(int))]
     is_open = _are_free(startup, reachable, _OPEN_CLEARANCE_M)
     return reachable[~is_open], reachable[is_open]
-
-
-def _start_cells(startup: StartupConfig, low: Floats) -> list[tuple[int, int]]:
-    """Cells of the world's starts; the origin's for a world without starts."""
-    locations = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
-    cells = np.rint((np.array(locations) - low) / _CELL_M).astype(int)
-    return [(int(column), int(row)) for column, row in cells]
 
 
 def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Bools:
@@ -147,11 +142,10 @@ def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Boo
     return free
 
 
-def _flood(is_free: Bools, starts: list[tuple[int, int]]) -> Bools:
-    """(n, m) free cells that are connected with a free start by their sides."""
+def _flood(is_free: Bools, starts: npt.NDArray[np.intp]) -> Bools:
+    """(n, m) free cells that are connected by their sides with a free one of (k, 2) starts."""
     reached = np.zeros_like(is_free)
-    for cell in starts:
-        reached[cell] = is_free[cell]
+    reached[*starts.T] = is_free[*starts.T]
     while True:
         grown = reached.copy()
         grown[1:] |= reached[:-1]

@@ -116,20 +116,19 @@ def summarize_experiment(
         "seed": config.seed,
         "num_runs": config.num_runs,
         "setups": setups,
-        "claims": [_claim_entry(claim) for claim in evaluate_claims(setups)],
+        "claims": [
+            {
+                "key": claim.key,
+                "text": claim.text,
+                "criterion": claim.criterion,
+                "satisfying_runs": claim.runs.num_satisfying,
+                "runs": claim.runs.num_runs,
+                "interval": list(claim.runs.interval),
+                "is_confirmed": claim.is_confirmed,
+            }
+            for claim in evaluate_claims(setups)
+        ],
         "differences": [asdict(difference) for difference in list_differences(setups)],
-    }
-
-
-def _claim_entry(claim: Claim) -> dict[str, Any]:
-    return {
-        "key": claim.key,
-        "text": claim.text,
-        "criterion": claim.criterion,
-        "satisfying_runs": claim.runs.num_satisfying,
-        "runs": claim.runs.num_runs,
-        "interval": list(claim.runs.interval),
-        "is_confirmed": claim.is_confirmed,
     }
 
 

@@ -85,8 +85,8 @@ def steer(
         min_duration_s: Time until the next command: a shorter arc is driven more slowly.
     """
     target = route[progress.index]
-    bearing_rad = wrap_angle(math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m))
-    bearing_rad = wrap_angle(bearing_rad - pose.yaw_rad)
+    direction_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
+    bearing_rad = wrap_angle(direction_rad - pose.yaw_rad)
     if _is_turn(progress, route):
         target = Waypoint(pose.x_m, pose.y_m, target.yaw_rad)
     elif abs(bearing_rad) > _MAX_ARC_BEARING_RAD:
