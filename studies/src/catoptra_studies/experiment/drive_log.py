@@ -127,7 +127,10 @@ def _measure_manually(
     range_m = math.hypot(dx, dy)
     if range_m > MAX_RANGE_M:
         return None
-    ratio = _floor_radius_ratio(camera, range_m, height_m)
+    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
+    true_t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
+    # r_i / h of the foot, by the camera model where the paper has Eq. 2.
+    ratio = float(camera.projection.radius_ratio_from_t(true_t))
     ratio += float(radial) * setup.manual_sigma_px / camera.scale_px
     bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
@@ -139,13 +142,6 @@ def _measure_manually(
     if not is_below_horizon:
         return None
     return LandmarkMeasurement(landmark.name, measured_m, bearing_rad)
-
-
-def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> float:
-    """r_i / h of a point on the floor, by the camera model where the paper has Eq. 2."""
-    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
-    t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
-    return float(camera.projection.radius_ratio_from_t(t))
 
 
 @dataclass(frozen=True, slots=True)
