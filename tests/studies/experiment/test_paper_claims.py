@@ -37,13 +37,10 @@ def test_interval_is_that_of_newcombes_table(satisfying, runs, low, high):
     assert RunShare(satisfying, runs).interval == pytest.approx((low, high), abs=5e-5)
 
 
-def test_interval_of_all_runs_mirrors_that_of_none():
+def test_interval_of_all_runs_mirrors_that_of_none_and_of_no_runs_is_the_whole():
     low, high = RunShare(20, 20).interval
     assert (1.0 - high, 1.0 - low) == pytest.approx(RunShare(0, 20).interval, abs=1e-15)
     assert high == 1.0
-
-
-def test_share_of_no_runs_confirms_nothing():
     assert math.isnan(RunShare(0, 0).share)
     assert RunShare(0, 0).interval == (0.0, 1.0)
 
@@ -168,20 +165,15 @@ def test_differences_have_the_numbers_of_both():
     assert "0.349 m" in diagonal.paper
     assert "10 times less" in diagonal.here
     assert "13 mm and 0.05°" in accuracy.here
-
-
-def test_lock_out_names_the_steps_in_which_landmarks_pass_again():
+    # The steps in which landmarks pass again.
     lock_out, *_ = list_differences(make_summary(num_changed=2, relock_step=25))
     assert "step 25 to 25" in lock_out.here
 
 
-def test_differences_of_one_setup_need_no_other():
+def test_differences_of_one_setup_or_without_measurements_are_fewer():
     setups = make_summary()
     assert len(list_differences({"sim": setups["sim"]})) == 1
     assert len(list_differences({"real": setups["real"]})) == 2
 
-
-def test_accuracy_without_measurements_is_said():
-    setups = make_summary()
     setups["sim"]["measurements"] = {"range_error_m": {}, "bearing_error_deg": {}}
     assert "none was measured" in list_differences(setups)[-1].here
