@@ -10,17 +10,14 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.camera_figures.polygon_figures import (
     find_max_difference_window,
     measure_polygon_error,
 )
+from helpers.worlds import make_omni_camera
 
-CAMERA: OmniCamera = camera_with_inscribed_rim(
-    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
-)
+CAMERA = make_omni_camera(width_px=360)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.lenses import EquidistantLens, OrthographicLens
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
     floor_view,
@@ -17,12 +17,11 @@ from catoptra_studies.cameras.camera_metrics import (
     resolution_curve,
     ring_pixels,
 )
+from helpers.worlds import make_omni_camera
 
 
 def make_camera(field_deg: float) -> OmniCamera:
-    return camera_with_inscribed_rim(
-        EquidistantLens(), width_px=200, height_px=200, rim_rad=math.radians(0.5 * field_deg)
-    )
+    return make_omni_camera(mirror=EquidistantLens(), rim_deg=0.5 * field_deg)
 
 
 @pytest.mark.parametrize("field_deg", [90.0, 185.0, 220.0, 360.0])
@@ -66,9 +65,7 @@ def test_floor_has_no_end_or_is_not_seen(camera: OmniCamera, view: tuple[float, 
 
 
 def test_floor_of_a_narrow_lens_ends_at_its_rim() -> None:
-    camera = camera_with_inscribed_rim(
-        OrthographicLens(), width_px=90, height_px=90, rim_rad=math.radians(60.2)
-    )
+    camera = make_omni_camera(mirror=OrthographicLens(), width_px=90, rim_deg=60.2)
     _, reach_m = floor_view(camera, 0.6)
     assert reach_m == pytest.approx(0.6 * math.tan(math.radians(60.2)), abs=1e-5)
 
