@@ -11,7 +11,6 @@ from catoptra_studies.commands import (
     add_output,
     make_parser,
     open_progress,
-    print_error,
     print_line,
     print_table,
     run_study,
@@ -29,26 +28,21 @@ def test_study_runs_in_its_new_folder_and_decides_the_status(tmp_path: Path) -> 
     assert run_study("walk", parse_output(folder), lambda _: 3 if folder.is_dir() else 0) == 3
 
 
-@pytest.mark.parametrize("error", [CatoptraError("no robot"), OSError("no robot")])
+@pytest.mark.parametrize("kind", [CatoptraError, OSError])
 def test_study_that_cannot_be_done_ends_with_one_line(
-    error: Exception, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: type[Exception], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(_: argparse.Namespace) -> int:
-        raise error
+        raise kind("[red]no.ini[/red]")
 
     assert run_study("walk", parse_output(tmp_path), fail) == EXIT_FAILURE
-    assert capsys.readouterr().err == "walk: no robot\n"
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "walk: [red]no.ini[/red]\n")
 
 
 def test_line_when_printed_keeps_brackets(capsys: pytest.CaptureFixture[str]) -> None:
     print_line("pip install 'catoptra-studies[server]'")
     assert "catoptra-studies[server]" in capsys.readouterr().out
-
-
-def test_error_when_printed_goes_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    print_error("cost: [red]no.ini[/red]")
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err) == ("", "cost: [red]no.ini[/red]\n")
 
 
 def test_table_when_printed_ends_rows_with_yes_or_no(capsys: pytest.CaptureFixture[str]) -> None:

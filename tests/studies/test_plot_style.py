@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_studies import plot_style
-from catoptra_studies.plot_style import colour_bar, map_error_colours
+from catoptra_studies.plot_style import map_error_colours
 
 NOISE = np.random.default_rng(7).integers(0, 256, (20, 20, 3), dtype=np.uint8)
 
@@ -56,8 +56,13 @@ def test_colour_when_the_error_is_above_the_scale_is_that_of_its_end() -> None:
     assert tuple(ends[0]) == tuple(ends[1])
 
 
-def test_scale_bar_grows_darker_all_the_way() -> None:
-    bar = colour_bar(60, 5, 1.0, 128.0)
-    assert bar.shape == (5, 60, 3)
-    brightness = bar[0].astype(float) @ (0.299, 0.587, 0.114)
+def test_scale_bar_grows_darker_all_the_way(tmp_path: Path) -> None:
+    with plot_style.open_page(tmp_path / "page.png", 80, 100) as page:
+        plot_style.draw_colour_bar(
+            page, (1.0, 128.0), left=20, top=10, width=60, ticks=(1, 128), title=""
+        )
+
+    # Within the axes' frame of two pixels.
+    row = cv2.imread(str(tmp_path / "page.png"))[20, 22:78, ::-1]
+    brightness = row.astype(float) @ (0.299, 0.587, 0.114)
     assert (np.diff(brightness) < 0.0).all()

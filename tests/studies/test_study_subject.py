@@ -34,18 +34,19 @@ def test_reference_has_a_frame_for_each_pose() -> None:
     assert not np.array_equal(first, second)
 
 
-def test_robot_when_it_has_no_camera_is_rejected_with_a_remedy() -> None:
+@pytest.mark.parametrize(
+    ("robot", "world", "reason"),
+    [
+        (ROBOTS / "p2at.ini", FIELD, "no omnidirectional camera: take a robot"),
+        (OMNI_ROBOT, Path("no.ini"), r"no\.ini"),
+    ],
+)
+def test_file_when_missing_or_without_a_camera_is_rejected_with_the_reason(
+    robot: Path, world: Path, reason: str
+) -> None:
     with (
-        pytest.raises(CatoptraError, match="no omnidirectional camera: take a robot"),
-        open_study_subject(ROBOTS / "p2at.ini", FIELD, size_px=40, num_poses=1),
-    ):
-        pass
-
-
-def test_world_when_missing_is_rejected(tmp_path: Path) -> None:
-    with (
-        pytest.raises(CatoptraError, match=r"no\.ini"),
-        open_study_subject(OMNI_ROBOT, tmp_path / "no.ini", size_px=40, num_poses=1),
+        pytest.raises(CatoptraError, match=reason),
+        open_study_subject(robot, world, size_px=40, num_poses=1),
     ):
         pass
 

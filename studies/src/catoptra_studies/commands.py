@@ -65,7 +65,7 @@ def run_study(
         parsed.output.mkdir(parents=True, exist_ok=True)
         return run(parsed)
     except (CatoptraError, OSError) as error:
-        print_error(f"{name}: {error}")
+        _print_plain(Console(stderr=True), f"{name}: {error}", style="red")
         return exit_failure
 
 
@@ -107,11 +107,6 @@ def print_line(text: str) -> None:
     _print_plain(Console(), text)
 
 
-def print_error(text: str) -> None:
-    """Print the one line with which a study ends that could not be done."""
-    Console(stderr=True).print(text, style="red", markup=False, highlight=False, soft_wrap=True)
-
-
 def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]]) -> None:
     """Print a table whose last column says yes or no.
 
@@ -125,6 +120,6 @@ def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]
     Console().print(table)
 
 
-def _print_plain(console: Console, text: str) -> None:
+def _print_plain(console: Console, text: str, *, style: str | None = None) -> None:
     # Paths and captions hold brackets, which Rich would read as its own markup.
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -266,7 +266,7 @@ def map_error_colours(errors: Floats, min_error: float, max_error: float) -> Ima
     return colours
 
 
-def colour_bar(width_px: int, height_px: int, min_error: float, max_error: float) -> Image:
+def _colour_bar(width_px: int, height_px: int, min_error: float, max_error: float) -> Image:
     """Image of the scale itself, from left to right."""
     errors = np.geomspace(min_error, max_error, width_px)
     return np.repeat(map_error_colours(errors, min_error, max_error)[None], height_px, axis=0)
@@ -293,17 +293,13 @@ def draw_colour_bar(
         ticks: Errors with a number below the bar.
         title: Text to the left of the bar.
     """
-    bar = show_image(page, colour_bar(width, 22, *limits), left, top, width)
+    bar = show_image(page, _colour_bar(width, 22, *limits), left, top, width)
     # show_image hides the axes, but here the axes are the scale.
     bar.axis("on")
     bar.set_yticks([])
     bar.grid(visible=False)
-    bar.set_xticks(
-        [_bar_position(tick, limits, width) for tick in ticks], [f"{tick:g}" for tick in ticks]
-    )
-    add_text(page, left - 14, top + 11, title, ha="right", va="center")
-
-
-def _bar_position(error: float, limits: tuple[float, float], width: int) -> float:
     min_error, max_error = limits
-    return width * math.log(error / min_error) / math.log(max_error / min_error)
+    decades = math.log(max_error / min_error)
+    positions = [width * math.log(tick / min_error) / decades for tick in ticks]
+    bar.set_xticks(positions, [f"{tick:g}" for tick in ticks])
+    add_text(page, left - 14, top + 11, title, ha="right", va="center")

@@ -33,11 +33,11 @@ class ReportFigure:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a table, as plain text."""
+    """One cell of a table with a style, as plain text."""
 
     text: str
 
-    css_class: str = ""
+    css_class: str
     """Class of the report's style sheet: n aligns right, yes and no have colours."""
 
 
@@ -65,20 +65,21 @@ def figure_elements(folder: Path, figures: Sequence[ReportFigure]) -> str:
     return "\n".join(figure_element(folder, figure) for figure in figures)
 
 
-def html_table(header: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> str:
-    """Table with a row of headings."""
+def html_table(header: Sequence[Cell | str], rows: Sequence[Sequence[Cell | str]]) -> str:
+    """Table with a row of headings; cells without a style are plain texts."""
     lines = [_row_element("th", header), *(_row_element("td", row) for row in rows)]
     return f"<table>{''.join(lines)}</table>"
 
 
-def _row_element(tag: str, cells: Sequence[Cell]) -> str:
+def _row_element(tag: str, cells: Sequence[Cell | str]) -> str:
     return f"<tr>{''.join(_cell_element(tag, cell) for cell in cells)}</tr>"
 
 
-def _cell_element(tag: str, cell: Cell) -> str:
+def _cell_element(tag: str, cell: Cell | str) -> str:
     # Every text is escaped here, so that no caller has to remember.
-    attribute = f' class="{cell.css_class}"' if cell.css_class else ""
-    return f"<{tag}{attribute}>{html.escape(cell.text)}</{tag}>"
+    if isinstance(cell, str):
+        return f"<{tag}>{html.escape(cell)}</{tag}>"
+    return f'<{tag} class="{cell.css_class}">{html.escape(cell.text)}</{tag}>'
 
 
 # As wide as the sources, so that a diff of a report shows changed sentences, not paragraphs.
@@ -87,7 +88,7 @@ _LINE_WIDTH = 100
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table: the first column is text, all others are numbers aligned right."""
-    cells = [[_escape_cell(cell) for cell in row] for row in (header, *rows)]
+    cells = [[cell.replace("|", "\\|") for cell in row] for row in (header, *rows)]
     # Three dashes are the shortest rule that Markdown accepts.
     widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(header))]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
@@ -101,10 +102,6 @@ def _table_line(cells: Sequence[str], widths: Sequence[int]) -> str:
     return f"| {' | '.join(padded)} |"
 
 
-def _escape_cell(cell: str) -> str:
-    return cell.replace("|", "\\|")
-
-
 def format_number(value: float, digits: int = 3) -> str:
     """Format a number with as many significant digits, without an exponent where short enough."""
     if math.isinf(value) or math.isnan(value):
@@ -116,18 +113,13 @@ def format_number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits - 1}e}" if decimals > 5 else f"{value:.{decimals}f}"
 
 
-def wrap_paragraph(text: str) -> str:
-    """Wrap a text at the width of the sources."""
-    return textwrap.fill(" ".join(text.split()), _LINE_WIDTH, break_on_hyphens=False)
-
-
-def wrap_bullet(text: str) -> str:
-    """Wrap an entry of a list."""
+def wrap_paragraph(text: str, *, bullet: str = "") -> str:
+    """Wrap a text, or an entry of a list behind its bullet, at the width of the sources."""
     return textwrap.fill(
         " ".join(text.split()),
         _LINE_WIDTH,
-        initial_indent="* ",
-        subsequent_indent="  ",
+        initial_indent=bullet,
+        subsequent_indent=" " * len(bullet),
         break_on_hyphens=False,
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,11 +81,8 @@ class StudySubject:
     def render_reference(self, samples: int) -> tuple[Image, ...]:
         """Render the exact frame at each pose, of samples^2 rays a pixel."""
         settings = RenderSettings(PerPixel(), samples)
-        view = self.prepare_view(RendererKind.TRACE, settings)
-        try:
+        with closing(self.prepare_view(RendererKind.TRACE, settings)) as view:
             return tuple(view.render(state).rgb for state in self.camera_states)
-        finally:
-            view.close()
 
     def render_frame(
         self, size_px: int, samples: int, *, surface: MirrorSurface | None = None
@@ -104,7 +101,7 @@ class StudySubject:
         # A copy: the subject itself keeps the study's size.
         resized = dataclasses.replace(self, camera=camera)
         settings = RenderSettings(surface or PerPixel(), samples)
-        return _render_once(
+        return render_once(
             resized.prepare_view(RendererKind.TRACE, settings), self.camera_states[0]
         )
 
@@ -112,14 +109,13 @@ class StudySubject:
         """Render the view of one virtual camera of the cube, at the first pose."""
         camera = FaceCamera(face, round(size_px * self.resolution_scale))
         view = self.renderers[RendererKind.TRACE].prepare_face(camera, samples)
-        return _render_once(view, self.camera_states[0])
+        return render_once(view, self.camera_states[0])
 
 
-def _render_once(view: View, state: CameraState) -> Image:
-    try:
+def render_once(view: View, state: CameraState) -> Image:
+    """Render one frame and close the view."""
+    with closing(view):
         return view.render(state).rgb
-    finally:
-        view.close()
 
 
 @contextmanager
@@ -192,13 +188,14 @@ def first_start_pose(world: World) -> PlanarPose:
 def study_poses(world: World) -> tuple[PlanarPose, ...]:
     """Four poses around a world's first start, from which no line looks straight."""
     start = first_start_pose(world)
-    return tuple(_offset_pose(start, *offset) for offset in _POSE_OFFSETS)
-
-
-def _offset_pose(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
-    """Move a pose back and left along the robot's axes, then turn to the right."""
-    x_m, y_m, _ = (start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))).translation
-    return PlanarPose(float(x_m), float(y_m), start.yaw_rad + math.radians(turn_deg))
+    poses = []
+    for back_m, left_m, turn_deg in _POSE_OFFSETS:
+        # Back and left along the robot's axes, then a turn to the right.
+        moved = start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))
+        x_m, y_m, _ = moved.translation
+        yaw_rad = start.yaw_rad + math.radians(turn_deg)
+        poses.append(PlanarPose(float(x_m), float(y_m), yaw_rad))
+    return tuple(poses)
 
 
 def _require_omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescription:

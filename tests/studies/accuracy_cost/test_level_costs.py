@@ -86,29 +86,23 @@ def test_ssim_when_a_pattern_is_inverted_is_the_negative_contrast_term() -> None
     assert middle == pytest.approx((-200 + 58.5225) / (200 + 58.5225), abs=1e-4)
 
 
-def test_ssim_when_pictures_are_the_same_is_one() -> None:
-    found = compute_image_error([(checks(0, 255), checks(0, 255))], EVERYWHERE).ssim
-    assert found == pytest.approx(1.0, abs=1e-12)
+RED_OFF, UPPER_OFF = grey(100).copy(), grey(100).copy()
+RED_OFF[..., 0] += 30
+UPPER_OFF[:16] = 255
+LOWER = np.arange(32)[:, None] >= 16 + np.zeros(32)
 
 
-def test_rmse_when_one_channel_is_off_counts_all_three() -> None:
-    off = grey(100).copy()
-    off[..., 0] += 30
-    error = compute_image_error([(off, grey(100))], EVERYWHERE)
-    assert error.rmse == pytest.approx(30 / math.sqrt(3))
-
-
-def test_error_when_pixels_are_not_counted_is_of_the_others() -> None:
-    off = grey(100).copy()
-    off[:16] = 255
-    lower = np.zeros((32, 32), dtype=np.bool_)
-    lower[16:] = True
-    assert compute_image_error([(off, grey(100))], lower).rmse == 0.0
-
-
-def test_rmse_of_several_pairs_is_that_of_all_their_pixels() -> None:
-    pairs = [(grey(100), grey(100)), (grey(110), grey(100))]
-    assert compute_image_error(pairs, EVERYWHERE).rmse == pytest.approx(10 / math.sqrt(2))
+@pytest.mark.parametrize(
+    ("pairs", "mask", "rmse"),
+    [
+        ([(RED_OFF, grey(100))], EVERYWHERE, 30 / math.sqrt(3)),
+        ([(UPPER_OFF, grey(100))], LOWER, 0.0),
+        ([(grey(100), grey(100)), (grey(110), grey(100))], EVERYWHERE, 10 / math.sqrt(2)),
+    ],
+    ids=["one channel off counts all three", "pixels that do not count", "several pairs"],
+)
+def test_rmse_is_that_of_all_pixels_that_count(pairs, mask, rmse) -> None:
+    assert compute_image_error(pairs, mask).rmse == pytest.approx(rmse)
 
 
 def test_psnr_is_20_db_a_decade_and_endless_for_equal_pictures() -> None:

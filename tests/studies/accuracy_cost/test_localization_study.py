@@ -21,11 +21,9 @@ from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_
 from catoptra_studies.accuracy_cost.cost_results import CostResults
 from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig
 from catoptra_studies.accuracy_cost.localization_study import (
-    localization_row,
     measure_localization,
     select_key_levels,
     summarize_localization,
-    write_robot_file,
 )
 from catoptra_studies.commands import open_progress
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
@@ -75,17 +73,6 @@ def test_key_levels_are_sorted_from_coarse_to_exact(results: CostResults) -> Non
     assert [level.rmse for level in levels] == [25.0, 6.1, 3.7]
 
 
-def test_robot_file_is_based_on_another_and_selects_the_level(
-    results: CostResults, tmp_path: Path
-) -> None:
-    level = replace(results.levels[0], robot_ini="[Catoptra.OmniCaptureCamera]\nSamples=3\n")
-    write_robot_file(level, tmp_path / "base.ini", tmp_path / "robot.ini")
-    assert (tmp_path / "robot.ini").read_text() == (
-        f"[Configuration]\nBasedOn={tmp_path.resolve() / 'base.ini'}\n"
-        "[Catoptra.OmniCaptureCamera]\nSamples=3\n"
-    )
-
-
 NEAR = Landmark("near", "beacon", 1.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 FAR = Landmark("far", "beacon", 0.0, 2.0, 0.1, 0.1, 0.2, 0.4, "magenta", "cyan")
 HERE = DriveStep(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0), ())
@@ -111,30 +98,21 @@ def make_filter_run(errors_m: list[float]) -> FilterRun:
     return cast(FilterRun, known)
 
 
-def test_row_has_rates_errors_and_medians_over_the_runs() -> None:
+def test_rows_have_rates_errors_and_medians_over_the_runs() -> None:
     seen = (LandmarkMeasurement("near", 1.03, math.radians(4.0)),)
-    row = localization_row("a step", make_result(seen, ()), (NEAR, FAR))
-    assert row.level == "a step"
-    assert row.num_frames == 2
-    assert row.near_detection_rate == 0.5
-    assert row.detection_rate == 0.25
+    found = summarize_localization(
+        {"a step": make_result(seen, ()), "blind": make_result(())}, (NEAR, FAR)
+    )
+    assert (found.num_runs, found.steps_per_run) == (3, 2)
+    assert found.odometry_max_m == pytest.approx(0.6)  # twice the median of 0.3, 0.2, 0.9
+    row, blind = found.rows
+    assert (row.level, row.num_frames) == ("a step", 2)
+    assert (row.near_detection_rate, row.detection_rate) == (0.5, 0.25)
     assert row.range_rms_m == pytest.approx(0.03)
     assert row.bearing_rms_deg == pytest.approx(4.0)
     assert row.ekf_mean_m == pytest.approx(0.2)  # of 0.2, 0.2 and 0.9
     assert row.ekf_max_m == pytest.approx(0.3)
     assert row.consistent_ekf_mean_m == pytest.approx(0.1)
-
-
-def test_row_when_nothing_was_measured_has_nan_errors() -> None:
-    row = localization_row("blind", make_result(()), (NEAR,))
-    assert math.isnan(row.range_rms_m)
-    assert math.isnan(row.bearing_rms_deg)
-    assert row.detection_rate == 0.0
-
-
-def test_summary_has_runs_steps_and_odometry_alone() -> None:
-    row = localization_row("a level", make_result(()), (NEAR,))
-    summary = summarize_localization([row], make_result(()))
-    assert (summary.num_runs, summary.steps_per_run) == (3, 2)
-    assert summary.odometry_max_m == pytest.approx(0.6)  # twice the median of 0.3, 0.2, 0.9
-    assert summary.rows == (row,)
+    assert (blind.level, blind.detection_rate) == ("blind", 0.0)
+    assert math.isnan(blind.range_rms_m)
+    assert math.isnan(blind.bearing_rms_deg)

@@ -8,12 +8,8 @@ from typing import Any
 import cv2
 import pytest
 
-from catoptra_studies.camera_figures.figure_spec import FigureInputs
-from catoptra_studies.camera_figures.figures_command import (
-    FIGURES,
-    main,
-    write_figures,
-)
+from catoptra_studies.camera_figures.figure_spec import FigureInputs, write_figures
+from catoptra_studies.camera_figures.figures_command import FIGURES, main
 from catoptra_studies.commands import EXIT_FAILURE, open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
@@ -25,7 +21,7 @@ MAX_BYTES = 300_000
 def folder(inputs: FigureInputs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("figures") / "new"
     with open_progress(is_visible=False) as progress:
-        write_figures(inputs, output, progress)
+        write_figures(FIGURES, inputs, output, progress)
     return output
 
 
@@ -59,6 +55,11 @@ def test_every_decimal_number_of_a_caption_is_a_metric(index: dict[str, Any]) ->
         for text in re.findall(r"\d+\.\d+", entry["caption"]):
             rounding = 0.5 * 10.0 ** -len(text.partition(".")[2])
             assert any(abs(float(text) - n) <= 1.01 * rounding for n in numbers), entry["caption"]
+
+
+def test_exact_model_is_exact_to_the_rounding_of_its_rays(index: dict[str, Any]) -> None:
+    # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
+    assert 0.0 < index["metrics"]["polygon_error"]["exact_model_max_px"] < 2e-5
 
 
 def test_robot_file_when_missing_is_reported_in_one_line(

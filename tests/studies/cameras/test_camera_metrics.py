@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.lenses import EquidistantLens, OrthographicLens
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
     floor_view,
     resolution_at,
     resolution_curve,
+    ring_pixels,
 )
+from helpers.worlds import make_omni_camera
 
 
 def make_camera(field_deg: float) -> OmniCamera:
-    return camera_with_inscribed_rim(
-        EquidistantLens(), width_px=200, height_px=200, rim_rad=math.radians(0.5 * field_deg)
-    )
+    return make_omni_camera(mirror=EquidistantLens(), rim_deg=0.5 * field_deg)
 
 
 @pytest.mark.parametrize("field_deg", [90.0, 185.0, 220.0, 360.0])
@@ -36,10 +36,14 @@ def test_covered_sphere_is_less_where_the_image_ends_before_the_rim() -> None:
     assert 0.5 * covered_sphere(camera) < covered_sphere(cropped) < covered_sphere(camera)
 
 
-def test_resolution_of_an_equidistant_lens() -> None:
-    resolution = resolution_at(make_camera(200.0), math.radians(90.0))
-    assert resolution.radial == pytest.approx(1.0)
-    assert resolution.tangential == pytest.approx(0.5 * math.pi)
+@pytest.mark.parametrize(
+    ("field_deg", "expected"),
+    [(200.0, (1.0, 0.5 * math.pi)), (170.0, (math.nan, math.nan))],
+    ids=["shown", "beyond the rim"],
+)
+def test_resolution_of_an_equidistant_lens_at_90_degrees(field_deg, expected) -> None:
+    resolution = resolution_at(make_camera(field_deg), math.radians(90.0))
+    assert resolution == pytest.approx(expected, nan_ok=True)
 
 
 def test_resolution_on_the_axis_is_the_same_in_both_directions() -> None:
@@ -47,25 +51,27 @@ def test_resolution_on_the_axis_is_the_same_in_both_directions() -> None:
     assert radial == tangential == pytest.approx(1.0)
 
 
-def test_resolution_beyond_the_rim_is_nan() -> None:
-    assert math.isnan(resolution_at(make_camera(170.0), math.radians(90.0)).radial)
-
-
-def test_floor_of_a_lens_that_shows_the_horizon_has_no_end() -> None:
-    view = floor_view(make_camera(185.0), 0.6)
-    assert (view.blind_radius_m, view.reach_m) == (0.0, math.inf)
+@pytest.mark.parametrize(
+    ("camera", "view"),
+    [
+        (make_camera(185.0), (0.0, math.inf)),
+        # The image begins 50 px below the axis: no circle around the axis is whole.
+        (replace(make_camera(180.0), centre_px=(100.0, -50.0)), (math.inf, 0.0)),
+    ],
+    ids=["with the horizon", "without the axis"],
+)
+def test_floor_has_no_end_or_is_not_seen(camera: OmniCamera, view: tuple[float, float]) -> None:
+    assert floor_view(camera, 0.6) == view
 
 
 def test_floor_of_a_narrow_lens_ends_at_its_rim() -> None:
-    camera = camera_with_inscribed_rim(
-        OrthographicLens(), width_px=90, height_px=90, rim_rad=math.radians(60.2)
-    )
-    reach_m = floor_view(camera, 0.6).reach_m
+    camera = make_omni_camera(mirror=OrthographicLens(), width_px=90, rim_deg=60.2)
+    _, reach_m = floor_view(camera, 0.6)
     assert reach_m == pytest.approx(0.6 * math.tan(math.radians(60.2)), abs=1e-5)
 
 
-def test_floor_below_an_image_without_the_axis_is_blind() -> None:
-    # The image begins 50 px below the axis: no circle around the axis is whole.
-    camera = replace(make_camera(180.0), centre_px=(100.0, -50.0))
-    view = floor_view(camera, 0.6)
-    assert (view.blind_radius_m, view.reach_m) == (math.inf, 0.0)
+def test_ring_has_the_radius_of_its_angle_and_none_beyond_the_rim() -> None:
+    camera = make_camera(220.0)
+    radius = np.hypot(*(ring_pixels(camera, math.radians(60.0)) - camera.centre_px).T)
+    np.testing.assert_allclose(radius, camera.scale_px * math.radians(60.0), atol=1e-9)
+    assert np.isnan(ring_pixels(camera, math.radians(120.0))).all()

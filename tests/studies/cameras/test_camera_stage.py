@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from catoptra_studies.cameras.camera_stage import CameraStage
+from catoptra_studies.cameras.camera_stage import (
+    CameraStage,
+    add_camera_options,
+    open_requested_stage,
+)
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[CameraStage]:
+    """The paper's mirror and a fish-eye lens on the field, with small images."""
+    parser = argparse.ArgumentParser()
+    add_camera_options(parser, size_px=60)
+    parsed = parser.parse_args(["--cameras", "paper,equidistant_220"])
+    parsed.output = tmp_path
+    with open_requested_stage(parsed) as (opened, _):
+        yield opened
 
 
 def test_all_cameras_have_the_viewpoint_of_the_paper(stage: CameraStage) -> None:

@@ -11,9 +11,7 @@ import pytest
 from catoptra_client.landmarks import Detection
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
-    FailureLevels,
     compute_degradation_metrics,
-    evaluate_drive,
     find_failure_levels,
     rms_difference,
     select_example,
@@ -34,72 +32,49 @@ from helpers.recorded_drives import (
 SETUP = replace(SIM, initial_heading_error_rad=0.0)
 
 
-def evaluate(*detections: Detection):
-    (frame,) = evaluate_drive(make_drive(make_frame(NEAR, SIDE, FAR)), [detections])
-    return frame
-
-
 def compute(*detections: tuple[Detection, ...]) -> DegradationMetrics:
-    drive = make_drive(*(make_frame(NEAR, SIDE) for _ in detections))
+    """Metrics of a drive that shows a near beacon, one aside and one out of range in each frame."""
+    drive = make_drive(*(make_frame(NEAR, SIDE, FAR) for _ in detections))
     return compute_degradation_metrics([drive], [detections], setup=SETUP, landmarks=FIELD)
 
 
-def test_beacons_when_beyond_the_range_in_use_do_not_count() -> None:
-    assert evaluate().visible_beacons == {"near", "aside"}
+@pytest.mark.parametrize(
+    ("name", "range_m", "bearing_deg", "num_detected", "num_false"),
+    [
+        ("near", 1.0, 4.9, 1, 0),
+        ("near", 1.0, 5.1, 0, 1),
+        ("near", 1.0, -5.1, 0, 1),
+        ("far", 3.0, 180.0, 0, 0),
+    ],
+    ids=["near its bearing", "too far right", "too far left", "of a beacon out of range"],
+)
+def test_detection_is_correct_false_or_neither(
+    name: str, range_m: float, bearing_deg: float, num_detected: int, num_false: int
+) -> None:
+    metrics = compute((make_detection(name, range_m, bearing_deg),))
+    assert (metrics.num_visible, metrics.num_detected) == (2, num_detected)
+    assert metrics.false_per_frame == num_false
 
 
 def test_detection_of_a_beacon_that_is_not_visible_is_false() -> None:
-    (frame,) = evaluate_drive(make_drive(make_frame(NEAR)), [(make_detection("aside", 2.0, 90.0),)])
-    assert frame.visible_beacons == {"near"}
-    assert [one.name for one in frame.false_detections] == ["aside"]
-
-
-def test_detection_when_near_its_bearing_has_its_errors() -> None:
-    frame = evaluate(make_detection("near", 1.1, 4.0), make_detection("aside", 1.9, 89.0))
-    assert frame.detection_errors["near"] == pytest.approx((0.1, math.radians(4.0)))
-    assert frame.detection_errors["aside"] == pytest.approx((-0.1, math.radians(-1.0)))
-    assert frame.false_detections == ()
-
-
-@pytest.mark.parametrize(("bearing_deg", "false"), [(4.9, 0), (5.1, 1), (-5.1, 1)])
-def test_detection_when_more_than_five_degrees_off_is_false(bearing_deg, false) -> None:
-    frame = evaluate(make_detection("near", 1.0, bearing_deg))
-    assert (len(frame.detection_errors), len(frame.false_detections)) == (1 - false, false)
-
-
-def test_detection_of_a_far_beacon_is_neither_correct_nor_false() -> None:
-    frame = evaluate(make_detection("far", 3.0, 180.0))
-    assert (frame.detection_errors, frame.false_detections) == ({}, ())
+    drive, detection = make_drive(make_frame(NEAR)), make_detection("aside", 2.0, 90.0)
+    metrics = compute_degradation_metrics([drive], [[(detection,)]], setup=SETUP, landmarks=FIELD)
+    assert (metrics.num_visible, metrics.false_per_frame) == (1, 1.0)
 
 
 def test_metrics_have_rates_and_rms_errors() -> None:
-    metrics = compute(
-        (make_detection("near", 1.03, 4.0),), (), (make_detection("aside", 2.0, 20.0),), ()
-    )
-    assert (
-        metrics.num_frames,
-        metrics.num_visible,
-        metrics.num_detected,
-        metrics.detection_rate,
-    ) == (
-        4,
-        8,
-        1,
-        0.125,
-    )
-    assert metrics.false_per_frame == 0.25
-    assert metrics.range_rms_m == pytest.approx(0.03)
-    assert metrics.bearing_rms_deg == pytest.approx(4.0)
+    near, aside = make_detection("near", 1.03, 4.0), make_detection("aside", 1.99, 87.0)
+    metrics = compute((near, aside), (), (make_detection("aside", 2.0, 20.0),), ())
+    assert (metrics.num_frames, metrics.num_visible, metrics.num_detected) == (4, 8, 2)
+    assert (metrics.detection_rate, metrics.false_per_frame) == (0.25, 0.25)
+    assert metrics.range_rms_m == pytest.approx(math.hypot(0.03, 0.01) / math.sqrt(2.0))
+    assert metrics.bearing_rms_deg == pytest.approx(5.0 / math.sqrt(2.0))
 
 
 def test_metrics_when_nothing_was_detected_have_no_errors() -> None:
     metrics = compute((), ())
-    assert (metrics.bearing_rms_deg, metrics.range_rms_m, metrics.detection_rate) == (
-        None,
-        None,
-        0.0,
-    )
-    assert (metrics.ekf_max_m, metrics.odometry_max_m) == (0.0, 0.0)
+    assert (metrics.bearing_rms_deg, metrics.range_rms_m) == (None, None)
+    assert (metrics.detection_rate, metrics.ekf_max_m, metrics.odometry_max_m) == (0.0, 0.0, 0.0)
 
 
 def test_filter_when_its_start_is_certain_ignores_misleading_detections() -> None:
@@ -144,34 +119,28 @@ def make_metrics(num_detected: int, ekf_max_m: float) -> DegradationMetrics:
 CLEAN = make_metrics(80, 0.2)
 
 
-def test_rates_are_relative_to_those_of_clean_images() -> None:
-    levels = [
-        ("a", make_metrics(73, 0.2)),
-        ("b", make_metrics(71, 0.2)),
-        ("c", make_metrics(39, 0.2)),
-    ]
-    assert find_failure_levels(CLEAN, levels) == FailureLevels(
-        detection_below_90_percent="b",
-        detection_below_50_percent="c",
-        ekf_error_above_twice_clean=None,
-        ekf_error_above_paper=None,
+@pytest.mark.parametrize(
+    ("levels", "failures"),
+    [
+        # Rates are relative to those of clean images.
+        ({"a": (73, 0.2), "b": (71, 0.2), "c": (39, 0.2)}, ["b", "c", None, None]),
+        ({"a": (80, 0.4), "b": (80, 0.41), "c": (80, 0.61)}, [None, None, "b", "c"]),
+        # The first level counts, even if a later one is better.
+        ({"a": (10, 0.7), "b": (80, 0.1)}, ["a"] * 4),
+    ],
+    ids=["rates", "errors", "first"],
+)
+def test_first_failing_level_is_found_in_each_way(
+    levels: dict[str, tuple[int, float]], failures: list[str | None]
+) -> None:
+    measured = [(label, make_metrics(*numbers)) for label, numbers in levels.items()]
+    assert find_failure_levels(CLEAN, measured) == dict(
+        zip(
+            (
+                *("detection_below_90_percent", "detection_below_50_percent"),
+                *("ekf_error_above_twice_clean", "ekf_error_above_paper"),
+            ),
+            failures,
+            strict=True,
+        )
     )
-
-
-def test_errors_are_compared_with_clean_ones_and_the_papers_bound() -> None:
-    levels = [
-        ("a", make_metrics(80, 0.4)),
-        ("b", make_metrics(80, 0.41)),
-        ("c", make_metrics(80, 0.61)),
-    ]
-    assert find_failure_levels(CLEAN, levels) == FailureLevels(
-        detection_below_90_percent=None,
-        detection_below_50_percent=None,
-        ekf_error_above_twice_clean="b",
-        ekf_error_above_paper="c",
-    )
-
-
-def test_first_level_counts_when_a_later_one_is_better() -> None:
-    levels = [("a", make_metrics(10, 0.7)), ("b", make_metrics(80, 0.1))]
-    assert find_failure_levels(CLEAN, levels) == FailureLevels("a", "a", "a", "a")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from catoptra_studies.degradation.degradation_metrics import DegradationMetrics, ExampleFrame
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
-    format_degradation_report,
     format_sweep_summary,
-    summarize_degradation,
+    write_degradation_results,
 )
 from catoptra_studies.degradation.degradation_study import (
     TRAINED_ON_CLEAN,
@@ -19,14 +20,11 @@ from catoptra_studies.degradation.degradation_study import (
     LevelResult,
     SweepResult,
 )
-from catoptra_studies.degradation.degradation_sweeps import DegradationLevel, DegradationSweep
+from catoptra_studies.degradation.degradation_sweeps import DegradationSweep
+from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 
 SWEEP = DegradationSweep(
-    "Too dark",
-    "no light",
-    "light",
-    (DegradationLevel("0.5", "A=1|B=2"), DegradationLevel("0.1", "A=2")),
-    ini_keys="C=3",
+    "Too dark", "no light", "light", {"0.5": "A=1|B=2", "0.1": "A=2"}, ini_keys="C=3"
 )
 EXAMPLE = ExampleFrame(np.zeros((4, 4, 3), np.uint8), (), (), (), (2.0, 2.0))
 
@@ -54,10 +52,16 @@ RESULT = SweepResult(
 )
 
 
-def test_summary_has_levels_keys_and_failure_levels() -> None:
-    summary = json.loads(
-        json.dumps(summarize_degradation([RESULT], num_runs=2, seed=7), allow_nan=False)
-    )
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("degradation")
+    config = ExperimentConfig(None, output, setups=(), num_runs=2, seed=7, num_training_frames=1)
+    write_degradation_results(output, config, [RESULT])
+    return output
+
+
+def test_summary_has_levels_keys_and_failure_levels(folder: Path) -> None:
+    summary = json.loads((folder / "degradation.json").read_text())
     assert (summary["version"], summary["num_runs"], summary["seed"]) == (2, 2, 7)
     (sweep,) = summary["sweeps"]
     assert sweep["ini_keys"] == ["C=3"]
@@ -76,8 +80,8 @@ def test_table_has_a_row_a_sweep_with_dashes_where_no_level_fails() -> None:
     assert cells == ["Too dark", "light", "0.5 … 0.1", *("0.5", "0.1") * 2, "0.1", "–", "–"]
 
 
-def test_report_has_every_level_of_every_sweep() -> None:
-    report = format_degradation_report([RESULT], num_runs=2)
+def test_report_has_every_level_of_every_sweep(folder: Path) -> None:
+    report = (folder / "DEGRADATION.md").read_text(encoding="utf-8")
     rows = [" ".join(line.split()) for line in report.splitlines()]
     assert "2 drives of 100 frames" in report
     assert "\n## Too dark\n\nNo light.\n" in report

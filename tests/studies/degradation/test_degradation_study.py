@@ -16,7 +16,6 @@ from catoptra_studies.degradation.degradation_study import num_drives, run_degra
 from catoptra_studies.degradation.degradation_sweeps import (
     REAL_ROBOT,
     SWEEPS,
-    DegradationLevel,
     DegradationSweep,
     clean_robot_ini,
     degraded_robot_ini,
@@ -33,10 +32,7 @@ DARK_SWEEP = DegradationSweep(
     "ever less light",
     "exposure",
     ini_keys="Exposure=always|WhiteExposureTime=0.01",
-    levels=(
-        DegradationLevel("1", "ExposureTime=0.01"),
-        DegradationLevel("0.001", "ExposureTime=0.00001"),
-    ),
+    levels={"1": "ExposureTime=0.01", "0.001": "ExposureTime=0.00001"},
 )
 
 
@@ -76,8 +72,8 @@ def test_levels_when_read_by_the_server_select_their_effects(
 ) -> None:
     (tmp_path / "clean.ini").write_text(clean_robot_ini(ROBOTS))
     clean, _ = read_robot(tmp_path / "clean.ini")
-    for level in sweep.levels:
-        (tmp_path / "level.ini").write_text(degraded_robot_ini(sweep, level, ROBOTS))
+    for keys in sweep.levels.values():
+        (tmp_path / "level.ini").write_text(degraded_robot_ini(sweep, keys, ROBOTS))
         robot, file = read_robot(tmp_path / "level.ini")
         assert file.unknown_names() == []
         assert robot.omni_camera is not None

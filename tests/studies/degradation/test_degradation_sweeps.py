@@ -8,19 +8,13 @@ import pytest
 
 from catoptra_studies.degradation.degradation_sweeps import (
     SWEEPS,
-    DegradationLevel,
     DegradationSweep,
     clean_robot_ini,
     degraded_robot_ini,
 )
 
 SWEEP = DegradationSweep(
-    "Two words",
-    "w",
-    "u",
-    (DegradationLevel("1", "B=2|C=3"),),
-    ini_keys="A=1",
-    base_robot="base.ini",
+    "Two words", "w", "u", {"1": "B=2|C=3"}, ini_keys="A=1", base_robot="base.ini"
 )
 
 
@@ -29,12 +23,9 @@ def test_slugs_of_the_table_are_unique() -> None:
 
 
 @pytest.mark.parametrize("sweep", SWEEPS, ids=lambda sweep: sweep.slug)
-def test_levels_of_one_sweep_have_unique_labels_and_keys(
-    sweep: DegradationSweep,
-) -> None:
-    assert len({level.label for level in sweep.levels}) == len(sweep.levels) >= 3
-    assert len({level.ini_keys for level in sweep.levels}) == len(sweep.levels)
-    assert "clean" not in {level.label for level in sweep.levels}
+def test_levels_of_one_sweep_have_unique_keys(sweep: DegradationSweep) -> None:
+    assert len(set(sweep.levels.values())) == len(sweep.levels) >= 3
+    assert "clean" not in sweep.levels
 
 
 def test_slug_is_fit_for_a_file_name() -> None:
@@ -42,7 +33,7 @@ def test_slug_is_fit_for_a_file_name() -> None:
 
 
 def test_robot_file_has_the_keys_of_sweep_and_level(tmp_path: Path) -> None:
-    lines = degraded_robot_ini(SWEEP, SWEEP.levels[0], tmp_path).splitlines()
+    lines = degraded_robot_ini(SWEEP, SWEEP.levels["1"], tmp_path).splitlines()
     assert lines[1] == f"BasedOn={tmp_path.resolve() / 'base.ini'}"
     camera = lines.index("[Catoptra.OmniCaptureCamera]")
     assert lines[camera + 1 :] == ["Samples=1", "A=1", "B=2", "C=3"]
@@ -58,4 +49,4 @@ def test_robot_file_of_any_sweep_has_the_odometry_of_the_sim_robot() -> None:
     entries = {line.partition(";")[0].strip() for line in sim.splitlines() if "=" in line}
     odometry = {line for line in entries if not line.startswith("BasedOn")}
     assert odometry
-    assert odometry <= set(degraded_robot_ini(SWEEP, SWEEP.levels[0], robots).splitlines())
+    assert odometry <= set(degraded_robot_ini(SWEEP, SWEEP.levels["1"], robots).splitlines())

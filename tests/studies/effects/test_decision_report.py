@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from catoptra_studies.effects.decision_experiment import TrialDecision
 from catoptra_studies.effects.decision_report import (
     DecisionReport,
@@ -48,36 +50,35 @@ def test_right_decisions_meet_all_criteria() -> None:
     assert "All criteria are met." in str(report)
 
 
-def test_one_effect_wrongly_off_is_a_failure() -> None:
-    report = evaluate((ON, 50), (OFF, 49), (replace(OFF, truth=0.501), 1))
-    assert report.failures == ("Bayer is wrongly off in 1 situations",)
-    measured = replace(OFF, is_measured=True, change=0.49)
-    report = evaluate((ON, 99), (replace(measured, truth=0.6), 1))
-    assert report.failures == ("Bayer is wrongly off in 1 situations",)
+MEASURED_OFF = replace(OFF, is_measured=True)
+NEEDLESS, LATE = replace(ON, truth=0.2), replace(ON, truth=0.4)
+WRONGLY_OFF = "Bayer is wrongly off in 1 situations"
 
 
-def test_rounding_of_a_measured_change_is_tolerated() -> None:
-    report = evaluate((ON, 99), (replace(OFF, is_measured=True, change=0.499, truth=0.505), 1))
-    assert report.failures == ()
-    assert report.scores[0].agreement == 0.99
-
-
-def test_needless_effects_count_over_all_decisions() -> None:
-    needless = replace(ON, truth=0.2)
-    assert evaluate((OFF, 85), (needless, 15)).failures == ()
-    # 16 of 500 decisions.
-    assert evaluate((OFF, 84), (needless, 16)).failures[0] == (
-        "16 of 500 decisions are needlessly on"
-    )
-    # Between half the threshold and the threshold an effect is neither needless nor wrong.
-    assert evaluate((replace(ON, truth=0.3), 100)).failures == ()
-
-
-def test_effect_that_crosses_its_threshold_is_to_be_followed() -> None:
-    late = replace(ON, truth=0.4)
-    assert evaluate((ON, 50), (OFF, 47), (late, 3)).failures == ()
-    report = evaluate((ON, 50), (OFF, 46), (late, 4))
-    assert report.failures == ("Bayer follows its truth in 96.0 % of the situations",)
+@pytest.mark.parametrize(
+    ("groups", "failures"),
+    [
+        ([(ON, 50), (OFF, 49), (replace(OFF, truth=0.501), 1)], (WRONGLY_OFF,)),
+        ([(ON, 99), (replace(MEASURED_OFF, change=0.49, truth=0.6), 1)], (WRONGLY_OFF,)),
+        # The rounding of a measured change is tolerated.
+        ([(ON, 99), (replace(MEASURED_OFF, change=0.499, truth=0.505), 1)], ()),
+        # Needless effects count over all decisions: 15 and 16 of 500.
+        ([(OFF, 85), (NEEDLESS, 15)], ()),
+        ([(OFF, 84), (NEEDLESS, 16)], ("16 of 500 decisions are needlessly on",)),
+        # Between half the threshold and the threshold an effect is neither needless nor wrong.
+        ([(replace(ON, truth=0.3), 100)], ()),
+        # An effect that crosses its threshold is to be followed.
+        ([(ON, 50), (OFF, 47), (LATE, 3)], ()),
+        (
+            [(ON, 50), (OFF, 46), (LATE, 4)],
+            ("Bayer follows its truth in 96.0 % of the situations",),
+        ),
+    ],
+)
+def test_failures_are_named(
+    groups: list[tuple[TrialDecision, int]], failures: tuple[str, ...]
+) -> None:
+    assert evaluate(*groups).failures == failures
 
 
 def test_too_few_measured_decisions_are_a_failure() -> None:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -22,7 +22,7 @@ from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import Twist, srgb_from_linear
-from catoptra_studies.effects.effect_truth import EffectTruth, encode
+from catoptra_studies.effects.effect_truth import EffectTruth
 from helpers.effect_measurement import DYNAMIC_OBJECT
 from helpers.worlds import make_omni_camera
 
@@ -40,13 +40,28 @@ def make_truth(render_linear: Callable[[CameraState], LinearImage]) -> EffectTru
     return EffectTruth(CAMERA, render_linear, lambda _: ranges)
 
 
+def measure_alone(
+    render_linear: Callable[[CameraState], LinearImage], effect: Effect, state: CameraState
+) -> float:
+    """True change by one effect that is not drawn."""
+    (truth,) = make_truth(render_linear).measure(state, (effect,), frozenset()).values()
+    return truth
+
+
+def render_slope(state: CameraState) -> LinearImage:
+    """Light that grows with the way."""
+    return make_image(0.5 + float(state.world_from_mirror.translation[0]))
+
+
 def grey(light: float) -> float:
     return 255.0 * float(srgb_from_linear(np.array(light)))
 
 
-def test_encoding_is_that_of_the_images() -> None:
-    light: Floats = np.concatenate((np.linspace(-0.1, 1.2, 1001), np.geomspace(1e-9, 1.0, 1001)))
-    np.testing.assert_allclose(encode(light), 255.0 * srgb_from_linear(light), atol=1e-10)
+# On both sides of the curve's joint at 0.0031308, and of white.
+@pytest.mark.parametrize("light", [0.002, 0.0062, 0.0064, 0.3, 0.999, 1.5])
+def test_change_is_in_the_grey_levels_of_the_images(light: float) -> None:
+    truth = measure_alone(lambda _: make_image(light), Exposure(0.01, 0.02), STATE)
+    assert truth == pytest.approx(grey(light) - grey(0.5 * light), abs=1e-4)
 
 
 def test_change_is_of_the_light_that_drawn_effects_leave() -> None:
@@ -78,36 +93,26 @@ def test_motion_is_the_mean_of_the_exposure() -> None:
     def render(state: CameraState) -> LinearImage:
         return make_image(0.5 + float(state.world_from_mirror.translation[0]) ** 2)
 
-    exposure_s = 0.6
-    (truth,) = make_truth(render).measure(DRIVING, (MotionBlur(exposure_s),), frozenset()).values()
-    assert truth == pytest.approx(grey(0.5 + exposure_s**2 / 12.0) - grey(0.5), rel=1e-3)
-    (at_rest,) = make_truth(render).measure(STATE, (MotionBlur(exposure_s),), frozenset()).values()
-    assert at_rest == 0.0
+    blur = MotionBlur(0.6)
+    truth = measure_alone(render, blur, DRIVING)
+    assert truth == pytest.approx(grey(0.5 + 0.6**2 / 12.0) - grey(0.5), rel=1e-3)
+    assert measure_alone(render, blur, STATE) == 0.0
 
 
 def test_rolling_shutter_shows_each_row_at_its_time() -> None:
-    def render(state: CameraState) -> LinearImage:
-        return make_image(0.5 + float(state.world_from_mirror.translation[0]))
-
     readout_s = 0.4
-    (truth,) = (
-        make_truth(render).measure(DRIVING, (RollingShutter(readout_s),), frozenset()).values()
-    )
+    truth = measure_alone(render_slope, RollingShutter(readout_s), DRIVING)
     # The first row is exposed half the readout before the pose, but for half a row and a frame.
     rows = CAMERA.height_px
     first_s = 0.5 * readout_s * (1.0 - 1.0 / rows)
     slack = grey(0.5) - grey(0.5 - readout_s / 64)
     assert truth == pytest.approx(grey(0.5) - grey(0.5 - first_s), abs=2.0 * slack)
-    (alone,) = make_truth(render).measure(DRIVING, (RollingShutter(0.0),), frozenset()).values()
-    assert alone == 0.0
+    assert measure_alone(render_slope, RollingShutter(0.0), DRIVING) == 0.0
 
 
 def test_motion_blur_of_a_rolling_shutter_is_beside_its_sharp_rows() -> None:
-    def render(state: CameraState) -> LinearImage:
-        return make_image(0.5 + float(state.world_from_mirror.translation[0]))
-
     effects = (RollingShutter(0.2), MotionBlur(0.1))
-    truth = make_truth(render).measure(DRIVING, effects, frozenset({"RollingShutter"}))
+    truth = make_truth(render_slope).measure(DRIVING, effects, frozenset({"RollingShutter"}))
     # Linear light of a linear motion: the blur changes nothing but by the steps of the frames.
     assert truth["RollingShutter"] > 15.0
     assert truth["MotionBlur"] < 1.0

@@ -10,28 +10,20 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_studies.experiment.drive_log import (
-    LandmarkMeasurement,
-    manual_measurement,
-    manual_noise_sources,
-)
+from catoptra_studies.experiment.drive_log import LandmarkMeasurement, manual_measurement
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, REAL
 from catoptra_studies.experiment.route import Waypoint
+from helpers.worlds import make_omni_camera
 
 FIELD = read_landmarks(Path(__file__).parents[3] / "configs" / "landmarks" / "four_legged_2006.csv")
-CAMERA = camera_with_inscribed_rim(
-    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
-)
+CAMERA = make_omni_camera(width_px=360)
 HEIGHT_M = 0.6
 HERE = Waypoint(0.4, -0.9, 0.6)
 
 
 def measure(setup, count, *, seed=3, robot="Run0") -> list[tuple[LandmarkMeasurement, ...]]:
-    noise = manual_noise_sources(seed, robot, FIELD)
-    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, noise)
+    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, seed=seed, robot_name=robot)
     return [function(HERE) for _ in range(count)]
 
 

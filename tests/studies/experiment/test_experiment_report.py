@@ -10,10 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_studies.experiment.experiment_report import (
-    ODOMETRY_ERRORS,
-    write_html_report,
-)
+from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
 from catoptra_studies.experiment.experiment_setups import SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,10 +23,10 @@ from catoptra_studies.experiment.experiment_results import write_experiment_resu
 from catoptra_studies.experiment.experiment_runner import (
     PUBLISHED_FILTER,
     ExperimentConfig,
+    open_server,
     parse_server_address,
     run_setup,
     train_classifier,
-    wait_for_server,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_studies.experiment.figure_source import CameraFigures, capture_frame_comparison
@@ -37,10 +37,6 @@ from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 LANDMARKS = {m.name: m for m in read_landmarks(CONFIGS / "landmarks/four_legged_2006.csv")}
-
-
-def ignore_progress(name: str) -> None:
-    """Progress callback without effect."""
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +54,12 @@ def config(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(config):
-    return train_classifier(config, ignore_progress)
+    return train_classifier(config)
 
 
 @pytest.fixture(scope="module")
 def results(config, trained):
-    return [run_setup(config, setup, trained[0], ignore_progress) for setup in SETUPS]
+    return [run_setup(config, setup, trained[0]) for setup in SETUPS]
 
 
 def test_landmarks_are_detected_in_frames_received_over_tcp(trained):
@@ -89,12 +85,12 @@ def test_sim_and_real_measure_with_their_own_noise(results):
 
 
 def test_the_same_run_gives_the_same_log(config, trained, results):
-    again = run_setup(config, REAL, trained[0], ignore_progress)
+    again = run_setup(config, REAL, trained[0])
     assert again.drive_logs == results[1].drive_logs
 
 
 def test_another_seed_gives_other_odometry_and_other_errors_by_hand(config, trained, results):
-    (other,) = run_setup(replace(config, seed=1), REAL, trained[0], ignore_progress).drive_logs
+    (other,) = run_setup(replace(config, seed=1), REAL, trained[0]).drive_logs
     (log,) = results[1].drive_logs
     assert other.steps[-1].odometry != log.steps[-1].odometry
     # Errors and no measurements, which differ with the slip of the robot alone.
@@ -132,7 +128,7 @@ class Watch:
 
 def test_a_watched_run_gives_the_same_log_and_shows_its_filter(config, trained, results):
     links = SimpleQueue[str]()
-    robot = config.robot_file(SIM.robot_file)
+    robot = config.find_file("robots", SIM.robot_file)
     log_file = config.output_folder / "watched.log"
     with run_server(
         robot, config.field_world_file, seed=0, log_file=log_file, on_page=links.put
@@ -141,7 +137,7 @@ def test_a_watched_run_gives_the_same_log_and_shows_its_filter(config, trained, 
         watch = Watch(address)
         try:
             watched = replace(config, remote_servers={SIM.name: address})
-            again = run_setup(watched, SIM, trained[0], ignore_progress)
+            again = run_setup(watched, SIM, trained[0])
         finally:
             watch.stop()
     assert again.drive_logs == results[0].drive_logs
@@ -184,14 +180,6 @@ def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):
         pass
 
 
-@pytest.fixture
-def closed_address() -> Iterator[ServerAddress]:
-    """An address that rejects connections: the port is bound but not listening."""
-    with socket.socket() as held:
-        held.bind(("127.0.0.1", 0))
-        yield ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
-
-
 @pytest.mark.parametrize(
     ("text", "address"),
     [
@@ -210,23 +198,44 @@ def test_address_when_invalid_is_rejected_with_an_example(text: str) -> None:
         parse_server_address(text)
 
 
-def test_server_when_it_greets_is_returned() -> None:
-    def greet(connection: socket.socket) -> None:
-        ScriptedControlPeer(connection)
-        wait_for_close(connection)
-
-    with serve_script(greet) as port:
-        address = ServerAddress("127.0.0.1", port, 5003)
-        assert wait_for_server(address, timeout_s=0.0) == address
-
-
-def test_server_when_it_never_answers_times_out(closed_address: ServerAddress) -> None:
+@pytest.fixture
+def remote(config, monkeypatch):
+    """Open the simulated set-up's server at an address, by a clock that pauses move."""
     now, pauses = [0.0], []
 
     def sleep(time_s: float) -> None:
         pauses.append(time_s)
         now[0] += time_s
 
-    with pytest.raises(ConnectionLostError, match="no control server at 127"):
-        wait_for_server(closed_address, timeout_s=1.0, clock=lambda: now[0], sleep=sleep)
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
+    monkeypatch.setattr("catoptra_studies.experiment.experiment_runner.time", clock)
+
+    def open_remote(address: ServerAddress) -> ServerAddress:
+        there = replace(config, remote_servers={SIM.name: address}, timeout_s=1.0)
+        with open_server(there, SIM) as opened:
+            return opened
+
+    return open_remote, pauses
+
+
+def test_server_when_it_greets_is_used(remote) -> None:
+    def greet(connection: socket.socket) -> None:
+        ScriptedControlPeer(connection)
+        wait_for_close(connection)
+
+    open_remote, pauses = remote
+    with serve_script(greet) as port:
+        address = ServerAddress("127.0.0.1", port, 5003)
+        assert open_remote(address) == address
+    assert pauses == []
+
+
+def test_server_when_it_never_answers_times_out(remote) -> None:
+    open_remote, pauses = remote
+    # The port is bound and not listening: it rejects connections.
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        address = ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
+        with pytest.raises(ConnectionLostError, match="no control server at 127"):
+            open_remote(address)
     assert 1.0 <= sum(pauses) < 1.5

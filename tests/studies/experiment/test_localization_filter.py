@@ -20,9 +20,11 @@ from catoptra_studies.experiment.experiment_setups import (
     PAPER_FILTER,
     REAL,
     RECOVERING_FILTER,
+    FilterSettings,
 )
 from catoptra_studies.experiment.localization_filter import (
     NOTE_NAME,
+    FilterRun,
     FilterStep,
     acceptance_rate,
     advance_filter,
@@ -122,11 +124,15 @@ def test_replay_without_landmarks_equals_odometry():
     assert acceptance_rate(run, 1, 100) is None
 
 
-def test_filter_with_zero_covariance_is_locked_out_unless_it_recovers():
+def replay_wrong_start(settings: FilterSettings) -> FilterRun:
     wrong = replace(REAL, initial_heading_error_rad=math.radians(-12.0))
-    locked = replay_filter(make_perfect_log(), wrong, PAPER_FILTER, FIELD_MAP)
-    recovering = replay_filter(make_perfect_log(), wrong, RECOVERING_FILTER, FIELD_MAP)
-    consistent = replay_filter(make_perfect_log(), wrong, CONSISTENT_FILTER, FIELD_MAP)
+    return replay_filter(make_perfect_log(), wrong, settings, FIELD_MAP)
+
+
+def test_filter_with_zero_covariance_is_locked_out_unless_it_recovers():
+    locked, recovering, consistent = map(
+        replay_wrong_start, (PAPER_FILTER, RECOVERING_FILTER, CONSISTENT_FILTER)
+    )
     assert locked.rejection_streak.max() > 5
     assert recovering.rejection_streak.max() < 5
     assert recovering.estimate_error_m[60:].max() < 0.1
@@ -135,11 +141,8 @@ def test_filter_with_zero_covariance_is_locked_out_unless_it_recovers():
 
 
 def test_overconfident_filter_stays_locked_out_unless_it_recovers():
-    wrong = replace(REAL, initial_heading_error_rad=math.radians(-12.0))
-    locked = replay_filter(make_perfect_log(), wrong, OVERCONFIDENT_FILTER, FIELD_MAP)
-    recovering = replay_filter(
-        make_perfect_log(), wrong, OVERCONFIDENT_RECOVERING_FILTER, FIELD_MAP
-    )
+    locked = replay_wrong_start(OVERCONFIDENT_FILTER)
+    recovering = replay_wrong_start(OVERCONFIDENT_RECOVERING_FILTER)
     assert locked.estimate_error_m[31:].max() > 0.25
     assert recovering.estimate_error_m[31:].max() < 0.1
 
@@ -178,7 +181,7 @@ def make_filter_step() -> FilterStep:
     return advance_filter(begun, step, CONSISTENT_FILTER, NOTE_MAP)
 
 
-def test_note_has_the_belief_and_the_gates_decisions():
+def test_note_has_the_belief_the_gates_decisions_and_a_text():
     step = make_filter_step()
     note = json.loads(text_from_note(NOTE_NAME, note_from_filter_step(step)))
     assert note["pose"] == pytest.approx(step.belief.mean)
@@ -187,24 +190,14 @@ def test_note_has_the_belief_and_the_gates_decisions():
         {"landmark": "a", "bearing_rad": 0.0, "range_m": 2.0, "accepted": True},
         {"landmark": "b", "bearing_rad": 0.0, "range_m": 2.0, "accepted": False},
     ]
-
-
-def test_text_states_error_deviations_and_accepted_landmarks():
-    text = note_from_filter_step(make_filter_step())["text"]
-    assert isinstance(text, str)
-    assert text.startswith("0.05 m from the truth, σ 0.0")
-    assert text.endswith("the gate accepts 1 of 2 landmarks")
+    assert note["text"].startswith("0.05 m from the truth, σ 0.0")
+    assert note["text"].endswith("the gate accepts 1 of 2 landmarks")
 
 
 def test_note_of_fifty_landmarks_is_accepted():
     step = make_filter_step()
     names = [f"a beacon with a long name {number}" for number in range(50)]
     measured = tuple(LandmarkMeasurement(name, math.pi, -math.e) for name in names)
-    many = FilterStep(
-        DriveStep(step.drive_step.truth, step.drive_step.odometry, measured),
-        step.belief,
-        step.health,
-        step.odometry_pose,
-        step.updates[:1] * 50,
-    )
+    drive_step = replace(step.drive_step, measurements=measured)
+    many = replace(step, drive_step=drive_step, updates=step.updates[:1] * 50)
     assert len(text_from_note(NOTE_NAME, note_from_filter_step(many))) > 4000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,13 +15,11 @@ from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkM
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import (
     compute_measurement_metrics,
-    compute_run_metrics,
     detection_rate,
     error_quantiles,
     median_run_index,
     rms_errors,
     summarize_runs,
-    summary_statistics,
 )
 from catoptra_studies.experiment.route import Waypoint
 
@@ -37,28 +36,29 @@ def make_filter_run(run: int, *, largest_m: float) -> FilterRun:
     )
 
 
-def test_statistics_ignore_missing_values():
-    found = summary_statistics([1.0, None, 3.0])
-    assert found is not None
-    assert (found.median, found.mean, found.count) == (2.0, 2.0, 2)
-    assert summary_statistics([None, None]) is None
+def run_metrics(filter_run: FilterRun) -> dict[str, Any]:
+    return summarize_runs([filter_run])["runs"][0]
 
 
 def test_run_metrics_count_the_steps_above_a_metre():
-    metrics = compute_run_metrics(make_filter_run(0, largest_m=1.0))
-    assert metrics.odometry_max_m == 2.0
-    assert metrics.odometry_steps_above_1m == 50  # 2 k / 100 > 1 from k = 51 on
-    assert metrics.ekf_max_m == 1.0
-    assert metrics.windowed_nis_max == 0.5
-    assert metrics.accepted_steps_9_to_22 == 1.0
-    assert metrics.relock_step is None
-    assert not metrics.ekf_worse_in_first_5_steps
+    metrics = run_metrics(make_filter_run(0, largest_m=1.0))
+    assert metrics["odometry_max_m"] == 2.0
+    assert metrics["odometry_steps_above_1m"] == 50  # 2 k / 100 > 1 from k = 51 on
+    assert metrics["ekf_max_m"] == 1.0
+    assert metrics["windowed_nis_max"] == 0.5
+    assert metrics["accepted_steps_9_to_22"] == 1.0
+    assert metrics["relock_step"] is None
+    assert not metrics["ekf_worse_in_first_5_steps"]
 
 
-def test_rate_of_steps_without_landmarks_is_missing():
-    blind = replace(make_filter_run(0, largest_m=1.0), num_measured=np.zeros(STEPS, dtype=np.int64))
-    assert compute_run_metrics(blind).accepted_steps_1_to_22 is None
-    assert compute_run_metrics(blind).accepts_first_measurements is None
+def test_rate_of_steps_without_landmarks_is_missing_and_not_in_the_statistics():
+    run = make_filter_run(0, largest_m=1.0)
+    blind = replace(run, num_measured=np.zeros(STEPS, dtype=np.int64))
+    assert run_metrics(blind)["accepted_steps_1_to_22"] is None
+    assert run_metrics(blind)["accepts_first_measurements"] is None
+    assert summarize_runs([blind])["statistics"]["accepted_steps_1_to_22"] is None
+    found = summarize_runs([run, blind])["statistics"]["accepted_steps_1_to_22"]
+    assert (found["median"], found["mean"], found["count"]) == (1.0, 1.0, 1)
 
 
 def test_median_run_has_the_median_largest_error():
@@ -69,7 +69,9 @@ def test_median_run_has_the_median_largest_error():
 def test_summary_has_every_run_and_statistics():
     found = summarize_runs([make_filter_run(seed, largest_m=0.1 * (seed + 1)) for seed in range(3)])
     assert [run["run"] for run in found["runs"]] == [0, 1, 2]
-    assert found["statistics"]["ekf_max_m"]["median"] == pytest.approx(0.2)
+    statistics = found["statistics"]["ekf_max_m"]
+    assert (statistics["median"], statistics["mean"]) == pytest.approx((0.2, 0.2))
+    assert (statistics["p05"], statistics["p95"]) == pytest.approx((0.11, 0.29))
 
 
 def test_error_bands_enclose_the_median():

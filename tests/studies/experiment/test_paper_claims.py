@@ -7,18 +7,16 @@ and fails where its own metric is changed. Differences have the numbers of the r
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 import pytest
 
-from catoptra_studies.experiment.metrics import compute_run_metrics
+from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import (
     STATEMENTS,
     UNTYPICAL_STATEMENTS,
     RunShare,
     evaluate_claims,
-    evaluate_statements,
     list_differences,
     pool_shares,
 )
@@ -39,13 +37,10 @@ def test_interval_is_that_of_newcombes_table(satisfying, runs, low, high):
     assert RunShare(satisfying, runs).interval == pytest.approx((low, high), abs=5e-5)
 
 
-def test_interval_of_all_runs_mirrors_that_of_none():
+def test_interval_of_all_runs_mirrors_that_of_none_and_of_no_runs_is_the_whole():
     low, high = RunShare(20, 20).interval
     assert (1.0 - high, 1.0 - low) == pytest.approx(RunShare(0, 20).interval, abs=1e-15)
     assert high == 1.0
-
-
-def test_share_of_no_runs_confirms_nothing():
     assert math.isnan(RunShare(0, 0).share)
     assert RunShare(0, 0).interval == (0.0, 1.0)
 
@@ -69,7 +64,7 @@ CONSISTENT_RUN = {"accepted_steps_1_to_22": 0.9}
 
 
 def make_run(run: int, changes: dict[str, Any]) -> dict[str, Any]:
-    return asdict(compute_run_metrics(make_filter_run(run, largest_m=0.3))) | changes
+    return summarize_runs([make_filter_run(run, largest_m=0.3)])["runs"][0] | changes
 
 
 def make_setups(*, num_changed: int = 0, num_runs: int = 20, **changed: Any) -> dict[str, Any]:
@@ -155,7 +150,7 @@ def test_untypical_statement_counts_the_runs_that_satisfy_it(changed, key):
     setups = make_summary(num_changed=3, **changed)
     counts = {
         claim.key: claim.runs.num_satisfying
-        for claim in evaluate_statements(UNTYPICAL_STATEMENTS, setups)
+        for claim in evaluate_claims(setups, UNTYPICAL_STATEMENTS)
     }
     # The runs that are not changed reach 0.25 m in step 84.
     assert counts.pop(key) == 3
@@ -170,20 +165,15 @@ def test_differences_have_the_numbers_of_both():
     assert "0.349 m" in diagonal.paper
     assert "10 times less" in diagonal.here
     assert "13 mm and 0.05°" in accuracy.here
-
-
-def test_lock_out_names_the_steps_in_which_landmarks_pass_again():
+    # The steps in which landmarks pass again.
     lock_out, *_ = list_differences(make_summary(num_changed=2, relock_step=25))
     assert "step 25 to 25" in lock_out.here
 
 
-def test_differences_of_one_setup_need_no_other():
+def test_differences_of_one_setup_or_without_measurements_are_fewer():
     setups = make_summary()
     assert len(list_differences({"sim": setups["sim"]})) == 1
     assert len(list_differences({"real": setups["real"]})) == 2
 
-
-def test_accuracy_without_measurements_is_said():
-    setups = make_summary()
     setups["sim"]["measurements"] = {"range_error_m": {}, "bearing_error_deg": {}}
     assert "none was measured" in list_differences(setups)[-1].here

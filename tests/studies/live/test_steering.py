@@ -125,27 +125,24 @@ def test_recent_commands_are_limited():
     assert observe_speeds(control, OWN, 0.0).is_foreign
 
 
-def test_viewer_keeps_the_robot_while_driving_at_one_speed():
+@pytest.mark.parametrize(
+    ("observed", "is_foreign"),
+    [
+        ([(FOREIGN, float(time_s)) for time_s in range(100)], True),
+        ([(FOREIGN, 10.0), (STANDING, 11.0), (STANDING, 10.9 + RESUME_AFTER_S)], True),
+        ([(FOREIGN, 10.0), (STANDING, 11.0), (STANDING, 11.0 + RESUME_AFTER_S)], False),
+        # Each command of the viewer begins the wait anew.
+        ([*((FOREIGN, 10.0), (STANDING, 11.0), (FOREIGN, 13.0), (STANDING, 13.5)),
+          (STANDING, 15.0)], True),
+    ],
+    ids=["driving at one speed", "just stopped", "stopped long ago", "stopped again"],
+)  # fmt: skip
+def test_viewer_keeps_the_robot_until_three_seconds_after_the_stop(observed, is_foreign):
     control = DRIVING
-    for time_s in range(100):
-        control = observe_speeds(control, FOREIGN, float(time_s))
+    for speeds, time_s in observed[:-1]:
+        control = observe_speeds(control, speeds, time_s)
         assert control.is_foreign
-
-
-def test_viewer_keeps_the_robot_until_three_seconds_after_the_stop():
-    control = observe_speeds(DRIVING, FOREIGN, 10.0)
-    control = observe_speeds(control, STANDING, 11.0)
-    control = observe_speeds(control, STANDING, 11.0 + RESUME_AFTER_S - 0.1)
-    assert control.is_foreign
-    assert not observe_speeds(control, STANDING, 11.0 + RESUME_AFTER_S).is_foreign
-
-
-def test_each_command_of_the_viewer_begins_the_wait_anew():
-    control = observe_speeds(DRIVING, FOREIGN, 10.0)
-    control = observe_speeds(control, STANDING, 11.0)
-    control = observe_speeds(control, FOREIGN, 13.0)
-    control = observe_speeds(control, STANDING, 13.5)
-    assert observe_speeds(control, STANDING, 15.0).is_foreign
+    assert observe_speeds(control, *observed[-1]).is_foreign == is_foreign
 
 
 def test_stop_by_a_viewer_holds_a_driving_robot():

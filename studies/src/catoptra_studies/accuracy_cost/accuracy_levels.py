@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
@@ -39,7 +40,12 @@ def accuracy_sweep(face_size_px: int) -> tuple[AccuracyLevel, ...]:
     return (
         *_trace_levels(_SAMPLES),
         *_per_pixel_levels(face_size_px, _FACE_SCALES, _SAMPLES),
-        _supersampled_faces_level(),
+        # Faces with four samples a texel: whether samples are better spent on faces or on pixels.
+        AccuracyLevel(
+            "raster per pixel, 2x2, faces of 4 samples",
+            RendererKind.RASTER,
+            RenderSettings(PerPixel(), 2, face_samples=4),
+        ),
         *_polygon_levels(
             (*SQUARE_TESSELLATIONS, *WIDE_TESSELLATIONS), tuple(Interpolation), (1, 2)
         ),
@@ -67,25 +73,17 @@ def _trace_levels(samples: Sequence[int]) -> Iterator[AccuracyLevel]:
 def _per_pixel_levels(
     face_size_px: int, scales: Sequence[float], samples: Sequence[int]
 ) -> Iterator[AccuracyLevel]:
-    for scale in scales:
-        for number in samples:
-            # Size 0 gives each face the texels that the face's densest pixel needs; a number gives
-            # all faces the same. Scale 1 is to be the frame that a robot renders by default.
-            size_px = 0 if scale == 1.0 else round(scale * face_size_px)
-            suffix = "" if scale == 1.0 else f", faces x {scale:g}"
-            yield AccuracyLevel(
-                f"raster per pixel, {number}x{number}{suffix}",
-                RendererKind.RASTER,
-                RenderSettings(PerPixel(), number, size_px),
-                is_key=scale == 1.0 and number in (1, 2),
-            )
-
-
-def _supersampled_faces_level() -> AccuracyLevel:
-    """The level whose faces have four samples a texel of their own."""
-    settings = RenderSettings(PerPixel(), 2, face_samples=4)
-    # Whether samples are better spent on faces or on pixels.
-    return AccuracyLevel("raster per pixel, 2x2, faces of 4 samples", RendererKind.RASTER, settings)
+    for scale, number in product(scales, samples):
+        # Size 0 gives each face the texels that the face's densest pixel needs; a number gives
+        # all faces the same. Scale 1 is to be the frame that a robot renders by default.
+        size_px = 0 if scale == 1.0 else round(scale * face_size_px)
+        suffix = "" if scale == 1.0 else f", faces x {scale:g}"
+        yield AccuracyLevel(
+            f"raster per pixel, {number}x{number}{suffix}",
+            RendererKind.RASTER,
+            RenderSettings(PerPixel(), number, size_px),
+            is_key=scale == 1.0 and number in (1, 2),
+        )
 
 
 def _polygon_levels(
@@ -93,24 +91,17 @@ def _polygon_levels(
     interpolations: Sequence[Interpolation],
     samples: Sequence[int],
 ) -> Iterator[AccuracyLevel]:
-    for sectors, rings in tessellations:
-        for interpolation in interpolations:
-            for number in samples:
-                tessellation = Tessellation(sectors, rings, interpolation)
-                yield AccuracyLevel(
-                    _polygon_level_name(tessellation, number),
-                    RendererKind.RASTER,
-                    RenderSettings(tessellation, number),
-                    # The paper's own meshes, with the samples of a frame by default.
-                    is_key=sectors == rings and interpolation is Interpolation.UV and number == 2,
-                )
-
-
-def _polygon_level_name(tessellation: Tessellation, samples: int) -> str:
-    sectors, rings = tessellation.sectors, tessellation.rings
-    shape = "" if sectors == rings else f" as {sectors}x{rings}"
-    interpolation = tessellation.interpolation.value
-    return f"{tessellation.num_polygons} polygons{shape} ({interpolation}), {samples}x{samples}"
+    for (sectors, rings), interpolation, number in product(tessellations, interpolations, samples):
+        tessellation = Tessellation(sectors, rings, interpolation)
+        shape = "" if sectors == rings else f" as {sectors}x{rings}"
+        yield AccuracyLevel(
+            f"{tessellation.num_polygons} polygons{shape} ({interpolation.value}), "
+            f"{number}x{number}",
+            RendererKind.RASTER,
+            RenderSettings(tessellation, number),
+            # The paper's own meshes, with the samples of a frame by default.
+            is_key=sectors == rings and interpolation is Interpolation.UV and number == 2,
+        )
 
 
 def level_robot_ini(level: AccuracyLevel, size_px: int) -> str:
@@ -121,19 +112,16 @@ def level_robot_ini(level: AccuracyLevel, size_px: int) -> str:
         size_px: Width and height of the image.
     """
     settings = level.render_settings
+    match settings.surface:
+        case PerPixel():
+            surface = "Polygons=0\n"
+        case Tessellation(sectors, rings, interpolation):
+            surface = f"Sectors={sectors}\nRings={rings}\nInterpolation={interpolation.value}\n"
     numbers = {"Samples": settings.samples, "FaceSamples": settings.face_samples}
     # 0 is the default's number, which a file states by leaving the key out.
     stated = "".join(f"{key}={number}\n" for key, number in numbers.items() if number)
     return (
-        f"[Catoptra.HyperbolicMirror]\n{_surface_ini(settings)}"
+        f"[Catoptra.HyperbolicMirror]\n{surface}"
         f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n{stated}"
         f"[USARBot.USARCameraTextureClientN]\nTextureSize={settings.face_size_px}\n"
     )
-
-
-def _surface_ini(settings: RenderSettings) -> str:
-    match settings.surface:
-        case PerPixel():
-            return "Polygons=0\n"
-        case Tessellation(sectors, rings, interpolation):
-            return f"Sectors={sectors}\nRings={rings}\nInterpolation={interpolation.value}\n"

@@ -22,13 +22,7 @@ from catoptra_studies.accuracy_cost.localization_study import (
     measure_localization,
     select_key_levels,
 )
-from catoptra_studies.commands import (
-    add_output,
-    make_parser,
-    open_progress,
-    print_line,
-    run_study,
-)
+from catoptra_studies.commands import add_output, make_parser, open_progress, print_line, run_study
 from catoptra_studies.reports import replace_block
 
 

@@ -6,7 +6,7 @@ whether the frame rate depends on the polygons, and why; that on localization, w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from catoptra_studies.accuracy_cost.cost_results import (
     MIN_GAIN,
@@ -22,7 +22,7 @@ from catoptra_studies.camera_figures.frame_rates import (
     FrameRate,
     frame_time_spread,
 )
-from catoptra_studies.reports import format_number, markdown_table, wrap_bullet, wrap_paragraph
+from catoptra_studies.reports import format_number, markdown_table, wrap_paragraph
 
 _GLOSSARY = """\
 | column | meaning |
@@ -105,20 +105,12 @@ def _format_pareto_front(results: CostResults) -> str:
         (level for level in results.levels if level.is_on_pareto_front),
         key=lambda level: level.wall_ms,
     )
+    columns = ("level", "ms", "bound px", "RMSE", "PSNR dB", "SSIM")
     rows = [
-        [
-            level.name,
-            f"{level.wall_ms:.1f}",
-            format_number(level.bound_max_px),
-            format_number(level.rmse, 2),
-            f"{level.psnr_db:.1f}",
-            f"{level.ssim:.4f}",
-            _compare_levels(before, level),
-        ]
+        [*_level_cells(level, columns), _compare_levels(before, level)]
         # Each level against the next faster one of the front; the first has no such level.
         for before, level in zip([None, *front[:-1]], front, strict=True)
     ]
-    header = ("level", "ms", "bound px", "RMSE", "PSNR dB", "SSIM", "against the row above")
     meshes = [level.name for level in front if level.num_polygons]
     # The paper's question, decided by the data: whether a mesh is ever worth the time.
     conclusion = (
@@ -131,7 +123,7 @@ def _format_pareto_front(results: CostResults) -> str:
 
 A slower level is listed only if it takes at least {MIN_GAIN:.0%} off the RMSE before it.
 
-{markdown_table(header, rows)}
+{markdown_table((*columns, "against the row above"), rows)}
 
 {wrap_paragraph(conclusion)}
 
@@ -145,26 +137,27 @@ def _compare_levels(before: LevelCost | None, level: LevelCost) -> str:
     return f"{time:+.0%} time, {error:+.0%} RMSE"
 
 
+# Cells of a level by the heads of the columns.
+_LEVEL_CELLS: Mapping[str, Callable[[LevelCost], str]] = {
+    "level": lambda level: level.name,
+    "ms": lambda level: f"{level.wall_ms:.1f}",
+    "processor ms": lambda level: f"{level.cpu_ms:.1f}",
+    "stages, ms": lambda level: ", ".join(f"{key} {ms:.1f}" for key, ms in level.stage_ms.items()),
+    "bound px": lambda level: format_number(level.bound_max_px),
+    "rms px": lambda level: format_number(level.bound_rms_px),
+    "RMSE": lambda level: format_number(level.rmse, 2),
+    "PSNR dB": lambda level: f"{level.psnr_db:.1f}",
+    "SSIM": lambda level: f"{level.ssim:.4f}",
+}
+
+
+def _level_cells(level: LevelCost, columns: Iterable[str]) -> list[str]:
+    return [_LEVEL_CELLS[column](level) for column in columns]
+
+
 def _format_levels(results: CostResults) -> str:
-    rows = [
-        [
-            level.name,
-            f"{level.wall_ms:.1f}",
-            f"{level.cpu_ms:.1f}",
-            _format_stages(level),
-            format_number(level.bound_max_px),
-            format_number(level.bound_rms_px),
-            format_number(level.rmse, 2),
-            f"{level.psnr_db:.1f}",
-            f"{level.ssim:.4f}",
-        ]
-        for level in _sort_by_error(results.levels)
-    ]
-    header = (
-        *("level", "ms", "processor ms", "stages, ms"),
-        *("bound px", "rms px", "RMSE", "PSNR dB", "SSIM"),
-    )
-    return f"## Every level, best image first\n\n{markdown_table(header, rows)}"
+    rows = [_level_cells(level, _LEVEL_CELLS) for level in _sort_by_error(results.levels)]
+    return f"## Every level, best image first\n\n{markdown_table([*_LEVEL_CELLS], rows)}"
 
 
 def _sort_by_error(levels: Iterable[LevelCost]) -> list[LevelCost]:
@@ -172,21 +165,12 @@ def _sort_by_error(levels: Iterable[LevelCost]) -> list[LevelCost]:
     return sorted(levels, key=lambda level: level.rmse)
 
 
-def _format_stages(level: LevelCost) -> str:
-    return ", ".join(f"{name} {ms:.1f}" for name, ms in level.stage_ms.items())
-
-
 def _format_polygons(results: CostResults) -> str:
-    has_reference = any(row.reference_rms_px for row in results.polygon_rows)
-    if not has_reference:
-        # Another mirror than the paper's, for which there is no independent table.
-        rows = [_polygon_cells(row) + _displacement_cells(row) for row in results.polygon_rows]
-        return "## Mirror meshes: displacement at 360 px\n\n" + markdown_table(
-            ("polygons", "covered", "rms px", "largest px"), rows
-        )
+    header = ["polygons", "covered", "rms px", "reference", "largest px", "reference", "agrees"]
     rows = [
         [
-            *_polygon_cells(row),
+            f"{row.num_polygons} = {row.sectors} x {row.rings}, {row.interpolation}",
+            f"{row.coverage:.3f}",
             format_number(row.rms_px),
             format_number(row.reference_rms_px),
             format_number(row.max_px),
@@ -195,7 +179,11 @@ def _format_polygons(results: CostResults) -> str:
         ]
         for row in results.polygon_rows
     ]
-    header = ("polygons", "covered", "rms px", "reference", "largest px", "reference", "agrees")
+    if not any(row.reference_rms_px for row in results.polygon_rows):
+        # Another mirror than the paper's, for which there is no independent table.
+        for cells in (header, *rows):
+            del cells[5:], cells[3]
+        return f"## Mirror meshes: displacement at 360 px\n\n{markdown_table(header, rows)}"
     return f"""\
 ## Mirror meshes: displacement at 360 px, the paper's size
 
@@ -204,15 +192,6 @@ def _format_polygons(results: CostResults) -> str:
 {wrap_paragraph(_describe_agreement(results.polygon_rows))}
 
 `polygons.png`, `detail.png`: the paper's Figures 8 and 9."""
-
-
-def _polygon_cells(row: PolygonRow) -> list[str]:
-    name = f"{row.num_polygons} = {row.sectors} x {row.rings}, {row.interpolation}"
-    return [name, f"{row.coverage:.3f}"]
-
-
-def _displacement_cells(row: PolygonRow) -> list[str]:
-    return [format_number(row.rms_px), format_number(row.max_px)]
 
 
 def _describe_agreement(rows: Sequence[PolygonRow]) -> str:
@@ -254,9 +233,8 @@ def _format_frame_rates(results: CostResults) -> str:
         for payload in payloads
     ]
     header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
-    bullets = "\n".join(
-        wrap_bullet(line) for line in (*_conclusions(results), *_explanations(results))
-    )
+    sentences = (*_conclusions(results), *_explanations(results))
+    bullets = "\n".join(wrap_paragraph(sentence, bullet="* ") for sentence in sentences)
     return f"""\
 ## The paper's Figure 10: frames a second
 

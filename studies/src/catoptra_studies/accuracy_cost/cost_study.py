@@ -71,7 +71,15 @@ def measure_polygon_rows(camera: OmniCamera) -> tuple[PolygonRow, ...]:
 
 def _polygon_row(camera: OmniCamera, tessellation: Tessellation) -> PolygonRow:
     error = measure_polygon_error(camera, tessellation)
-    rms_px, max_px = reference_displacement_px(camera, tessellation)
+    mirror = camera.mirror
+    is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, PAPER_MIRROR.k)
+    if is_paper and math.isclose(camera.rim_rad, math.radians(120.0)):
+        position, uv = _REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
+        is_position = tessellation.interpolation is Interpolation.POSITION
+        reference_px = position if is_position else uv
+    else:
+        # No None: the report leaves the columns out where no row has a reference.
+        reference_px = 0.0, 0.0
     return PolygonRow(
         num_polygons=tessellation.num_polygons,
         sectors=tessellation.sectors,
@@ -80,22 +88,9 @@ def _polygon_row(camera: OmniCamera, tessellation: Tessellation) -> PolygonRow:
         coverage=error.coverage,
         rms_px=error.rms_px,
         max_px=error.max_px,
-        reference_rms_px=rms_px,
-        reference_max_px=max_px,
+        reference_rms_px=reference_px[0],
+        reference_max_px=reference_px[1],
     )
-
-
-def reference_displacement_px(
-    camera: OmniCamera, tessellation: Tessellation
-) -> tuple[float, float]:
-    """The table's rms and maximum; (0, 0) for any mirror but the paper's."""
-    mirror = camera.mirror
-    is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, PAPER_MIRROR.k)
-    if not is_paper or not math.isclose(camera.rim_rad, math.radians(120.0)):
-        # No None: the report leaves the columns out where no row has a reference.
-        return 0.0, 0.0
-    position, uv = _REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
-    return position if tessellation.interpolation is Interpolation.POSITION else uv
 
 
 @dataclass(frozen=True, slots=True)

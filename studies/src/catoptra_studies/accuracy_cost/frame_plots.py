@@ -13,7 +13,6 @@ import numpy as np
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
-from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel, signed_difference
 from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
 from catoptra_studies.camera_figures.polygon_figures import (
@@ -23,7 +22,18 @@ from catoptra_studies.camera_figures.polygon_figures import (
     find_max_difference_window,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX, POLYGON_COUNTS
-from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
+from catoptra_studies.plot_style import (
+    LIGHT_GREY,
+    MUTED,
+    Image,
+    Page,
+    add_text,
+    draw_colour_bar,
+    map_error_colours,
+    open_page,
+    outline_square,
+    show_image,
+)
 from catoptra_studies.study_subject import StudySubject
 
 MAX_COLUMNS = 6
@@ -98,12 +108,12 @@ def _write_level_details(
     )
     window = slice(row, row + size_px), slice(column, column + size_px)
     height_px = _LEVELS_TOP_PX + 2 * side + 120
-    with plot_style.open_page(path, height_px) as page:
+    with open_page(path, height_px) as page:
         for index, level in enumerate(front):
             left = 15 + index * (side + 10)
             _draw_heading(page, level, left)
             detail = level.frame[window]
-            plot_style.show_image(page, detail, left, _LEVELS_TOP_PX, side)
+            show_image(page, detail, left, _LEVELS_TOP_PX, side)
             _show_difference(page, detail, reference[window], left, _LEVELS_TOP_PX + side + 8, side)
         draw_colour_bar(
             page, _GREY_LEVEL_RANGE, left=820, top=height_px - 84, width=480,
@@ -111,24 +121,24 @@ def _write_level_details(
         )  # fmt: skip
 
 
-def _draw_heading(page: plot_style.Page, level: MeasuredLevel, left: int) -> None:
+def _draw_heading(page: Page, level: MeasuredLevel, left: int) -> None:
     surface, _, samples = level.cost.name.partition(", ")
-    plot_style.add_text(page, left, 12, surface, fontweight="bold", fontsize=7.5)
-    plot_style.add_text(page, left, 39, samples, fontsize=7.5)
+    add_text(page, left, 12, surface, fontweight="bold", fontsize=7.5)
+    add_text(page, left, 39, samples, fontsize=7.5)
     numbers = f"{level.cost.wall_ms:.1f} ms, RMSE {level.cost.rmse:.2g}"
-    plot_style.add_text(page, left, 66, numbers, fontsize=7.5, color=plot_style.MUTED)
+    add_text(page, left, 66, numbers, fontsize=7.5, color=MUTED)
 
 
 def _show_difference(
-    page: plot_style.Page, image: Image, reference: Image, left: int, top: int, width: int
+    page: Page, image: Image, reference: Image, left: int, top: int, width: int
 ) -> None:
     """Show the largest difference of each pixel's channels, with a border: no error is white."""
     error = np.abs(signed_difference(image, reference)).max(axis=-1)
     colours = map_error_colours(error, *_GREY_LEVEL_RANGE)
-    axes = plot_style.show_image(page, colours, left, top, width)
+    axes = show_image(page, colours, left, top, width)
     axes.axis("on")
     axes.set(xticks=[], yticks=[])
-    axes.spines[:].set(visible=True, color=plot_style.LIGHT_GREY)
+    axes.spines[:].set(visible=True, color=LIGHT_GREY)
 
 
 def _write_polygon_detail(
@@ -151,15 +161,15 @@ def _write_polygon_detail(
     window = slice(row, row + _DETAIL_CROP_PX), slice(column, column + _DETAIL_CROP_PX)
     below, height_px = _TOP_PX + side + 14, _TOP_PX + 2 * side + 130
     details = [(f"{count} polygons", frames[count]) for count in _DETAIL_POLYGON_COUNTS]
-    with plot_style.open_page(path, height_px) as page:
+    with open_page(path, height_px) as page:
         for index, (name, frame) in enumerate([*details, ("exact mirror", exact)]):
             left = 10 + index * step
-            plot_style.add_text(page, left, _TOP_PX - 10, name, va="bottom", fontweight="bold")
-            plot_style.show_image(page, frame[window], left, _TOP_PX, side)
+            add_text(page, left, _TOP_PX - 10, name, va="bottom", fontweight="bold")
+            show_image(page, frame[window], left, _TOP_PX, side)
             if frame is exact:
                 # The whole frame in place of a difference, with the location of the detail.
-                axes = plot_style.show_image(page, exact, left, below, side)
-                plot_style.outline_square(axes, row, column, _DETAIL_CROP_PX)
+                axes = show_image(page, exact, left, below, side)
+                outline_square(axes, row, column, _DETAIL_CROP_PX)
             else:
                 _show_difference(page, frame[window], exact[window], left, below, side)
         draw_colour_bar(
@@ -176,21 +186,19 @@ def _write_polygon_frames(path: Path, camera: OmniCamera, frames: Mapping[int, I
         camera: Camera of the paper's image size.
         frames: Frames of that size by number of polygons.
     """
-    with plot_style.open_page(path, 910) as page:
+    with open_page(path, 910) as page:
         for index, count in enumerate(PAPER_POLYGON_COUNTS):
             left = 10 + index * (PAPER_SIZE_PX + 20)
             error_px = displacement_map(camera, tessellation_from_polygon_count(count))
             rms_px = float(np.sqrt(np.nanmean(np.square(error_px))))
-            plot_style.add_text(
-                page, left, _TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold"
-            )
-            plot_style.add_text(
+            add_text(page, left, _TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold")
+            add_text(
                 page, left + PAPER_SIZE_PX, _TOP_PX - 10, f"{rms_px:.3g} px rms", ha="right",
-                va="bottom", fontsize=7, color=plot_style.MUTED,
+                va="bottom", fontsize=7, color=MUTED,
             )  # fmt: skip
-            plot_style.show_image(page, frames[count], left, _TOP_PX, PAPER_SIZE_PX)
+            show_image(page, frames[count], left, _TOP_PX, PAPER_SIZE_PX)
             colours = colour_displacement(error_px)
-            plot_style.show_image(page, colours, left, _TOP_PX + PAPER_SIZE_PX + 14, PAPER_SIZE_PX)
+            show_image(page, colours, left, _TOP_PX + PAPER_SIZE_PX + 14, PAPER_SIZE_PX)
         draw_colour_bar(
             page, DISPLACEMENT_RANGE_PX, left=820, top=910 - 84, width=480,
             ticks=(0.1, 1, 10, 100), title="below: displacement, px; grey: no polygon",

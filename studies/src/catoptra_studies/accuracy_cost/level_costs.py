@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, replace
 
 import cv2
 import numpy as np
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
@@ -24,16 +25,11 @@ from catoptra_server.frames.plan.error_bound import (
     coordinate_errors,
     error_bound,
 )
-from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import MIN_GAIN, LevelCost, pareto_front
-from catoptra_studies.camera_figures.frame_rates import (
-    DrawFunction,
-    RenderTiming,
-    time_round_robin,
-)
+from catoptra_studies.camera_figures.frame_rates import DrawFunction, RenderTiming, time_round_robin
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
@@ -69,12 +65,8 @@ def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> _I
     squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
     ssim = float(np.mean([_ssim_map(*pair)[mask].mean() for pair in pairs]))
-    return _ImageError(rmse, _psnr_db(rmse), ssim)
-
-
-def _psnr_db(rmse: float) -> float:
-    """Peak signal-to-noise ratio of an RMSE in grey levels."""
-    return 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
+    psnr_db = 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
+    return _ImageError(rmse, psnr_db, ssim)
 
 
 def signed_difference(image: Image, reference: Image) -> Floats:
@@ -130,22 +122,23 @@ def measure_levels(
         num_rounds: Timed frames of each level.
         on_round: Called after each round over all levels.
     """
-    # All views are open together, since the levels are timed in turn.
-    views = [subject.prepare_view(level.renderer_kind, level.render_settings) for level in levels]
-    try:
-        timings = time_round_robin(
-            [_draw_function(view, subject) for view in views],
-            num_rounds=num_rounds,
-            on_round=on_round,
-        )
-        mask = _visible_mask(subject.camera)
+    with ExitStack() as stack:
+        # All views are open together, since the levels are timed in turn.
+        views = [
+            stack.enter_context(
+                closing(subject.prepare_view(level.renderer_kind, level.render_settings))
+            )
+            for level in levels
+        ]
+        draw = [_draw_function(view, subject) for view in views]
+        timings = time_round_robin(draw, num_rounds=num_rounds, on_round=on_round)
+        # Pixels with the mirror at their centre; all others are black in every image.
+        centres = pixel_sample_positions(subject.camera)[:, :, 0]
+        _, mask = direction_from_pixel(subject.camera, centres)
         measured = [
             _measure_level(subject, level, view, reference, timing=timing, mask=mask)
             for level, view, timing in zip(levels, views, timings, strict=True)
         ]
-    finally:
-        for view in views:
-            view.close()
     return _mark_pareto_front(measured)
 
 
@@ -153,12 +146,6 @@ def _draw_function(view: View, subject: StudySubject) -> DrawFunction:
     states = subject.camera_states
     # Another pose in every round: a frame that repeats the last one finds all data in caches.
     return lambda round_number: view.render(states[round_number % len(states)]).stage_ms
-
-
-def _visible_mask(camera: OmniCamera) -> Bools:
-    """(h, w) pixels with the mirror at their centre; all others are black in every image."""
-    _, is_visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
-    return is_visible
 
 
 def _measure_level(
@@ -176,7 +163,22 @@ def _measure_level(
     plan = subject.plan(level.renderer_kind, level.render_settings)
     # The geometric part alone: samples blur edges but displace nothing.
     bound = _bound_frames(subject, plan).geometric
-    cost = _level_cost(subject.camera, level, plan, bound=bound, timing=timing, error=error)
+    cost = LevelCost(
+        name=level.name,
+        renderer=level.renderer_kind.value,
+        num_polygons=plan.surface.num_polygons if isinstance(plan.surface, Tessellation) else 0,
+        samples=plan.samples,
+        face_size_px=plan.face_size_px,
+        is_key=level.is_key,
+        robot_ini=level_robot_ini(level, subject.camera.width_px),
+        **asdict(timing),
+        bound_max_px=bound.max_px,
+        bound_rms_px=bound.rms_px,
+        bound_max_deg=bound.max_deg,
+        **asdict(error),
+        # Decided by `_mark_pareto_front`, once all levels are measured.
+        is_on_pareto_front=False,
+    )
     return MeasuredLevel(cost, frames[0])
 
 
@@ -188,37 +190,6 @@ def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
         summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
     )
     return add_scene(error_bound(subject.camera, plan), subject.camera, angle_rad)
-
-
-def _level_cost(
-    camera: OmniCamera,
-    level: AccuracyLevel,
-    plan: RenderPlan,
-    *,
-    bound: GeometricError,
-    timing: RenderTiming,
-    error: _ImageError,
-) -> LevelCost:
-    return LevelCost(
-        name=level.name,
-        renderer=level.renderer_kind.value,
-        num_polygons=plan.surface.num_polygons if isinstance(plan.surface, Tessellation) else 0,
-        samples=plan.samples,
-        face_size_px=plan.face_size_px,
-        is_key=level.is_key,
-        robot_ini=level_robot_ini(level, camera.width_px),
-        wall_ms=timing.wall_ms,
-        cpu_ms=timing.cpu_ms,
-        stage_ms=timing.stage_ms,
-        bound_max_px=bound.max_px,
-        bound_rms_px=bound.rms_px,
-        bound_max_deg=bound.max_deg,
-        rmse=error.rmse,
-        psnr_db=error.psnr_db,
-        ssim=error.ssim,
-        # Decided by `_mark_pareto_front`, once all levels are measured.
-        is_on_pareto_front=False,
-    )
 
 
 def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:

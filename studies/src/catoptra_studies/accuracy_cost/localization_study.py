@@ -7,7 +7,7 @@ Rates and errors of the drives are a row of the results.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +41,7 @@ from catoptra_studies.experiment.metrics import detection_rate, rms_errors
 _NEAR_RANGE_M = 1.5
 
 
-def localization_row(
+def _localization_row(
     level: str, result: SetupResult, landmarks: Sequence[Landmark]
 ) -> LocalizationRow:
     """Rates and errors over all drives with frames of a level."""
@@ -75,20 +75,16 @@ def _position_errors(filter_runs: Sequence[FilterRun]) -> tuple[float, float]:
 
 
 def summarize_localization(
-    rows: Sequence[LocalizationRow], result: SetupResult
+    results: Mapping[str, SetupResult], landmarks: Sequence[Landmark]
 ) -> LocalizationAccuracy:
-    """Put the rows together.
-
-    Args:
-        rows: One row for each level.
-        result: Drives of any level; odometry is the same in all, since the seeds are.
-    """
-    filter_runs = result.filter_runs[PAPER_FILTER.name]
+    """Rates and errors of the drives with frames of each level, by the level's name."""
+    # Of any level: odometry is the same in all, since the seeds are.
+    filter_runs = next(iter(results.values())).filter_runs[PAPER_FILTER.name]
     return LocalizationAccuracy(
         num_runs=len(filter_runs),
         steps_per_run=len(filter_runs[0].odometry_error_m) - 1,
         odometry_max_m=float(np.median([run.odometry_error_m.max() for run in filter_runs])),
-        rows=tuple(rows),
+        rows=tuple(_localization_row(*pair, landmarks) for pair in results.items()),
     )
 
 
@@ -110,29 +106,26 @@ def measure_localization(
         levels: Levels from coarse to exact, at least one.
         progress: Display of the drives.
     """
-    advance = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
+    on_frame = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
     # One classifier, from the best frames: else the training would differ between levels as well.
-    classifier, _ = train_classifier(_level_config(config, levels[-1]), lambda _: advance())
-    rows, results = [], []
+    training_config = _level_config(config, levels[-1])
+    classifier, _ = train_classifier(training_config, on_frame=on_frame)
+    results = {}
     for level in levels:
         level_config = _level_config(config, level)
-        advance = progress.add_task(level.name, level_config.num_runs * (len(SIM.route) - 1))
-        result = run_setup(
-            level_config,
-            level_config.setups[0],
-            classifier,
-            lambda _, advance=advance: advance(),  # type: ignore[misc] # bound now, not later
-        )
-        rows.append(localization_row(level.name, result, level_config.landmarks))
-        results.append(result)
-    # Any result would do: odometry does not depend on frames.
-    return summarize_localization(rows, results[-1])
+        (setup,) = level_config.setups
+        on_step = progress.add_task(level.name, level_config.num_runs * (len(SIM.route) - 1))
+        results[level.name] = run_setup(level_config, setup, classifier, on_step=on_step)
+    return summarize_localization(results, training_config.landmarks)
 
 
 def _level_config(config: CostStudyConfig, level: LevelCost) -> ExperimentConfig:
     """The paper's simulated drive, with frames of one level."""
+    base_robot = find_configuration("robots", Path(SIM.robot_file).stem)
     robot_file = config.output_folder.resolve() / "robot.ini"
-    write_robot_file(level, find_configuration("robots", Path(SIM.robot_file).stem), robot_file)
+    # Only the camera's sections differ: the simulated robot's drive, sensors and noise stay.
+    based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
+    robot_file.write_text(based_on + level.robot_ini, encoding="utf-8")
     return ExperimentConfig(
         config_folder=None,
         output_folder=config.output_folder,
@@ -142,10 +135,3 @@ def _level_config(config: CostStudyConfig, level: LevelCost) -> ExperimentConfig
         num_training_frames=_NUM_TRAINING_FRAMES,
         server_arguments=("--renderer", level.renderer),
     )
-
-
-def write_robot_file(level: LevelCost, base_robot: Path, path: Path) -> None:
-    """Write a robot file that is another one, rendered at a level."""
-    # Only the camera's sections differ: the simulated robot's drive, sensors and noise stay.
-    based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
-    path.write_text(based_on + level.robot_ini, encoding="utf-8")

@@ -7,7 +7,7 @@ and `timings` in the same form, which differ from run to run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,8 @@ from pathlib import Path
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
-from catoptra_studies import plot_style
+from catoptra_studies.commands import ProgressDisplay
+from catoptra_studies.plot_style import Page, open_page
 from catoptra_studies.reports import write_json
 from catoptra_studies.study_subject import (
     FIGURE_RENDERERS,
@@ -77,7 +78,7 @@ class FigureSpec:
     width_px: int
     height_px: int
 
-    draw: Callable[[plot_style.Page, FigureInputs], FigureCaption]
+    draw: Callable[[Page, FigureInputs], FigureCaption]
 
 
 @contextmanager
@@ -120,30 +121,31 @@ def open_figure_inputs(
         yield FigureInputs(subject, rings, read_robot(robot_file)[0].drive, num_timed_frames)
 
 
-def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
-    """Draw a figure into a folder."""
-    path = folder / figure.file
-    with plot_style.open_page(path, figure.height_px, figure.width_px) as page:
-        return figure.draw(page, inputs)
+def write_figures(
+    figures: Sequence[FigureSpec], inputs: FigureInputs, folder: Path, progress: ProgressDisplay
+) -> None:
+    """Draw figures into a folder, made where missing, and then write figures.json.
 
-
-def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Path) -> None:
-    """Write figures.json, after all figures: the experiment waits for this file."""
-    entries = [
-        {
-            "file": figure.file,
-            "paper_reference": figure.paper_reference,
-            "title": caption.title,
-            "caption": caption.caption,
-            "alt": caption.alt,
-        }
-        for figure, caption in captions.items()
-    ]
-    metrics = {Path(figure.file).stem: caption.metrics for figure, caption in captions.items()}
-    timings = {
-        Path(figure.file).stem: caption.timings
-        for figure, caption in captions.items()
-        if caption.timings
-    }
+    The experiment waits for that file.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    advance = progress.add_task("figures of the camera", len(figures))
+    entries, metrics, timings = [], {}, {}
+    for figure in figures:
+        with open_page(folder / figure.file, figure.height_px, figure.width_px) as page:
+            caption = figure.draw(page, inputs)
+        entries.append(
+            {
+                "file": figure.file,
+                "paper_reference": figure.paper_reference,
+                "title": caption.title,
+                "caption": caption.caption,
+                "alt": caption.alt,
+            }
+        )
+        metrics[Path(figure.file).stem] = caption.metrics
+        if caption.timings:
+            timings[Path(figure.file).stem] = caption.timings
+        advance()
     index = {"figures": entries, "metrics": metrics, "timings": timings}
     write_json(folder / "figures.json", index, ensure_ascii=False)

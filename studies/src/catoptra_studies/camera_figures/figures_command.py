@@ -9,16 +9,13 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_studies.camera_figures.figure_spec import (
-    FigureInputs,
     FigureSpec,
     open_figure_inputs,
-    write_figure,
-    write_figure_index,
+    write_figures,
 )
 from catoptra_studies.camera_figures.frame_rates import draw_frame_rates
 from catoptra_studies.camera_figures.image_figures import draw_faces, draw_omni_frame
@@ -31,14 +28,7 @@ from catoptra_studies.camera_figures.polygon_figures import (
 from catoptra_studies.camera_figures.radius_figures import draw_eq2, draw_rings
 from catoptra_studies.camera_figures.space_figures import draw_cube, draw_meshes
 from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
-from catoptra_studies.commands import (
-    ProgressDisplay,
-    add_output,
-    make_parser,
-    open_progress,
-    print_line,
-    run_study,
-)
+from catoptra_studies.commands import add_output, make_parser, open_progress, print_line, run_study
 
 # In the order of the report; the column is PAGE_WIDTH_PX wide at five eighths of the pixels.
 FIGURES = (
@@ -57,17 +47,6 @@ FIGURES = (
 )
 
 
-def write_figures(inputs: FigureInputs, folder: Path, progress: ProgressDisplay) -> None:
-    """Draw all figures and write figures.json into a folder, made where missing."""
-    folder.mkdir(parents=True, exist_ok=True)
-    advance = progress.add_task("figures of the camera", len(FIGURES))
-    captions = {}
-    for figure in FIGURES:
-        captions[figure] = write_figure(figure, inputs, folder)
-        advance()
-    write_figure_index(captions, folder)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the figures; return 0, or 2 after one line about the reason."""
     return run_study("catoptra-studies figures", _make_parser().parse_args(arguments), _run)
@@ -83,7 +62,7 @@ def _run(parsed: argparse.Namespace) -> int:
         ) as inputs,
         open_progress() as progress,
     ):
-        write_figures(inputs, parsed.output, progress)
+        write_figures(FIGURES, inputs, parsed.output, progress)
     print_line(f"{len(FIGURES)} figures in {parsed.output}")
     return 0
 

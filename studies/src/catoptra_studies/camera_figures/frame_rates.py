@@ -11,7 +11,8 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
@@ -27,9 +28,9 @@ from catoptra_server.simulation.sensors.range_scanner import (
 from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
-from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, POLYGON_COUNTS
+from catoptra_studies.plot_style import BLUE, MUTED, TEAL, Axes, Page, add_axes, add_legend
 from catoptra_studies.study_subject import StudySubject
 
 # The first frames fill caches, raise the processor's clock and start software OpenGL's threads.
@@ -167,20 +168,29 @@ def measure_frame_rates(
         num_rounds: Timed frames of each payload.
         on_round: Called after each round over all payloads.
     """
-    perspective = subject.renderers[renderer_kind].prepare_perspective(_PERSPECTIVE_VIEW, _SAMPLES)
-    cameras = {
-        name: subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES))
-        for name, surface in _surfaces().items()
-    }
-    try:
+    with ExitStack() as stack:
+
+        def keep(view: View) -> View:
+            return stack.enter_context(closing(view))
+
+        renderer = subject.renderers[renderer_kind]
+        perspective = keep(renderer.prepare_perspective(_PERSPECTIVE_VIEW, _SAMPLES))
+        cameras = {
+            name: keep(subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES)))
+            for name, surface in _surfaces().items()
+        }
         payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
         draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
         timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
-    finally:
-        for view in (perspective, *cameras.values()):
-            view.close()
     return tuple(
-        _frame_rate_row(subject.world.name, renderer_kind, payload, timing)
+        FrameRate(
+            world=subject.world.name,
+            renderer=renderer_kind.value,
+            payload=payload.name,
+            num_polygons=payload.num_polygons,
+            fps=1e3 / timing.wall_ms,
+            **asdict(timing),
+        )
         for payload, timing in zip(payloads, timings, strict=True)
     )
 
@@ -229,21 +239,6 @@ def _draw_function(perspective: View, payload: _Payload, subject: StudySubject) 
     return draw_frame
 
 
-def _frame_rate_row(
-    world: str, renderer_kind: RendererKind, payload: _Payload, timing: RenderTiming
-) -> FrameRate:
-    return FrameRate(
-        world=world,
-        renderer=renderer_kind.value,
-        payload=payload.name,
-        num_polygons=payload.num_polygons,
-        fps=1e3 / timing.wall_ms,
-        wall_ms=timing.wall_ms,
-        cpu_ms=timing.cpu_ms,
-        stage_ms=timing.stage_ms,
-    )
-
-
 def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> float:
     """Relative difference between the slowest and the fastest frame.
 
@@ -257,10 +252,10 @@ def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> floa
     return max(times_ms) / min(times_ms) - 1.0
 
 
-_RENDERER_COLOURS = {"trace": plot_style.BLUE, "raster": plot_style.TEAL}
+_RENDERER_COLOURS = {"trace": BLUE, "raster": TEAL}
 
 
-def draw_frame_rates(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_frame_rates(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Measure and draw the frame rates of all payloads in the subject's world, with trace."""
     rows = measure_frame_rates(
         inputs.subject,
@@ -273,21 +268,21 @@ def draw_frame_rates(page: plot_style.Page, inputs: FigureInputs) -> FigureCapti
     return _caption(rows, inputs.num_timed_frames)
 
 
-def draw_frame_rate_panels(page: plot_style.Page, rows: Sequence[FrameRate]) -> None:
+def draw_frame_rate_panels(page: Page, rows: Sequence[FrameRate]) -> None:
     """Draw a panel for each world, with one bar for each payload and renderer."""
     worlds = list(dict.fromkeys(row.world for row in rows))
     max_fps = max(row.fps for row in rows)
     width = (1400 - 60 * (len(worlds) - 1)) // len(worlds)
     for index, world in enumerate(worlds):
-        axes = plot_style.add_axes(page, 90 + index * (width + 60), 120, width, 440)
+        axes = add_axes(page, 90 + index * (width + 60), 120, width, 440)
         _draw_panel(axes, [row for row in rows if row.world == world], world)
         # One scale for all worlds; only the first panel has numbers.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
-    plot_style.add_legend(page, axes, loc="upper right", ncols=2)
+    add_legend(page, axes, loc="upper right", ncols=2)
 
 
-def _draw_panel(axes: plot_style.Axes, rows: Sequence[FrameRate], world: str) -> None:
+def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
     payloads = list(dict.fromkeys(row.payload for row in rows))
     renderers = list(dict.fromkeys(row.renderer for row in rows))
     width = 0.8 / len(renderers)
@@ -298,19 +293,16 @@ def _draw_panel(axes: plot_style.Axes, rows: Sequence[FrameRate], world: str) ->
             centres, [row.fps for row in bars], 0.94 * width, color=_RENDERER_COLOURS[renderer],
             label=renderer,
         )  # fmt: skip
-        axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=plot_style.MUTED)
+        axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
     axes.set_title(f"frames a second in {world}", loc="left", fontsize=8.5)
-    axes.set_xticks(range(len(payloads)), [_tick_label(name) for name in payloads], fontsize=7)
+    axes.set_xticks(
+        range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7
+    )
     axes.grid(visible=False, axis="x")
     # The label is centred under the payloads that are numbers of polygons.
     numbers = [position for position, payload in enumerate(payloads) if payload.isdigit()]
     centre = (sum(numbers) / len(numbers) + 0.5) / len(payloads)
     axes.set_xlabel("polygons of the camera's mirror", fontsize=7.5, labelpad=2, x=centre)
-
-
-def _tick_label(payload: str) -> str:
-    """The payload in two short lines."""
-    return payload.replace(" ", "\n")
 
 
 def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.cube_map import Face, face_coordinates, face_from_direction
 from catoptra_protocol.optics.numerics import Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_studies import plot_style
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import BACKGROUND, MUTED, Axes, Image, Page, label_box, show_image
 from catoptra_studies.study_subject import StudySubject
 
 
@@ -108,7 +107,7 @@ class _MirrorProjection:
 
 
 def draw_textured_mirror(
-    page: plot_style.Page,
+    page: Page,
     camera: OmniCamera,
     face_images: dict[Face, Image],
     *,
@@ -130,28 +129,28 @@ def draw_textured_mirror(
     points, directions = _visible_points(projection)
     pixels = projection.project(points).astype(int)
     image = _average_colours(pixels, sample_cube(face_images, directions))
-    axes = plot_style.show_image(page, image, left, top, image.shape[1])
+    axes = show_image(page, image, left, top, image.shape[1])
     for border in _cube_edges():
         on_mirror = border[half_angle_tangent(border)[0] <= camera.rim_t]
         line = projection.project(mirror_points(camera, on_mirror))
-        axes.plot(*line.T, color=plot_style.BACKGROUND, linewidth=0.8)
+        axes.plot(*line.T, color=BACKGROUND, linewidth=0.8)
     rim = projection.project(rim_points(camera))
-    axes.plot(*rim.T, color=plot_style.MUTED, linewidth=0.8, clip_on=False)
+    axes.plot(*rim.T, color=MUTED, linewidth=0.8, clip_on=False)
     for face, direction in _FACE_LABEL_DIRECTIONS.items():
         label = projection.project(mirror_points(camera, np.array(direction)))
         _draw_face_label(axes, label, face)
 
 
 def draw_frame_with_borders(
-    page: plot_style.Page, subject: StudySubject, *, left: int, top: int, width: int
+    page: Page, subject: StudySubject, *, left: int, top: int, width: int
 ) -> None:
     """Draw the frame with the borders of the cube's faces."""
     image = subject.render_frame(width, samples=3)
     camera = subject.resize_camera(image.shape[0])
-    axes = plot_style.show_image(page, image, left, top, width)
+    axes = show_image(page, image, left, top, width)
     for border in _cube_edges():
         pixels, is_visible = pixel_from_direction(camera, border)
-        axes.plot(*pixels[is_visible].T, color=plot_style.BACKGROUND, linewidth=0.8)
+        axes.plot(*pixels[is_visible].T, color=BACKGROUND, linewidth=0.8)
     for face, direction in _FACE_LABEL_DIRECTIONS.items():
         pixel, _ = pixel_from_direction(camera, np.array(direction))
         _draw_face_label(axes, pixel, face)
@@ -252,6 +251,6 @@ def _cube_edges() -> list[Floats]:
     return [*level, *(edge[:, (1, 0, 2)] for edge in level), *upright]
 
 
-def _draw_face_label(axes: plot_style.Axes, pixel: Floats, face: Face) -> None:
-    box = plot_style.label_box(2, alpha=0.85)
+def _draw_face_label(axes: Axes, pixel: Floats, face: Face) -> None:
+    box = label_box(2, alpha=0.85)
     axes.text(*pixel, face.name, ha="center", va="center", fontweight="bold", bbox=box)

@@ -30,7 +30,6 @@ from catoptra_server.world.mirror_mesh import (
     Tessellation,
     tessellation_from_polygon_count,
 )
-from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import (
     FIGURE_SAMPLES,
     FigureCaption,
@@ -38,7 +37,23 @@ from catoptra_studies.camera_figures.figure_spec import (
     Metrics,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX, POLYGON_COUNTS
-from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
+from catoptra_studies.plot_style import (
+    BACKGROUND,
+    BLUE,
+    FOREGROUND,
+    MUTED,
+    ORANGE,
+    TEAL,
+    Axes,
+    Image,
+    Page,
+    add_axes,
+    add_text,
+    draw_colour_bar,
+    map_error_colours,
+    outline_square,
+    show_image,
+)
 
 # A polygon may look up directions beyond the rim. The same mirror with a wider rim projects those,
 # up to this fraction of the angle at which the image radius goes to infinity.
@@ -72,7 +87,7 @@ def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> _Po
     )
 
 
-def exact_model_error_px(camera: OmniCamera) -> float:
+def _exact_model_error_px(camera: OmniCamera) -> float:
     """Largest error where the camera model is evaluated in every pixel.
 
     Trace casts rays in float32, so their directions are rounded; the model itself is float64.
@@ -115,7 +130,7 @@ _IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 _FRAMES_LEFT_PX, _FRAMES_TOP_PX, _STEP_X_PX, _STEP_Y_PX = 20, 66, 760, 790
 
 
-def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_frames(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the four frames, each under the measured displacement."""
     subject = inputs.subject
     camera = subject.resize_camera(PAPER_SIZE_PX)
@@ -128,19 +143,17 @@ def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
         left = _FRAMES_LEFT_PX + _STEP_X_PX * (index % 2)
         top = _FRAMES_TOP_PX + _STEP_Y_PX * (index // 2)
         image = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES, surface=error.tessellation)
-        plot_style.show_image(page, image, left, top, _IMAGE_WIDTH_PX)
+        show_image(page, image, left, top, _IMAGE_WIDTH_PX)
         _draw_heading(page, left, top, error)
     return _caption_frames(errors)
 
 
-def _draw_heading(page: plot_style.Page, left: int, top: int, error: _PolygonError) -> None:
+def _draw_heading(page: Page, left: int, top: int, error: _PolygonError) -> None:
     name = f"{error.tessellation.num_polygons} polygons"
-    plot_style.add_text(page, left, top - 12, name, va="bottom", fontweight="bold")
+    add_text(page, left, top - 12, name, va="bottom", fontweight="bold")
     numbers = f"{error.rms_px:.3g} px rms, {error.max_px:.3g} px at most"
     right = left + _IMAGE_WIDTH_PX
-    plot_style.add_text(
-        page, right, top - 12, numbers, ha="right", va="bottom", color=plot_style.MUTED
-    )
+    add_text(page, right, top - 12, numbers, ha="right", va="bottom", color=MUTED)
 
 
 def _caption_frames(errors: list[_PolygonError]) -> FigureCaption:
@@ -172,19 +185,15 @@ _EMPTY_GREY = 226
 _MAPS_LEFT_PX, _MAPS_TOP_PX, _STEP_PX = 10, 56, PAPER_SIZE_PX + 20
 
 
-def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_maps(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the displacement of each pixel by four meshes, with one colour scale."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     below_1px: Metrics = {}
     for index, count in enumerate(PAPER_POLYGON_COUNTS):
         left = _MAPS_LEFT_PX + index * _STEP_PX
         error_px = displacement_map(camera, tessellation_from_polygon_count(count))
-        plot_style.add_text(
-            page, left, _MAPS_TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold"
-        )
-        plot_style.show_image(
-            page, colour_displacement(error_px), left, _MAPS_TOP_PX, PAPER_SIZE_PX
-        )
+        add_text(page, left, _MAPS_TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold")
+        show_image(page, colour_displacement(error_px), left, _MAPS_TOP_PX, PAPER_SIZE_PX)
         covered = error_px[~np.isnan(error_px)]
         below_1px[f"below_1px_{count}_percent"] = round(100.0 * float((covered < 1.0).mean()), 1)
     draw_colour_bar(
@@ -221,19 +230,23 @@ def _caption_maps(metrics: Metrics) -> FigureCaption:
 
 # Label, colour and marker of each interpolation.
 _INTERPOLATION_STYLES = {
-    Interpolation.UV: ("UV, as in the paper", plot_style.ORANGE, "o"),
-    Interpolation.POSITION: ("position", plot_style.TEAL, "s"),
+    Interpolation.UV: ("UV, as in the paper", ORANGE, "o"),
+    Interpolation.POSITION: ("position", TEAL, "s"),
 }
 
 
-def draw_polygon_error(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_error(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw rms and largest displacement of both interpolations over the number of polygons."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     errors = {
-        interpolation: _measure_errors(camera, interpolation) for interpolation in Interpolation
+        interpolation: [
+            measure_polygon_error(camera, tessellation_from_polygon_count(count, interpolation))
+            for count in POLYGON_COUNTS
+        ]
+        for interpolation in Interpolation
     }
-    exact_px = exact_model_error_px(camera)
-    axes = plot_style.add_axes(page, 150, 60, 1330, 600)
+    exact_px = _exact_model_error_px(camera)
+    axes = add_axes(page, 150, 60, 1330, 600)
     axes.set(xscale="log", yscale="log", xlim=(11, 6000), ylim=(2e-6, 300), xlabel="polygons N")
     axes.set_xticks(POLYGON_COUNTS, [str(count) for count in POLYGON_COUNTS])
     axes.minorticks_off()
@@ -245,15 +258,8 @@ def draw_polygon_error(page: plot_style.Page, inputs: FigureInputs) -> FigureCap
     return _caption_errors(errors, exact_px)
 
 
-def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[_PolygonError]:
-    return [
-        measure_polygon_error(camera, tessellation_from_polygon_count(count, interpolation))
-        for count in POLYGON_COUNTS
-    ]
-
-
 def _draw_interpolation(
-    axes: plot_style.Axes, interpolation: Interpolation, errors: list[_PolygonError]
+    axes: Axes, interpolation: Interpolation, errors: list[_PolygonError]
 ) -> None:
     name, colour, marker = _INTERPOLATION_STYLES[interpolation]
     rms_px = [error.rms_px for error in errors]
@@ -261,26 +267,24 @@ def _draw_interpolation(
     style = {"color": colour, "markersize": 4}
     axes.plot(POLYGON_COUNTS, rms_px, marker + "-", label=f"{name}: rms", **style)
     axes.plot(
-        POLYGON_COUNTS, max_px, marker + ":", mfc=plot_style.BACKGROUND, label=f"{name}: largest",
+        POLYGON_COUNTS, max_px, marker + ":", mfc=BACKGROUND, label=f"{name}: largest",
         **style,
     )  # fmt: skip
 
 
-def _draw_reference_lines(
-    axes: plot_style.Axes, errors: list[_PolygonError], exact_px: float
-) -> None:
+def _draw_reference_lines(axes: Axes, errors: list[_PolygonError], exact_px: float) -> None:
     """Draw a slope of 1/N, the level of one pixel, and the error of the exact model."""
     n = np.array([24.0, 4096.0])
     # Below the measured rms by half, so that the slopes can be compared without overlap.
     line = 0.45 * errors[-1].rms_px * POLYGON_COUNTS[-1] / n
-    axes.plot(n, line, color=plot_style.MUTED, linewidth=0.8)
+    axes.plot(n, line, color=MUTED, linewidth=0.8)
     axes.annotate("O(1/N)", (n[1], line[1]), (0, -4), textcoords="offset points",
-                  ha="center", va="top", color=plot_style.MUTED)  # fmt: skip
-    axes.axhline(1.0, color=plot_style.FOREGROUND, linewidth=0.6)
+                  ha="center", va="top", color=MUTED)  # fmt: skip
+    axes.axhline(1.0, color=FOREGROUND, linewidth=0.6)
     axes.text(12, 1.15, "1 px", va="bottom")
-    axes.axhline(exact_px, color=plot_style.BLUE)
+    axes.axhline(exact_px, color=BLUE)
     label = f"camera model in every pixel: {_format_power(exact_px)} px"
-    axes.text(12, 1.3 * exact_px, label, va="bottom", color=plot_style.BLUE)
+    axes.text(12, 1.3 * exact_px, label, va="bottom", color=BLUE)
 
 
 def _format_power(value: float) -> str:
@@ -322,7 +326,7 @@ _ZOOM = 8
 _COARSE, _FINE = 256, 1024
 
 
-def draw_polygon_detail(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_detail(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the location in the frame, and the detail through two meshes and the exact mirror."""
     subject = inputs.subject
     exact = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES)
@@ -336,15 +340,15 @@ def draw_polygon_detail(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
     size_px = round(_DETAIL_PX * exact.shape[0] / PAPER_SIZE_PX)
     radius_px = subject.resize_camera(exact.shape[0]).horizon_radius_px
     row, column = find_max_difference_window(meshes[0], exact, size_px, max_radius_px=radius_px)
-    axes = plot_style.show_image(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
-    plot_style.outline_square(axes, row, column, size_px)
-    plot_style.add_text(page, 20, 56, "location", va="bottom", fontweight="bold")
+    axes = show_image(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
+    outline_square(axes, row, column, size_px)
+    add_text(page, 20, 56, "location", va="bottom", fontweight="bold")
     names = (f"{_COARSE} polygons", f"{_FINE} polygons", "exact surface")
     for index, (name, image) in enumerate(zip(names, (*meshes, exact), strict=True)):
         left = 400 + index * (_ZOOM * _DETAIL_PX + 20)
-        plot_style.add_text(page, left, 56, name, va="bottom", fontweight="bold")
+        add_text(page, left, 56, name, va="bottom", fontweight="bold")
         detail = image[row : row + size_px, column : column + size_px]
-        plot_style.show_image(page, detail, left, 66, _ZOOM * _DETAIL_PX)
+        show_image(page, detail, left, 66, _ZOOM * _DETAIL_PX)
     return _caption_detail()
 
 

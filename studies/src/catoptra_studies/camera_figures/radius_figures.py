@@ -20,10 +20,22 @@ from catoptra_protocol.optics.mirrors.hyperbolic import eq2_radius_ratio_from_t
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.world.world_description import linear_from_srgb
-from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_SIZE_PX
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import (
+    BLUE,
+    FOREGROUND,
+    LIGHT_GREY,
+    ORANGE,
+    RED,
+    TEAL,
+    Axes,
+    Image,
+    Page,
+    add_axes,
+    label_box,
+    show_image,
+)
 
 NUM_SECTORS = 24
 # One line is good to 0.2 px, since pixels alias a ring of hardly their own width; the
@@ -100,7 +112,7 @@ _SAMPLES = 6
 _IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 
 
-def draw_rings(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_rings(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the rings, their measured radii, and the deviations from camera model and Eq. 2."""
     # Always at the paper's size: the radii are measured in pixels.
     image = inputs.rings.render_frame(PAPER_SIZE_PX, _SAMPLES)
@@ -110,33 +122,33 @@ def draw_rings(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     t = np.tan(np.radians(0.5 * theta_deg))
     exact = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     eq2 = camera.horizon_radius_px * eq2_radius_ratio_from_t(t)
-    axes = plot_style.show_image(page, image, 20, 40, _IMAGE_WIDTH_PX)
+    axes = show_image(page, image, 20, 40, _IMAGE_WIDTH_PX)
     _label_rings(axes, theta_deg, exact)
     _draw_radii(page, theta_deg, measured, exact)
     _draw_deviations(page, theta_deg, measured - exact, eq2 - exact)
     return _caption_rings(theta_deg, measured, exact, eq2)
 
 
-def _label_rings(axes: plot_style.Axes, theta_deg: Floats, radius_px: Floats) -> None:
+def _label_rings(axes: Axes, theta_deg: Floats, radius_px: Floats) -> None:
     centre = 0.5 * PAPER_SIZE_PX
     diagonal = math.cos(math.radians(-45)), math.sin(math.radians(-45))
-    box = plot_style.label_box(0.8)
+    box = label_box(0.8)
     for theta, radius in zip(theta_deg, radius_px, strict=True):
         # A number at every ring would hide the rings.
         if theta % 30 == 0:
-            colour = plot_style.RED if theta == 90 else plot_style.FOREGROUND
+            colour = RED if theta == 90 else FOREGROUND
             axes.text(
                 centre + radius * diagonal[0], centre + radius * diagonal[1], f"{theta:.0f}°",
                 ha="center", va="center", fontsize=7.5, color=colour, bbox=box,
             )  # fmt: skip
 
 
-def _draw_radii(page: plot_style.Page, theta_deg: Floats, measured: Floats, exact: Floats) -> None:
-    axes = plot_style.add_axes(page, 860, 60, 620, 320)
-    axes.plot(theta_deg, exact, color=plot_style.BLUE, label="camera model")
-    points = {"color": plot_style.FOREGROUND, "markersize": 2.6}
+def _draw_radii(page: Page, theta_deg: Floats, measured: Floats, exact: Floats) -> None:
+    axes = add_axes(page, 860, 60, 620, 320)
+    axes.plot(theta_deg, exact, color=BLUE, label="camera model")
+    points = {"color": FOREGROUND, "markersize": 2.6}
     axes.plot(theta_deg, measured.mean(axis=0), "o", label="measured", **points)
-    axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
+    axes.axvline(90.0, color=RED, linewidth=0.8)
     axes.set(xlim=(0, 120), ylim=(0, 180), xticks=range(0, 121, 30), yticks=range(0, 181, 60))
     axes.set_title("image radius $r_i$, px", loc="left", fontsize=8.5)
     axes.tick_params(labelbottom=False)
@@ -144,21 +156,21 @@ def _draw_radii(page: plot_style.Page, theta_deg: Floats, measured: Floats, exac
 
 
 def _draw_deviations(
-    page: plot_style.Page, theta_deg: Floats, measured_deviation: Floats, eq2_deviation: Floats
+    page: Page, theta_deg: Floats, measured_deviation: Floats, eq2_deviation: Floats
 ) -> None:
-    axes = plot_style.add_axes(page, 860, 460, 620, 250)
+    axes = add_axes(page, 860, 460, 620, 250)
     # The band spans all sectors of a ring, the points are their means.
     low, high = measured_deviation.min(axis=0), measured_deviation.max(axis=0)
-    axes.fill_between(theta_deg, low, high, color=plot_style.LIGHT_GREY, linewidth=0)
-    points = {"color": plot_style.FOREGROUND, "markersize": 2.6}
+    axes.fill_between(theta_deg, low, high, color=LIGHT_GREY, linewidth=0)
+    points = {"color": FOREGROUND, "markersize": 2.6}
     axes.plot(theta_deg, measured_deviation.mean(axis=0), "o", **points)
-    axes.plot(theta_deg, eq2_deviation, "--", color=plot_style.ORANGE)
-    axes.axhline(0.0, color=plot_style.BLUE)
-    axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
+    axes.plot(theta_deg, eq2_deviation, "--", color=ORANGE)
+    axes.axhline(0.0, color=BLUE)
+    axes.axvline(90.0, color=RED, linewidth=0.8)
     axes.set(xlim=(0, 120), xticks=range(0, 121, 30), xlabel="incidence angle θ, degrees")
     axes.set_title("deviation from the camera model, px", loc="left", fontsize=8.5)
     axes.annotate("Eq. 2", (theta_deg[-1], eq2_deviation[-1]), (-8, 0),
-                  textcoords="offset points", ha="right", color=plot_style.ORANGE)  # fmt: skip
+                  textcoords="offset points", ha="right", color=ORANGE)  # fmt: skip
     axes.annotate("measured", (45.0, measured_deviation.min()), (0, -3),
                   textcoords="offset points", ha="center", va="top")  # fmt: skip
 
@@ -212,31 +224,31 @@ def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     return exact - camera.horizon_radius_px * eq2, exact - camera.rim_radius_px / rim_eq2 * eq2
 
 
-def draw_eq2(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_eq2(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw both deviations over the incidence angle."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     rim_deg = math.degrees(camera.rim_rad)
     # The rim itself is appended: rounding may put the last step of arange on either side.
     theta_deg = np.append(np.arange(0.0, rim_deg, 0.25), rim_deg)
     same_h, same_rim = eq2_deviation_px(camera, np.radians(theta_deg))
-    axes = plot_style.add_axes(page, 120, 50, 1360, 480)
-    axes.axhline(0.0, color=plot_style.BLUE)
-    axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
-    axes.plot(theta_deg, same_h, color=plot_style.ORANGE)
-    axes.plot(theta_deg, same_rim, color=plot_style.TEAL)
+    axes = add_axes(page, 120, 50, 1360, 480)
+    axes.axhline(0.0, color=BLUE)
+    axes.axvline(90.0, color=RED, linewidth=0.8)
+    axes.plot(theta_deg, same_h, color=ORANGE)
+    axes.plot(theta_deg, same_rim, color=TEAL)
     axes.set(xlim=(0, rim_deg), xticks=np.arange(0, rim_deg + 1, 15))
     # Room for the labels at both extremes.
     axes.margins(y=0.12)
     axes.set_xlabel("incidence angle θ, degrees")
     axes.set_title("exact $r_i$ − Eq. 2, px", loc="left", fontsize=8.5)
-    axes.text(89.0, axes.get_ylim()[1], "horizon", color=plot_style.RED, ha="right", va="top")
-    _label_maximum(axes, theta_deg, same_h, "same 90° circle", plot_style.ORANGE, "right")
-    _label_maximum(axes, theta_deg, same_rim, "same rim", plot_style.TEAL, "left")
+    axes.text(89.0, axes.get_ylim()[1], "horizon", color=RED, ha="right", va="top")
+    _label_maximum(axes, theta_deg, same_h, "same 90° circle", ORANGE, "right")
+    _label_maximum(axes, theta_deg, same_rim, "same rim", TEAL, "left")
     return _caption_eq2(rim_deg, same_h, same_rim)
 
 
 def _label_maximum(
-    axes: plot_style.Axes, theta_deg: Floats, deviation: Floats, name: str, colour: str, side: str
+    axes: Axes, theta_deg: Floats, deviation: Floats, name: str, colour: str, side: str
 ) -> None:
     index = int(np.argmax(np.abs(deviation)))
     axes.plot(theta_deg[index], deviation[index], "o", color=colour, markersize=4, clip_on=False)

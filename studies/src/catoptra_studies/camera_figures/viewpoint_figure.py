@@ -10,20 +10,22 @@ import math
 
 import numpy as np
 
-from catoptra_client.unwarp import (
-    CylinderGeometry,
-    PerspectiveGeometry,
-    make_unwarp_map,
-    unwarp,
-)
+from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.figure_spec import (
-    FIGURE_SAMPLES,
-    FigureCaption,
-    FigureInputs,
+from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES, FigureCaption, FigureInputs
+from catoptra_studies.plot_style import (
+    BLUE,
+    FOREGROUND,
+    MUTED,
+    ORANGE,
+    TEAL,
+    Axes,
+    Page,
+    add_axes,
+    add_text,
+    show_image,
 )
 from catoptra_studies.study_subject import StudySubject
 
@@ -42,7 +44,7 @@ _PLANE_FROM_FRAME = PerspectiveGeometry(
 _T_STEP = 1e-5
 
 
-def draw_viewpoint(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_viewpoint(page: Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the section with rays, and the two images made of a frame.
 
     Raises:
@@ -51,7 +53,7 @@ def draw_viewpoint(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption
     camera = inputs.subject.camera
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("the drawing of the viewpoint needs a capture camera with a pinhole")
-    axes = plot_style.add_axes(page, 120, 40, 640, 670)
+    axes = add_axes(page, 120, 40, 640, 670)
     _draw_section(axes, camera)
     _draw_resampled_images(page, inputs.subject)
     return _caption(camera)
@@ -86,13 +88,13 @@ def _surface_point(camera: OmniCamera, t: Floats) -> Floats:
     return np.stack(camera.mirror.surface_point(t), axis=-1)
 
 
-def _draw_section(axes: plot_style.Axes, camera: OmniCamera) -> None:
+def _draw_section(axes: Axes, camera: OmniCamera) -> None:
     t = np.linspace(0.0, camera.rim_t, 200)
     profile_mm = 1e3 * _surface_point(camera, t)
     rim_mm, pinhole_mm = float(profile_mm[-1, 0]), 1e3 * camera.mirror.pinhole_distance_m
     for side in (-1.0, 1.0):
-        axes.plot(side * profile_mm[:, 0], profile_mm[:, 1], color=plot_style.FOREGROUND, lw=2.0)
-    axes.plot([0, 0], [0, pinhole_mm], color=plot_style.MUTED, lw=0.7, ls=(0, (8, 3, 1, 3)))
+        axes.plot(side * profile_mm[:, 0], profile_mm[:, 1], color=FOREGROUND, lw=2.0)
+    axes.plot([0, 0], [0, pinhole_mm], color=MUTED, lw=0.7, ls=(0, (8, 3, 1, 3)))
     for theta_deg in _CYLINDER_THETA_DEG:
         theta_rad = math.radians(theta_deg)
         length_mm = 1.12 * _CYLINDER_RADII * rim_mm / math.sin(theta_rad)
@@ -104,7 +106,7 @@ def _draw_section(axes: plot_style.Axes, camera: OmniCamera) -> None:
         (0.0, "effective\nviewpoint", (-34, 40)),
         (pinhole_mm, "pinhole of the\ncapture camera", (14, 8)),
     ):
-        axes.plot(0.0, z_mm, "o", color=plot_style.FOREGROUND, ms=4, zorder=5)
+        axes.plot(0.0, z_mm, "o", color=FOREGROUND, ms=4, zorder=5)
         axes.annotate(name, (0.0, z_mm), offset, textcoords="offset points", va="center",
                       ha="left" if offset[0] > 0 else "right",
                       arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 3})  # fmt: skip
@@ -116,7 +118,7 @@ def _draw_section(axes: plot_style.Axes, camera: OmniCamera) -> None:
 
 
 def _draw_ray(
-    axes: plot_style.Axes, camera: OmniCamera, theta_rad: float, side: float, length_mm: float
+    axes: Axes, camera: OmniCamera, theta_rad: float, side: float, length_mm: float
 ) -> None:
     """Draw a ray from the scene to mirror and pinhole, and the aim at the viewpoint dotted."""
     mirror_mm = 1e3 * _surface_point(camera, np.array(math.tan(0.5 * theta_rad)))
@@ -124,40 +126,40 @@ def _draw_ray(
     pinhole_mm = np.array([0.0, 1e3 * camera.mirror.pinhole_distance_m])
     ray = np.stack((scene_mm, mirror_mm, pinhole_mm)) * (side, 1.0)
     aim = np.stack((mirror_mm, np.zeros(2))) * (side, 1.0)
-    axes.plot(*ray.T, color=plot_style.ORANGE, lw=1.1)
-    axes.plot(*aim.T, ":", color=plot_style.ORANGE, lw=1.1)
+    axes.plot(*ray.T, color=ORANGE, lw=1.1)
+    axes.plot(*aim.T, ":", color=ORANGE, lw=1.1)
 
 
-def _draw_surfaces(axes: plot_style.Axes, rim_mm: float) -> None:
+def _draw_surfaces(axes: Axes, rim_mm: float) -> None:
     """Draw the sections of cylinder and plane where the rays pass."""
     radius = _CYLINDER_RADII * rim_mm
     rows = [radius / math.tan(math.radians(theta)) for theta in (50.0, 115.0)]
-    axes.plot([radius, radius], rows, color=plot_style.TEAL, lw=2.0)
-    axes.text(radius, rows[1], "cylinder", color=plot_style.TEAL, ha="center", va="bottom")
+    axes.plot([radius, radius], rows, color=TEAL, lw=2.0)
+    axes.text(radius, rows[1], "cylinder", color=TEAL, ha="center", va="bottom")
     middle = math.radians(62.0)
     normal = np.array([-math.sin(middle), math.cos(middle)])
     across = np.array([normal[1], -normal[0]])
     centre = _PLANE_RADII * rim_mm * 0.95 * normal
     ends = centre + np.outer((-0.45, 0.45), across) * _PLANE_RADII * rim_mm
-    axes.plot(*ends.T, color=plot_style.BLUE, lw=2.0)
+    axes.plot(*ends.T, color=BLUE, lw=2.0)
     low = ends[np.argmax(ends[:, 1])]
-    axes.text(*low, "plane", color=plot_style.BLUE, ha="center", va="top")
+    axes.text(*low, "plane", color=BLUE, ha="center", va="top")
 
 
-def _draw_resampled_images(page: plot_style.Page, subject: StudySubject) -> None:
+def _draw_resampled_images(page: Page, subject: StudySubject) -> None:
     frame = subject.render_frame(_FRAME_PX, FIGURE_SAMPLES)
     camera = subject.resize_camera(frame.shape[0])
     left, top = 800, 70
     for geometry, title, colour in (
         (_CYLINDER_FROM_FRAME, "cylindrical image: all around, 25° above to 42° below",
-         plot_style.TEAL),
+         TEAL),
         (_PLANE_FROM_FRAME, "planar image: 75° wide, straight lines are straight",
-         plot_style.BLUE),
+         BLUE),
     ):  # fmt: skip
         image = unwarp(frame, make_unwarp_map(camera, geometry))
-        plot_style.add_text(page, left, top - 10, title, va="bottom", color=colour)
+        add_text(page, left, top - 10, title, va="bottom", color=colour)
         width = 700 if image.shape[1] > 2 * image.shape[0] else 560
-        plot_style.show_image(page, image, left, top, width)
+        show_image(page, image, left, top, width)
         top += round(width * image.shape[0] / image.shape[1]) + 70
 
 

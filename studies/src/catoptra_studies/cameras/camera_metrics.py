@@ -12,7 +12,6 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.slotted_dataclass import dataclass
 
 _NUM_AZIMUTHS = 360
 _NUM_RINGS = 360
@@ -22,56 +21,40 @@ _NUM_HALVINGS = 30
 _AXIS_RAD = 2e-8
 
 
-@dataclass(frozen=True, slots=True)
-class Resolution:
-    """Pixels per degree at one angle; nan for an angle that the camera does not show."""
-
-    radial: float
-    """Along the image radius."""
-
-    tangential: float
-    """Across the image radius."""
-
-
-@dataclass(frozen=True, slots=True)
-class _FloorView:
-    """Ring of the floor that a camera looking down shows in all directions."""
-
-    blind_radius_m: float
-    """Radius of the circle below the camera that is not seen; inf without any floor."""
-
-    reach_m: float
-    """Distance to which the floor is seen; inf with the horizon, 0 without any floor."""
+def _ring_directions(theta_rad: Floats, azimuth_rad: Floats) -> Floats:
+    """(..., 3) directions at angles from the axis, in the mirror frame."""
+    sine = np.sin(theta_rad)
+    return np.stack(
+        np.broadcast_arrays(
+            sine * np.cos(azimuth_rad), sine * np.sin(azimuth_rad), np.cos(theta_rad)
+        ),
+        axis=-1,
+    )
 
 
 def _visible_fraction(camera: OmniCamera, theta_rad: Floats) -> Floats:
     """Fractions of the azimuths at which the image shows an angle; shaped like the angles."""
     azimuth = 2.0 * math.pi * (np.arange(_NUM_AZIMUTHS) + 0.5) / _NUM_AZIMUTHS
-    theta = np.asarray(theta_rad)[..., None]
-    direction = np.stack(
-        np.broadcast_arrays(
-            np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)
-        ),
-        axis=-1,
-    )
-    fraction: Floats = shows_direction(camera, direction).mean(axis=-1)
+    _, is_shown = _pixels_in_image(camera, _ring_directions(theta_rad[..., None], azimuth))
+    fraction: Floats = is_shown.mean(axis=-1)
     return fraction
 
 
-def shows_direction(camera: OmniCamera, direction: Floats) -> Bools:
-    """Whether the rim and the borders of the image let directions be seen.
-
-    Args:
-        camera: Camera model.
-        direction: (..., 3) in the mirror frame.
-    """
+def _pixels_in_image(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
+    """(..., 2) pixels of directions, and whether rim and borders of the image let these be seen."""
     pixel, valid = camera.pixel_from_direction(direction)
     # An inscribed rim touches the borders up to rounding.
     size = np.array([camera.width_px, camera.height_px])
     slack_px = 1e-6
     inside = np.all((pixel >= -slack_px) & (pixel <= size + slack_px), axis=-1)
-    seen: Bools = valid & inside
-    return seen
+    return pixel, valid & inside
+
+
+def ring_pixels(camera: OmniCamera, theta_rad: float) -> Floats:
+    """(361, 2) pixels of the circle of one angle; nan where the image ends."""
+    azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
+    pixel, is_shown = _pixels_in_image(camera, _ring_directions(np.array(theta_rad), azimuth))
+    return np.where(is_shown[:, None], pixel, math.nan)
 
 
 def covered_sphere(camera: OmniCamera) -> float:
@@ -87,19 +70,17 @@ def min_angle_rad(camera: OmniCamera) -> float:
     return 2.0 * math.atan(camera.projection.t_min)
 
 
-def limit_rad(camera: OmniCamera) -> float:
-    """Angle at which the domain of the model ends."""
-    return 2.0 * math.atan(camera.projection.t_limit)
+def resolution_at(camera: OmniCamera, theta_rad: float) -> tuple[float, float]:
+    """Pixels per degree along and across the image radius at an angle from the axis.
 
-
-def resolution_at(camera: OmniCamera, theta_rad: float) -> Resolution:
-    """Resolution at an angle from the axis; nan where the image has no azimuth of the ring."""
-    if not min_angle_rad(camera) <= theta_rad <= camera.rim_rad:
-        return Resolution(math.nan, math.nan)
-    if not float(_visible_fraction(camera, np.array(max(theta_rad, _AXIS_RAD)))) > 0.0:
-        return Resolution(math.nan, math.nan)
-    radial, tangential = resolution_curve(camera, np.array([theta_rad]))
-    return Resolution(float(radial[0]), float(tangential[0]))
+    Both are nan where the image has no azimuth of the ring.
+    """
+    theta = np.array([theta_rad])
+    is_modelled = min_angle_rad(camera) <= theta_rad <= camera.rim_rad
+    if not is_modelled or _visible_fraction(camera, np.maximum(theta, _AXIS_RAD))[0] == 0.0:
+        return math.nan, math.nan
+    radial, tangential = resolution_curve(camera, theta)
+    return float(radial[0]), float(tangential[0])
 
 
 def resolution_curve(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Floats]:
@@ -118,18 +99,24 @@ def resolution_curve(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     return np.radians(radial), np.radians(tangential)
 
 
-def floor_view(camera: OmniCamera, height_m: float) -> _FloorView:
-    """Ring of the floor below a camera that looks straight down; the robot itself hides none.
+def floor_view(camera: OmniCamera, height_m: float) -> tuple[float, float]:
+    """Ring of the floor that a camera looking straight down shows in all directions.
+
+    The robot itself hides none of it.
 
     Args:
         camera: Camera model; of a non-central one, its central approximation.
         height_m: Height of the viewpoint above the floor.
+
+    Returns:
+        Radius of the circle below the camera that is not seen, inf without any floor; and the
+        distance to which the floor is seen, inf with the horizon, 0 without any floor.
     """
     grid = np.radians(np.arange(0.0, 90.01, 0.5))
     grid[0] = _AXIS_RAD
     seen = _visible_fraction(camera, grid) == 1.0
     if not seen.any():
-        return _FloorView(math.inf, 0.0)
+        return math.inf, 0.0
     first = int(np.argmax(seen))
     last = first + int(np.argmin(np.append(seen[first:], False))) - 1
 
@@ -138,9 +125,9 @@ def floor_view(camera: OmniCamera, height_m: float) -> _FloorView:
 
     low = 0.0 if first == 0 else _bisect(sees_angle, inside=grid[first], outside=grid[first - 1])
     if last == len(grid) - 1:
-        return _FloorView(height_m * math.tan(low), math.inf)
+        return height_m * math.tan(low), math.inf
     high = _bisect(sees_angle, inside=grid[last], outside=grid[last + 1])
-    return _FloorView(height_m * math.tan(low), height_m * math.tan(high))
+    return height_m * math.tan(low), height_m * math.tan(high)
 
 
 def _bisect(sees_angle: Callable[[float], bool], *, inside: float, outside: float) -> float:

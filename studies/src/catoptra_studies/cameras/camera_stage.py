@@ -7,8 +7,8 @@ commands `cameras` and `compare` declare their cameras, world and sizes here.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 from catoptra_protocol.landmarks import Landmark
@@ -29,7 +29,7 @@ from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin
 from catoptra_studies.commands import open_progress
 from catoptra_studies.plot_style import Image
-from catoptra_studies.study_subject import study_poses
+from catoptra_studies.study_subject import render_once, study_poses
 
 # Along a pixel's side: the samples of the camera files.
 _NUM_SAMPLES = 2
@@ -67,25 +67,21 @@ class CameraStage:
 
     def render_frame(self, index: int) -> Image:
         """Frame of a camera."""
-        view = self._prepare(index)
-        try:
-            return view.render(self.states[index]).rgb
-        finally:
-            view.close()
+        return render_once(self._prepare(index), self.states[index])
 
     def time_frames(self, num_rounds: int) -> tuple[float, ...]:
         """Processor time of a frame of each camera in milliseconds: medians over rounds."""
-        views = [self._prepare(index) for index in range(len(self.cameras))]
-        try:
+        with ExitStack() as stack:
+            views = [
+                stack.enter_context(closing(self._prepare(index)))
+                for index in range(len(self.cameras))
+            ]
             draw = [
                 # The state as a default: bound now, not after the loop.
                 lambda _, view=view, state=state: view.render(state).stage_ms
                 for view, state in zip(views, self.states, strict=True)
             ]
             timings = time_round_robin(draw, num_rounds=num_rounds, on_round=lambda: None)
-        finally:
-            for view in views:
-                view.close()
         return tuple(timing.cpu_ms for timing in timings)
 
     def _prepare(self, index: int) -> View:
@@ -113,47 +109,29 @@ def add_camera_options(parser: argparse.ArgumentParser, *, size_px: int) -> None
 def open_requested_stage(
     parsed: argparse.Namespace,
 ) -> Iterator[tuple[CameraStage, Callable[[], None]]]:
-    """Open the stage of a command line, and a progress bar that each camera advances."""
-    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
-    world_file = find_configuration("worlds", parsed.world)
-    with (
-        open_progress() as progress,
-        open_stage(files, world_file, parsed.output, size_px=parsed.size) as stage,
-    ):
-        yield stage, progress.add_task("cameras", len(files))
-
-
-@contextmanager
-def open_stage(
-    files: Sequence[CameraFile], world_file: Path, folder: Path, *, size_px: int | None
-) -> Iterator[CameraStage]:
-    """Start the renderer of a world, with all cameras at the first pose of the studies.
-
-    Args:
-        files: Cameras.
-        world_file: World to show.
-        folder: Folder for a robot file of each camera.
-        size_px: Width and height of images, of cameras that have no size of their own.
+    """Start the renderer of a command line's world, and a progress bar that each camera advances.
 
     Raises:
         ConfigError: The world or a camera cannot be read.
     """
-    cameras = tuple(_give_to_robot(file, folder, size_px) for file in files)
+    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
+    world_file = find_configuration("worlds", parsed.world)
+    cameras = tuple(_give_to_robot(file, parsed.output, parsed.size) for file in files)
     world, _ = read_world(world_file)
+    # All cameras at the first pose of the studies.
     pose = study_poses(world)[0]
-    renderer = choose_renderer(RendererKind.TRACE.value, build_scene(world), world).renderer
-    try:
-        states = tuple(
-            CameraState(pose.at_height(camera.height_m + float(mirror.translation[2])) @ mirror)
-            for camera in cameras
-            for mirror in (camera.description.robot_from_mirror,)
-        )
-        yield CameraStage(renderer, world_file, world.landmarks, cameras, states)
-    finally:
-        renderer.close()
+    states = tuple(
+        CameraState(pose.at_height(camera.height_m + float(mirror.translation[2])) @ mirror)
+        for camera in cameras
+        for mirror in (camera.description.robot_from_mirror,)
+    )
+    choice = choose_renderer(RendererKind.TRACE.value, build_scene(world), world)
+    with open_progress() as progress, closing(choice.renderer) as renderer:
+        stage = CameraStage(renderer, world_file, world.landmarks, cameras, states)
+        yield stage, progress.add_task("cameras", len(files))
 
 
-def _give_to_robot(file: CameraFile, folder: Path, size_px: int | None) -> StagedCamera:
+def _give_to_robot(file: CameraFile, folder: Path, size_px: int) -> StagedCamera:
     robot_file = folder.resolve() / f"robot_{file.name}.ini"
     description = carry_camera(file, robot_file, size_px=size_px)
     above_chassis_m = -float(description.robot_from_mirror.translation[2])

@@ -9,22 +9,19 @@ from __future__ import annotations
 import argparse
 import html
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from catoptra_protocol.optics.camera_rays import near_limit_m
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
-    limit_rad,
     min_angle_rad,
     resolution_curve,
-    shows_direction,
+    ring_pixels,
 )
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
@@ -33,6 +30,18 @@ from catoptra_studies.cameras.camera_stage import (
     open_requested_stage,
 )
 from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.plot_style import (
+    BLUE,
+    ORANGE,
+    RED,
+    Image,
+    Page,
+    add_axes,
+    add_text,
+    label_box,
+    open_page,
+    show_image,
+)
 from catoptra_studies.reports import (
     Cell,
     ReportFigure,
@@ -68,40 +77,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
+    folder: Path = parsed.output
     with open_requested_stage(parsed) as (stage, on_camera):
-        page = draw_gallery(stage, parsed.output, num_timed=parsed.frames, on_camera=on_camera)
-    print_line(f"written: {page}")
-    return 0
-
-
-def draw_gallery(
-    stage: CameraStage, folder: Path, *, num_timed: int, on_camera: Callable[[], None]
-) -> Path:
-    """Write a picture of each camera, cameras.json and index.html.
-
-    Args:
-        stage: World with the cameras.
-        folder: Folder for all files.
-        num_timed: Frames of each camera that are timed.
-        on_camera: Called after each picture.
-
-    Returns:
-        Path of the page.
-    """
-    frame_ms = stage.time_frames(num_timed)
-    rows = [describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
-    for index, staged in enumerate(stage.cameras):
-        path = folder / f"{staged.file.name}.png"
-        with plot_style.open_page(path, 740) as page:
-            _draw_camera(page, staged, stage.render_frame(index))
-        on_camera()
+        frame_ms = stage.time_frames(parsed.frames)
+        rows = [_describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
+        for index, staged in enumerate(stage.cameras):
+            with open_page(folder / f"{staged.file.name}.png", 740) as page:
+                _draw_camera(page, staged, stage.render_frame(index))
+            on_camera()
     write_json(folder / "cameras.json", rows)
     path = folder / "index.html"
     path.write_text(_format_page(folder, stage, rows), encoding="utf-8")
-    return path
+    print_line(f"written: {path}")
+    return 0
 
 
-def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
+def _describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
     """Numbers of a camera, as for JSON: None stands for nothing or unknown."""
     camera, file = staged.camera, staged.file
     fold_rad, near_m = camera.fold_rad, near_limit_m(camera)
@@ -112,62 +103,51 @@ def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
         "licence": file.licence,
         "covered_sphere": covered_sphere(camera),
         "rim_deg": math.degrees(camera.rim_rad),
-        "domain_deg": math.degrees(limit_rad(camera)),
+        # Where the domain of the model ends.
+        "domain_deg": math.degrees(2.0 * math.atan(camera.projection.t_limit)),
         "first_fold_deg": None if math.isinf(fold_rad) else math.degrees(fold_rad),
         "central_beyond_m": None if math.isnan(near_m) else near_m,
         "frame_ms": frame_ms,
     }
 
 
-def ring_pixels(camera: OmniCamera, theta_rad: float) -> Floats:
-    """(n, 2) pixels of the circle of one angle; nan where the image ends."""
-    azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
-    sine = math.sin(theta_rad)
-    direction = np.stack(
-        (sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(361, math.cos(theta_rad))), axis=-1
-    )
-    pixel, _ = camera.pixel_from_direction(direction)
-    return np.where(shows_direction(camera, direction)[:, None], pixel, math.nan)
-
-
-def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.Image) -> None:
+def _draw_camera(page: Page, staged: StagedCamera, image: Image) -> None:
     camera = staged.camera
     width = round(_IMAGE_PX * min(1.0, image.shape[1] / image.shape[0]))
-    axes = plot_style.show_image(page, image, 20, 60, width)
-    plot_style.add_text(page, 20, 14, staged.file.title, fontsize=10, fontweight="bold")
+    axes = show_image(page, image, 20, 60, width)
+    add_text(page, 20, 14, staged.file.title, fontsize=10, fontweight="bold")
     for degrees in range(_RING_SPACING_DEG, 180, _RING_SPACING_DEG):
         # On the rim itself rounding would make a dashed line.
         if math.radians(degrees) > camera.rim_rad - _RIM_MARGIN_RAD:
             break
         pixel = ring_pixels(camera, math.radians(degrees))
-        colour = plot_style.RED if degrees == 90 else plot_style.ORANGE
+        colour = RED if degrees == 90 else ORANGE
         axes.plot(pixel[:, 0], pixel[:, 1], color=colour, linewidth=0.8)
         u, v = pixel[45]
         if math.isfinite(u):
-            box = plot_style.label_box(0.8)
+            box = label_box(0.8)
             axes.text(u, v, f"{degrees}°", ha="center", va="center", fontsize=7, bbox=box)
     _draw_resolution(page, camera)
 
 
-def _draw_resolution(page: plot_style.Page, camera: OmniCamera) -> None:
+def _draw_resolution(page: Page, camera: OmniCamera) -> None:
     theta = np.linspace(min_angle_rad(camera), min(camera.rim_rad, _MAX_PLOTTED_RAD), 400)
     radial, tangential = resolution_curve(camera, theta)
-    axes = plot_style.add_axes(page, 780, 90, 700, 540)
-    axes.plot(np.degrees(theta), radial, color=plot_style.BLUE, label="along the image radius")
-    axes.plot(np.degrees(theta), tangential, "--", color=plot_style.ORANGE, label="across it")
+    axes = add_axes(page, 780, 90, 700, 540)
+    axes.plot(np.degrees(theta), radial, color=BLUE, label="along the image radius")
+    axes.plot(np.degrees(theta), tangential, "--", color=ORANGE, label="across it")
     # Scales near an antipode would flatten all other parts of the curves.
     shown = theta <= _MAX_SCALED_RAD
     highest = 1.1 * float(np.maximum(radial, tangential)[shown].max())
     axes.set(xlim=(0, 180), ylim=(0, highest), xticks=range(0, 181, _RING_SPACING_DEG),
              xlabel="angle from the axis, degrees")  # fmt: skip
-    axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
+    axes.axvline(90.0, color=RED, linewidth=0.8)
     axes.set_title(f"px per degree, image of {camera.width_px} x {camera.height_px} px")
     axes.legend(loc="best")
 
 
 def _format_page(folder: Path, stage: CameraStage, rows: list[dict[str, Any]]) -> str:
-    cells = [[Cell(row["title"]), *(Cell(text, "n") for text in _row_texts(row))] for row in rows]
-    header = [Cell(text) for text in _HEADER]
+    cells = [[row["title"], *(Cell(text, "n") for text in _row_texts(row))] for row in rows]
     figures = [
         figure_element(folder, _figure(camera, row))
         for camera, row in zip(stage.cameras, rows, strict=True)
@@ -177,7 +157,7 @@ def _format_page(folder: Path, stage: CameraStage, rows: list[dict[str, Any]]) -
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Cameras</title>'
         f"<style>{style}</style><h1>Cameras</h1><p>{html.escape(_INTRODUCTION)}</p>"
-        f"{html_table(header, cells)}{''.join(figures)}</html>\n"
+        f"{html_table(_HEADER, cells)}{''.join(figures)}</html>\n"
     )
 
 

@@ -8,7 +8,7 @@ errs too much.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,14 @@ from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.degradation.recorded_drive import RecordedDrive, add_measurements
+from catoptra_studies.degradation.recorded_drive import (
+    LabelledFrame,
+    RecordedDrive,
+    add_measurements,
+)
+from catoptra_studies.experiment.drive_log import DriveStep
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, PAPER_FILTER, ExperimentSetup
-from catoptra_studies.experiment.localization_filter import FilterRun, replay_filter
+from catoptra_studies.experiment.localization_filter import replay_filter
 from catoptra_studies.experiment.metrics import (
     RangeBearingPair,
     rms_range_bearing,
@@ -101,10 +106,14 @@ def compute_degradation_metrics(
     evaluations = [
         evaluation
         for drive, found in zip(drives, detections, strict=True)
-        for evaluation in evaluate_drive(drive, found)
+        for evaluation in _evaluate_drive(drive, found)
     ]
     errors = [error for frame in evaluations for error in frame.detection_errors.values()]
-    filter_runs = _run_filter(drives, detections, setup, landmarks)
+    landmark_map = make_landmark_map(landmarks)
+    filter_runs = [
+        replay_filter(add_measurements(drive, found), setup, PAPER_FILTER, landmark_map)
+        for drive, found in zip(drives, detections, strict=True)
+    ]
     range_m, bearing_rad = rms_range_bearing(errors)
     return DegradationMetrics(
         num_frames=len(evaluations),
@@ -120,33 +129,30 @@ def compute_degradation_metrics(
     )
 
 
-def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterator[_FrameEvaluation]:
+def _evaluate_drive(
+    drive: RecordedDrive, detections: DriveDetections
+) -> Iterator[_FrameEvaluation]:
     """Evaluate the detections in each frame of a drive."""
     # No frame belongs to the start: steps[0] is where the robot was put.
     for step, frame, found in zip(drive.log.steps[1:], drive.frames, detections, strict=True):
-        visible = {p.landmark.name: p.landmark for p in frame.landmarks if p.visible}
-        truth = {name: true_range_bearing(step, landmark) for name, landmark in visible.items()}
-        beacons = {name for name, landmark in visible.items() if landmark.kind == "beacon"}
-        yield _evaluate_frame(truth, beacons, found)
+        yield _evaluate_frame(step, frame, found)
 
 
 def _evaluate_frame(
-    range_bearing: dict[str, RangeBearingPair],
-    beacons: set[str],
-    detections: Sequence[Detection],
+    step: DriveStep, frame: LabelledFrame, detections: Sequence[Detection]
 ) -> _FrameEvaluation:
-    """Compare the detections of one frame with the truth.
-
-    Args:
-        range_bearing: True range and bearing of all visible landmarks by name.
-        beacons: Names of those that are beacons.
-        detections: Detections in the frame.
-    """
+    """Compare the detections of one frame with the truth."""
+    visible = [projection.landmark for projection in frame.landmarks if projection.visible]
+    truths = {landmark.name: true_range_bearing(step, landmark) for landmark in visible}
     # Beacons alone: the visible part of a goal has another centre than the goal.
-    visible = frozenset(name for name in beacons if range_bearing[name][0] <= MAX_RANGE_M)
+    beacons = frozenset(
+        landmark.name
+        for landmark in visible
+        if landmark.kind == "beacon" and truths[landmark.name][0] <= MAX_RANGE_M
+    )
     errors, false_detections = {}, []
     for detection in detections:
-        truth = range_bearing.get(detection.name)
+        truth = truths.get(detection.name)
         if truth is None:
             false_detections.append(detection)
             continue
@@ -154,23 +160,9 @@ def _evaluate_frame(
         if abs(error_rad) > _MATCH_TOLERANCE_RAD:
             false_detections.append(detection)
         # A correct detection beyond the range in use is neither a success nor a failure.
-        elif detection.name in visible:
+        elif detection.name in beacons:
             errors[detection.name] = (detection.range_m - truth[0], error_rad)
-    return _FrameEvaluation(visible, errors, tuple(false_detections))
-
-
-def _run_filter(
-    recorded_drives: Sequence[RecordedDrive],
-    detections: Sequence[DriveDetections],
-    setup: ExperimentSetup,
-    landmarks: Sequence[Landmark],
-) -> list[FilterRun]:
-    landmark_map = make_landmark_map(landmarks)
-    drive_logs = (
-        add_measurements(drive, found)
-        for drive, found in zip(recorded_drives, detections, strict=True)
-    )
-    return [replay_filter(log, setup, PAPER_FILTER, landmark_map) for log in drive_logs]
+    return _FrameEvaluation(beacons, errors, tuple(false_detections))
 
 
 def _median(values: Sequence[float]) -> float:
@@ -203,7 +195,7 @@ class ExampleFrame:
 
 def select_example(drive: RecordedDrive, detections: DriveDetections) -> ExampleFrame:
     """Select the first of the frames with the most visible beacons within range."""
-    evaluations = list(evaluate_drive(drive, detections))
+    evaluations = list(_evaluate_drive(drive, detections))
     # The same frame at every level: visibility is the same there, since the seeds are.
     counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
     index = counts.index(max(counts))
@@ -229,52 +221,29 @@ def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
     return float(np.sqrt(np.mean(np.square(difference))))
 
 
-@dataclass(frozen=True, slots=True)
-class FailureLevels:
-    """Labels of the first levels that fail in four ways; None where all levels pass."""
+_IsFailure = Callable[[DegradationMetrics, DegradationMetrics], bool]
 
-    detection_below_90_percent: str | None
-    """Detection rate below nine tenths of that in clean images."""
-
-    detection_below_50_percent: str | None
-    """Detection rate below half of that in clean images."""
-
-    ekf_error_above_twice_clean: str | None
-    """Largest position error more than twice that with clean images."""
-
-    ekf_error_above_paper: str | None
-    """Largest position error above the paper's bound."""
+# Ways in which a level can fail, by its metrics and those of clean images: relative to these, in
+# which the detector does not find every beacon either.
+_FAILURES: Mapping[str, _IsFailure] = {
+    "detection_below_90_percent": lambda m, clean: m.detection_rate < 0.9 * clean.detection_rate,
+    "detection_below_50_percent": lambda m, clean: m.detection_rate < 0.5 * clean.detection_rate,
+    "ekf_error_above_twice_clean": lambda m, clean: m.ekf_max_m > 2.0 * clean.ekf_max_m,
+    "ekf_error_above_paper": lambda m, _: m.ekf_max_m > PAPER_EKF_ERROR_M,
+}
 
 
 def find_failure_levels(
     clean: DegradationMetrics, levels: Sequence[tuple[str, DegradationMetrics]]
-) -> FailureLevels:
-    """Find the first failing level of a sweep.
+) -> dict[str, str | None]:
+    """Label of the first level of a sweep that fails in each way; None where all levels pass.
 
     Args:
         clean: Metrics of clean images.
         levels: Label and metrics of each level, from slight to hopeless.
     """
-    # Relative to clean images, in which the detector does not find every beacon either.
-    return FailureLevels(
-        detection_below_90_percent=_first_level(
-            levels, lambda metrics: metrics.detection_rate < 0.9 * clean.detection_rate
-        ),
-        detection_below_50_percent=_first_level(
-            levels, lambda metrics: metrics.detection_rate < 0.5 * clean.detection_rate
-        ),
-        ekf_error_above_twice_clean=_first_level(
-            levels, lambda metrics: metrics.ekf_max_m > 2.0 * clean.ekf_max_m
-        ),
-        ekf_error_above_paper=_first_level(
-            levels, lambda metrics: metrics.ekf_max_m > PAPER_EKF_ERROR_M
-        ),
-    )
-
-
-def _first_level(
-    levels: Sequence[tuple[str, DegradationMetrics]],
-    condition: Callable[[DegradationMetrics], bool],
-) -> str | None:
     # The first one, even if a later level passes again: a detector must not be trusted beyond.
-    return next((label for label, metrics in levels if condition(metrics)), None)
+    return {
+        name: next((label for label, metrics in levels if is_failure(metrics, clean)), None)
+        for name, is_failure in _FAILURES.items()
+    }

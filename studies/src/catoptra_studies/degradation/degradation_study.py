@@ -8,7 +8,7 @@ information is lost.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,12 +24,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.degradation.recorded_drive import (
-    RecordedDrive,
-    detect_beacons,
-    make_drive_detector,
-    record_drive,
-)
+from catoptra_studies.degradation.recorded_drive import RecordedDrive, detect_beacons, record_drive
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     open_server,
@@ -88,25 +83,26 @@ def run_degradation_study(
         robot_folder: Folder of the robot files on which the levels are based.
         on_drive: Called after each drive, from any thread.
     """
-    clean_classifier, clean = _run_clean(config, clean_robot_ini(robot_folder), on_drive)
+    clean_ini = clean_robot_ini(robot_folder)
+    clean_classifier, drives = _record_drives(config, clean_ini, "clean", on_drive)
+    clean = _evaluate_level(config, drives, "clean", {TRAINED_ON_CLEAN: clean_classifier})
     with ThreadPoolExecutor(_NUM_WORKERS) as pool:
-
-        def submit_level(sweep: DegradationSweep, number: int) -> Future[LevelResult]:
-            level = sweep.levels[number]
-            return pool.submit(
-                _run_level,
-                config,
-                degraded_robot_ini(sweep, level, robot_folder),
-                # By number: labels such as cos^4 are no file names.
-                name=f"{sweep.slug}_{number + 1}",
-                label=level.label,
-                clean_classifier=clean_classifier,
-                on_drive=on_drive,
-            )
-
         # All levels of all sweeps at once, so that no worker idles at the end of a sweep.
         futures = [
-            [submit_level(sweep, number) for number in range(len(sweep.levels))] for sweep in sweeps
+            [
+                pool.submit(
+                    _run_level,
+                    config,
+                    degraded_robot_ini(sweep, keys, robot_folder),
+                    # By number: labels such as cos^4 are no file names.
+                    name=f"{sweep.slug}_{number}",
+                    label=label,
+                    clean_classifier=clean_classifier,
+                    on_drive=on_drive,
+                )
+                for number, (label, keys) in enumerate(sweep.levels.items(), 1)
+            ]
+            for sweep in sweeps
         ]
         try:
             return tuple(
@@ -117,14 +113,6 @@ def run_degradation_study(
             # Else leaving the block would first measure all levels that still wait.
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _run_clean(
-    config: ExperimentConfig, robot_ini: str, on_drive: DriveCallback
-) -> tuple[ColourClassifier, LevelResult]:
-    """Train a classifier on clean images and evaluate the same images."""
-    classifier, drives = _record_drives(config, robot_ini, "clean", on_drive)
-    return classifier, _evaluate_level(config, drives, "clean", {TRAINED_ON_CLEAN: classifier})
 
 
 def _run_level(
@@ -152,7 +140,7 @@ def _record_drives(
     setup = replace(config.setups[0], name=name, robot_file=str(robot_file))
     with open_server(config, setup) as address:
         # On the same server, hence on images degraded like the drives' own.
-        classifier = train_on_server(config, address, lambda: None)
+        classifier = train_on_server(config, address)
         drives = []
         for run in range(config.num_runs):
             drives.append(record_drive(setup, run, address))
@@ -168,10 +156,7 @@ def _evaluate_level(
 ) -> LevelResult:
     landmarks = config.landmarks
     detections = {
-        training: [
-            detect_beacons(drive, make_drive_detector(drive, classifier, landmarks))
-            for drive in drives
-        ]
+        training: [detect_beacons(drive, classifier, landmarks) for drive in drives]
         for training, classifier in classifiers.items()
     }
     metrics = {

@@ -7,6 +7,7 @@ simulated robot's, without effects. A new sweep is an entry of SWEEPS.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,17 +28,6 @@ Decimals=4
 
 
 @dataclass(frozen=True, slots=True)
-class DegradationLevel:
-    """One level of a sweep."""
-
-    label: str
-    """Strength in the unit of the sweep."""
-
-    ini_keys: str
-    """Keys of the capture camera's section, with `|` between lines."""
-
-
-@dataclass(frozen=True, slots=True)
 class DegradationSweep:
     """One way in which an image degrades."""
 
@@ -49,8 +39,9 @@ class DegradationSweep:
     unit: str
     """Quantity and unit of the labels."""
 
-    levels: tuple[DegradationLevel, ...]
-    """Levels from slight to hopeless; clean images come before the first."""
+    levels: Mapping[str, str]
+    """Keys of the capture camera's section by label, with `|` between lines: levels from slight to
+    hopeless, clean images before the first. A label is the strength in the sweep's unit."""
 
     ini_keys: str = ""
     """Keys that all levels share, with `|` between lines."""
@@ -64,16 +55,16 @@ class DegradationSweep:
         return self.name.lower().replace(" ", "_")
 
 
-def degraded_robot_ini(sweep: DegradationSweep, level: DegradationLevel, robot_folder: Path) -> str:
+def degraded_robot_ini(sweep: DegradationSweep, level_keys: str, robot_folder: Path) -> str:
     """Robot file of one level.
 
     Args:
         sweep: Sweep of the level.
-        level: Level to select.
+        level_keys: Keys of the level, as in the sweep.
         robot_folder: Folder of the robot files on which sweeps are based.
     """
     # Later keys win, so a level can override the sweep.
-    keys = "|".join(part for part in (_ONE_SAMPLE, sweep.ini_keys, level.ini_keys) if part)
+    keys = "|".join(part for part in (_ONE_SAMPLE, sweep.ini_keys, level_keys) if part)
     return _robot_ini(robot_folder / sweep.base_robot, keys)
 
 
@@ -86,6 +77,11 @@ def _robot_ini(base_robot: Path, ini_keys: str) -> str:
     lines = ini_keys.replace("|", "\n")
     based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
     return f"{based_on}{_SIM_ODOMETRY}{_CAMERA_SECTION}\n{lines}\n"
+
+
+def _vary(key: str, values: Mapping[str, float]) -> dict[str, str]:
+    """Levels that set one key, from its values by label."""
+    return {label: f"{key}={value}" for label, value in values.items()}
 
 
 # A 1/3" sensor of 480 rows with the height divided into 360, the rows of the study's images.
@@ -101,12 +97,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "an exposure shorter than white needs",
         "exposure, fraction of white's",
         ini_keys="Exposure=always|WhiteExposureTime=0.01",
-        levels=(
-            DegradationLevel("0.9", "ExposureTime=0.009"),
-            DegradationLevel("0.8", "ExposureTime=0.008"),
-            DegradationLevel("0.6", "ExposureTime=0.006"),
-            DegradationLevel("0.4", "ExposureTime=0.004"),
-        ),
+        levels=_vary("ExposureTime", {"0.9": 0.009, "0.8": 0.008, "0.6": 0.006, "0.4": 0.004}),
     ),
     DegradationSweep(
         # With blooming, since a real sensor that clips also spills.
@@ -114,12 +105,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "an exposure longer than white needs; full wells spill into their columns",
         "exposure, fraction of white's",
         ini_keys="Exposure=always|WhiteExposureTime=0.01|Blooming=always",
-        levels=(
-            DegradationLevel("1.25", "ExposureTime=0.0125"),
-            DegradationLevel("1.5", "ExposureTime=0.015"),
-            DegradationLevel("2.5", "ExposureTime=0.025"),
-            DegradationLevel("6", "ExposureTime=0.06"),
-        ),
+        levels=_vary("ExposureTime", {"1.25": 0.0125, "1.5": 0.015, "2.5": 0.025, "6": 0.06}),
     ),
     DegradationSweep(
         # BlueGain is the inverse of RedGain.
@@ -127,12 +113,12 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "light that the white balance is not set for: red raised, blue lowered by the same factor",
         "gain of red",
         ini_keys="WhiteBalance=always",
-        levels=(
-            DegradationLevel("1.1", "RedGain=1.1|BlueGain=0.909"),
-            DegradationLevel("1.15", "RedGain=1.15|BlueGain=0.870"),
-            DegradationLevel("1.2", "RedGain=1.2|BlueGain=0.833"),
-            DegradationLevel("1.4", "RedGain=1.4|BlueGain=0.714"),
-        ),
+        levels={
+            "1.1": "RedGain=1.1|BlueGain=0.909",
+            "1.15": "RedGain=1.15|BlueGain=0.870",
+            "1.2": "RedGain=1.2|BlueGain=0.833",
+            "1.4": "RedGain=1.4|BlueGain=0.714",
+        },
     ),
     DegradationSweep(
         # The well sets the shot noise: fewer electrons for the same white.
@@ -140,12 +126,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "few electrons a pixel: shot noise, and 13 electrons of read noise",
         "electrons of white",
         ini_keys="ShotNoise=always|ReadNoise=always|ReadNoiseElectrons=13",
-        levels=(
-            DegradationLevel("1800", "FullWell=1800"),
-            DegradationLevel("600", "FullWell=600"),
-            DegradationLevel("200", "FullWell=200"),
-            DegradationLevel("60", "FullWell=60"),
-        ),
+        levels=_vary("FullWell", {"1800": 1800, "600": 600, "200": 200, "60": 60}),
     ),
     DegradationSweep(
         # 0 selects the best focus of the lens.
@@ -153,24 +134,14 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "a lens at f/2 whose focus is not at the mirror's virtual image",
         "focused at, m",
         ini_keys=f"Defocus=always|FNumber=2|{_PIXEL_PITCH}",
-        levels=(
-            DegradationLevel("best", "FocusDistance=0"),
-            DegradationLevel("0.3", "FocusDistance=0.3"),
-            DegradationLevel("0.4", "FocusDistance=0.4"),
-            DegradationLevel("1", "FocusDistance=1"),
-        ),
+        levels=_vary("FocusDistance", {"best": 0, "0.3": 0.3, "0.4": 0.4, "1": 1}),
     ),
     DegradationSweep(
         "Diffraction",
         "an aperture stopped down",
         "f-number",
         ini_keys=f"Diffraction=always|{_PIXEL_PITCH}",
-        levels=(
-            DegradationLevel("5.6", "FNumber=5.6"),
-            DegradationLevel("8", "FNumber=8"),
-            DegradationLevel("16", "FNumber=16"),
-            DegradationLevel("64", "FNumber=64"),
-        ),
+        levels=_vary("FNumber", {"5.6": 5.6, "8": 8, "16": 16, "64": 64}),
     ),
     DegradationSweep(
         # 1 % at the rim, 180 px from the centre, is nearly two pixels.
@@ -178,12 +149,12 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "a lens that images red larger and blue smaller than green",
         "magnification of red",
         ini_keys="ChromaticAberration=always",
-        levels=(
-            DegradationLevel("1.002", "RedMagnification=1.002|BlueMagnification=0.998"),
-            DegradationLevel("1.005", "RedMagnification=1.005|BlueMagnification=0.995"),
-            DegradationLevel("1.01", "RedMagnification=1.01|BlueMagnification=0.99"),
-            DegradationLevel("1.03", "RedMagnification=1.03|BlueMagnification=0.97"),
-        ),
+        levels={
+            "1.002": "RedMagnification=1.002|BlueMagnification=0.998",
+            "1.005": "RedMagnification=1.005|BlueMagnification=0.995",
+            "1.01": "RedMagnification=1.01|BlueMagnification=0.99",
+            "1.03": "RedMagnification=1.03|BlueMagnification=0.97",
+        },
     ),
     DegradationSweep(
         # The client keeps the model of an aligned camera: bearings err, colours do not.
@@ -191,12 +162,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "a camera ahead of the mirror's focus, unknown to the client",
         "mm",
         ini_keys="Misalignment=always",
-        levels=(
-            DegradationLevel("0.3", "MisalignmentX=0.0003"),
-            DegradationLevel("1", "MisalignmentX=0.001"),
-            DegradationLevel("3", "MisalignmentX=0.003"),
-            DegradationLevel("8", "MisalignmentX=0.008"),
-        ),
+        levels=_vary("MisalignmentX", {"0.3": 0.0003, "1": 0.001, "3": 0.003, "8": 0.008}),
     ),
     DegradationSweep(
         # At 1/m a beacon at 2.5 m keeps 8 % of the contrast.
@@ -204,12 +170,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "grey air between the mirror and the scene",
         "extinction, 1/m",
         ini_keys="Fog=always",
-        levels=(
-            DegradationLevel("0.005", "FogDensity=0.005"),
-            DegradationLevel("0.01", "FogDensity=0.01"),
-            DegradationLevel("0.03", "FogDensity=0.03"),
-            DegradationLevel("1", "FogDensity=1"),
-        ),
+        levels=_vary("FogDensity", {"0.005": 0.005, "0.01": 0.01, "0.03": 0.03, "1": 1}),
     ),
     DegradationSweep(
         # Up to 11 cm of travel in the longest exposure.
@@ -217,12 +178,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "a robot that drives, up to 0.56 m/s, and turns during the exposure",
         "exposure, ms",
         ini_keys="MotionBlur=always",
-        levels=(
-            DegradationLevel("20", "ExposureTime=0.02"),
-            DegradationLevel("50", "ExposureTime=0.05"),
-            DegradationLevel("100", "ExposureTime=0.1"),
-            DegradationLevel("200", "ExposureTime=0.2"),
-        ),
+        levels=_vary("ExposureTime", {"20": 0.02, "50": 0.05, "100": 0.1, "200": 0.2}),
     ),
     DegradationSweep(
         # Coverage grows; the size of the particles and the scratches stay.
@@ -230,30 +186,21 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "dust particles of 0.2 mm on the mirror, and two scratches",
         "fraction covered",
         ini_keys=f"MirrorDust=always|{_PIXEL_PITCH}",
-        levels=(
-            DegradationLevel("0.002", "DustCoverage=0.002"),
-            DegradationLevel("0.01", "DustCoverage=0.01"),
-            DegradationLevel("0.05", "DustCoverage=0.05"),
-            DegradationLevel("0.2", "DustCoverage=0.2"),
-        ),
+        levels=_vary("DustCoverage", {"0.002": 0.002, "0.01": 0.01, "0.05": 0.05, "0.2": 0.2}),
     ),
     DegradationSweep(
         # Nothing to vary: each level is another effect that every real camera has.
         "Always present",
         "one effect each: robot in the mirror, shadows, cos^4 of a lens, mirrors, colour mosaic",
         "effect",
-        levels=(
-            DegradationLevel("robot", "SelfView=always"),
-            DegradationLevel("shadows", "Shadows=always"),
-            DegradationLevel("cos^4", "Vignetting=always"),
-            DegradationLevel(
-                "steel", "MirrorReflectance=always|MirrorIndex=2.8|MirrorExtinction=3.4"
-            ),
-            DegradationLevel(
-                "glass", "MirrorReflectance=always|MirrorIndex=1.5|MirrorExtinction=0"
-            ),
-            DegradationLevel("mosaic", "Bayer=always"),
-        ),
+        levels={
+            "robot": "SelfView=always",
+            "shadows": "Shadows=always",
+            "cos^4": "Vignetting=always",
+            "steel": "MirrorReflectance=always|MirrorIndex=2.8|MirrorExtinction=3.4",
+            "glass": "MirrorReflectance=always|MirrorIndex=1.5|MirrorExtinction=0",
+            "mosaic": "Bayer=always",
+        },
     ),
     DegradationSweep(
         # WhiteExposureTime is the exposure that white needs: longer means less light.
@@ -262,12 +209,9 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "light, fraction of white's",
         base_robot=REAL_ROBOT,
         ini_keys=f"ResolutionX=360|ResolutionY=360|{_PIXEL_PITCH}",
-        levels=(
-            DegradationLevel("1", "WhiteExposureTime=0.0166667"),
-            DegradationLevel("0.9", "WhiteExposureTime=0.0185185"),
-            DegradationLevel("0.8", "WhiteExposureTime=0.0208333"),
-            DegradationLevel("0.5", "WhiteExposureTime=0.0333333"),
-            DegradationLevel("0.1", "WhiteExposureTime=0.166667"),
+        levels=_vary(
+            "WhiteExposureTime",
+            {"1": 0.0166667, "0.9": 0.0185185, "0.8": 0.0208333, "0.5": 0.0333333, "0.1": 0.166667},
         ),
     ),
 )

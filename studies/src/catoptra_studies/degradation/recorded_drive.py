@@ -12,14 +12,7 @@ from dataclasses import dataclass, replace
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
-from catoptra_client.landmarks import (
-    ColourClassifier,
-    Detection,
-    Detector,
-    Viewpoint,
-    detect,
-    make_detector,
-)
+from catoptra_client.landmarks import ColourClassifier, Detection, Viewpoint, detect, make_detector
 from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
@@ -99,16 +92,12 @@ def record_drive(setup: ExperimentSetup, seed: int, address: ServerAddress) -> R
     return RecordedDrive(DriveLog(setup.name, seed, steps), tuple(frames), camera, height_m)
 
 
-def make_drive_detector(
+def detect_beacons(
     drive: RecordedDrive, classifier: ColourClassifier, landmarks: Sequence[Landmark]
-) -> Detector:
-    """Detector for the camera of a drive."""
-    viewpoint = Viewpoint(drive.height_m)
-    return make_detector(drive.camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
-
-
-def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Detection, ...], ...]:
+) -> tuple[tuple[Detection, ...], ...]:
     """Detect the beacons in each frame, leaving out those without a range."""
+    viewpoint = Viewpoint(drive.height_m)
+    detector = make_detector(drive.camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
     # A filter cannot use a detection without range, so that beacon counts as missed.
     return tuple(
         tuple(

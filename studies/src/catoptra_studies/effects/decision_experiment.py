@@ -19,9 +19,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.commands.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
@@ -48,14 +49,7 @@ from catoptra_server.world.obstacle_grid import (
 from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.
-WORLDS = (
-    "corridor",
-    "four_legged_2006",
-    "incidence_rings",
-    "legacy",
-    "rescue",
-    "warehouse",
-)
+WORLDS = ("corridor", "four_legged_2006", "incidence_rings", "legacy", "rescue", "warehouse")
 # Speeds of a P2AT: a metre a second is beyond the wheels.
 MOTIONS: Mapping[str, PlanarVelocity] = {
     "at rest": ZERO_VELOCITY,
@@ -63,6 +57,7 @@ MOTIONS: Mapping[str, PlanarVelocity] = {
     "driving": PlanarVelocity(0.6, 0.0, 0.1),
     "turning": PlanarVelocity(0.2, 0.0, 1.2),
 }
+
 # Fine enough for the corridor's doors, which leave 9 cm on either side of a turning base.
 _CELL_M = 0.1
 _CLEARANCE_M = 0.02
@@ -119,17 +114,11 @@ def _find_cells(startup: StartupConfig) -> tuple[Floats, Floats]:
     centres = np.stack(np.meshgrid(columns, rows, indexing="ij"), axis=-1)
     flat = centres.reshape(-1, 2)
     is_free = _are_free(startup, flat, _CLEARANCE_M).reshape(centres.shape[:2])
-    is_reachable = _flood(is_free, _start_cells(startup, low))
-    reachable = centres[is_reachable]
+    # The origin is the start of a world without starts.
+    starts = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
+    reachable = centres[_flood(is_free, np.rint((np.array(starts) - low) / _CELL_M).astype(int))]
     is_open = _are_free(startup, reachable, _OPEN_CLEARANCE_M)
     return reachable[~is_open], reachable[is_open]
-
-
-def _start_cells(startup: StartupConfig, low: Floats) -> list[tuple[int, int]]:
-    """Cells of the world's starts; the origin's for a world without starts."""
-    locations = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
-    cells = np.rint((np.array(locations) - low) / _CELL_M).astype(int)
-    return [(int(column), int(row)) for column, row in cells]
 
 
 def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Bools:
@@ -153,27 +142,20 @@ def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Boo
     return free
 
 
-def _flood(is_free: Bools, starts: list[tuple[int, int]]) -> Bools:
-    """(n, m) free cells that are connected with a free start."""
+def _flood(is_free: Bools, starts: npt.NDArray[np.intp]) -> Bools:
+    """(n, m) free cells that are connected by their sides with a free one of (k, 2) starts."""
     reached = np.zeros_like(is_free)
-    waiting = [cell for cell in starts if is_free[cell]]
-    for cell in waiting:
-        reached[cell] = True
-    while waiting:
-        cell = waiting.pop()
-        for neighbour in _neighbours(cell, is_free.shape):
-            if is_free[neighbour] and not reached[neighbour]:
-                reached[neighbour] = True
-                waiting.append(neighbour)
-    return reached
-
-
-def _neighbours(cell: tuple[int, int], shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
-    """Cells that share a side with a cell."""
-    for column, row in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        i, j = cell[0] + column, cell[1] + row
-        if 0 <= i < shape[0] and 0 <= j < shape[1]:
-            yield i, j
+    reached[*starts.T] = is_free[*starts.T]
+    while True:
+        grown = reached.copy()
+        grown[1:] |= reached[:-1]
+        grown[:-1] |= reached[1:]
+        grown[:, 1:] |= reached[:, :-1]
+        grown[:, :-1] |= reached[:, 1:]
+        grown &= is_free
+        if np.array_equal(grown, reached):
+            return reached
+        reached = grown
 
 
 _ROBOT = "p2at_omni_real"
@@ -202,7 +184,7 @@ class TrialDecision:
     """Largest true change of any pixel, grey levels."""
 
 
-class TrialWorld:
+class _TrialWorld:
     """A world with the shipped real camera: decisions by the server, truth by the study."""
 
     def __init__(self, name: str, *, width_px: int | None = None) -> None:
@@ -212,27 +194,32 @@ class TrialWorld:
             width_px: Side of a square image; None for the shipped camera's own size.
         """
         self._name = name
-        self._startup = _read_world(name)
-        robot = self._startup.robots[0]
+        self.startup = read_startup_config(
+            [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
+        )
+        robot = self.startup.robots[0]
         assert robot.omni_camera is not None, f"{_ROBOT} has a mirror camera"
         omni = robot.omni_camera
         if width_px is not None:
-            omni = replace(omni, camera=_resize(omni.camera, width_px))
+            # The same mirror in a square image.
+            camera = camera_with_inscribed_rim(
+                omni.camera.mirror,
+                width_px=width_px,
+                height_px=width_px,
+                rim_rad=omni.camera.rim_rad,
+            )
+            omni = replace(omni, camera=camera)
         self._robot, self._omni = robot, omni
         self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
         settings = self._omni.effects.settings
         self._effects: tuple[Effect, ...] = tuple(
             one.effect for one in settings if one.mode is not EffectMode.NEVER
         )
-        scene, world = self._startup.scene, self._startup.world
+        scene, world = self.startup.scene, self.startup.world
         # One thread: the pool's processes share the processors.
         choice = choose_renderer("trace", scene, world, threads=1)
         self._views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(scene, world))
-        self._truth = _make_truth(self._startup, self._spec)
-
-    def choose_places(self, num_places: int, *, seed: int) -> tuple[Place, ...]:
-        """Places of this world."""
-        return choose_places(self._name, self._startup, num_places, seed=seed)
+        self._truth = _make_truth(self.startup, self._spec)
 
     def run(self, place: Place) -> Iterator[TrialDecision]:
         """Yield the decisions at a place, in all motions."""
@@ -264,19 +251,6 @@ class TrialWorld:
 
 def _follows_frame(decision: EffectDecision) -> bool:
     return decision.basis is DecisionBasis.MEASURED
-
-
-def _read_world(name: str) -> StartupConfig:
-    return read_startup_config(
-        [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
-    )
-
-
-def _resize(camera: OmniCamera, width_px: int) -> OmniCamera:
-    """Same mirror in a square image."""
-    return camera_with_inscribed_rim(
-        camera.mirror, width_px=width_px, height_px=width_px, rim_rad=camera.rim_rad
-    )
 
 
 def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
@@ -347,7 +321,7 @@ def _run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
     """Decisions at one place of a world, in all motions."""
     study, world, number = task
     trial_world = _keep_world(study, world)
-    places = trial_world.choose_places(study.num_places, seed=study.seed)
+    places = choose_places(world, trial_world.startup, study.num_places, seed=study.seed)
     return tuple(trial_world.run(places[number]))
 
 
@@ -362,14 +336,14 @@ def _collect(
 
 
 # The world that this process used last: tasks come world by world.
-_kept: dict[tuple[str, int | None], TrialWorld] = {}
+_kept: dict[tuple[str, int | None], _TrialWorld] = {}
 
 
-def _keep_world(study: DecisionStudy, world: str) -> TrialWorld:
+def _keep_world(study: DecisionStudy, world: str) -> _TrialWorld:
     key = (world, study.width_px)
     if key not in _kept:
         for other in _kept.values():
             other.close()
         _kept.clear()
-        _kept[key] = TrialWorld(world, width_px=study.width_px)
+        _kept[key] = _TrialWorld(world, width_px=study.width_px)
     return _kept[key]

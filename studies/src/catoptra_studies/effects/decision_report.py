@@ -94,7 +94,7 @@ def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
     return DecisionReport(scores, num_situations, tuple(_find_failures(scores, num_situations)))
 
 
-def is_wrongly_off(one: TrialDecision) -> bool:
+def _is_wrongly_off(one: TrialDecision) -> bool:
     """Whether an effect is left out that changes a pixel visibly."""
     # A bound has no tolerance: computed in float64, never below the truth.
     tolerance = _TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
@@ -112,7 +112,7 @@ def _score(effect: str, decisions: Sequence[TrialDecision]) -> _EffectScore:
         num_situations=len(decisions),
         num_truth_on=sum(one.truth > one.threshold for one in decisions),
         num_on=sum(one.enabled for one in decisions),
-        num_wrongly_off=sum(map(is_wrongly_off, decisions)),
+        num_wrongly_off=sum(map(_is_wrongly_off, decisions)),
         num_needless_on=sum(map(_is_needless_on, decisions)),
         num_agreeing=sum(one.enabled == (one.truth > one.threshold) for one in decisions),
         num_proved_off=sum(not one.enabled and not one.is_measured for one in decisions),

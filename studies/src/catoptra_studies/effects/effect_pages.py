@@ -40,9 +40,8 @@ from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, srgb_from_linear
-from catoptra_studies import plot_style
 from catoptra_studies.effects.effect_cases import EFFECT_CASES, EffectCase
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import MUTED, TEAL, Page, add_text, open_page, show_image
 
 _IMAGE_SIZE_PX = 480
 _PANEL_PX = 480
@@ -69,7 +68,7 @@ def write_effect_pages(folder: Path, *, on_page: Callable[[], None] = lambda: No
                 f"{case.negligible_case.description}: {_describe_decision(negligible)}",
             )
             path = folder / f"{case.effect.name}.png"
-            with plot_style.open_page(path, 660) as page:
+            with open_page(path, 660) as page:
                 _draw_page(page, case, scene, captions)
             lines += [*captions, ""]
             on_page()
@@ -175,7 +174,7 @@ def _decide_both(case: EffectCase, scene: _EffectScene) -> tuple[EffectDecision,
 
 
 def _draw_page(
-    page: plot_style.Page, case: EffectCase, scene: _EffectScene, captions: tuple[str, str]
+    page: Page, case: EffectCase, scene: _EffectScene, captions: tuple[str, str]
 ) -> None:
     without = srgb_from_linear(scene.render_linear(case, case.upstream_effects))
     with_effect = srgb_from_linear(scene.render_linear(case, (*case.upstream_effects, case.effect)))
@@ -186,11 +185,11 @@ def _draw_page(
     titles = ("without", f"with {case.effect.name}", f"difference, grey = none, times {gain}")
     for index, (image, title) in enumerate(zip(images, titles, strict=True)):
         left = 20 + index * (_PANEL_PX + 20)
-        plot_style.add_text(page, left, 18, title, fontweight="bold")
-        detail = _quantize_8_bit(_crop_detail(image, case.zoom))
-        plot_style.show_image(page, detail, left, 56, _PANEL_PX)
-    plot_style.add_text(page, 20, 560, captions[0], color=plot_style.TEAL)
-    plot_style.add_text(page, 20, 604, captions[1], color=plot_style.MUTED)
+        add_text(page, left, 18, title, fontweight="bold")
+        detail = 255.0 * np.clip(_crop_detail(image, case.zoom), 0.0, 1.0)
+        show_image(page, np.rint(detail).astype(np.uint8), left, 56, _PANEL_PX)
+    add_text(page, 20, 560, captions[0], color=TEAL)
+    add_text(page, 20, 604, captions[1], color=MUTED)
 
 
 def _describe_decision(decision: EffectDecision) -> str:
@@ -213,8 +212,3 @@ def _display_gain(difference: Floats) -> int:
     # One pixel in a thousand may clip: else a single highlight would keep the rest invisible.
     maximum = float(np.quantile(np.abs(difference), 0.999))
     return int(2 ** np.floor(np.log2(0.5 / max(maximum, 1e-4)))) if maximum < 0.5 else 1
-
-
-def _quantize_8_bit(encoded: Floats) -> Image:
-    image: Image = np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(np.uint8)
-    return image

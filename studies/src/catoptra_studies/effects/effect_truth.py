@@ -114,7 +114,7 @@ class EffectTruth:
                 changed = effect.apply_to_scene(state, 0.0)
             before, after = self._expose(state, opening), self._expose(changed, changed_opening)
             truths[effect.name] = (
-                0.0 if after is before else _max_change(encode(before), encode(after))
+                0.0 if after is before else _max_change(_encode(before), _encode(after))
             )
             if effect.name in drawn:
                 state, opening = changed, changed_opening
@@ -159,17 +159,17 @@ class EffectTruth:
         if any(effect.needs_range for effect in effects):
             range_m = self.measure_ranges(state)
         context = CaptureContext(state.noise_seed, range_m)
-        truths, encoded = {}, encode(light)
+        truths, encoded = {}, _encode(light)
         for effect in effects:
             if isinstance(effect, Defocus) and DefocusByDepth.name in drawn:
                 continue  # by depth instead
             changed = effect.apply(light, self.camera, context)
-            changed_encoded, reference = encode(changed), encoded
+            changed_encoded, reference = _encode(changed), encoded
             if isinstance(effect, DefocusByDepth):
                 # Compared with the disc of infinity, which stands without this effect.
                 plain = next((one for one in effects if isinstance(one, Defocus)), None)
                 if plain is not None:
-                    reference = encode(plain.apply(light, self.camera, context))
+                    reference = _encode(plain.apply(light, self.camera, context))
             truths[effect.name] = _max_change(reference, changed_encoded)
             if effect.name in drawn:
                 light, encoded = changed, changed_encoded
@@ -186,7 +186,7 @@ def _advance(state: CameraState, time_s: float) -> CameraState:
     return replace(state, world_from_mirror=pose, objects=tuple(objects))
 
 
-def encode(light: Floats) -> Floats:
+def _encode(light: Floats) -> Floats:
     """Encoded grey levels of linear light, 0 to 255, not rounded. Source: IEC 61966-2-1."""
     clipped = np.clip(light, 0.0, 1.0)
     encoded = clipped ** (1.0 / 2.4)

@@ -66,7 +66,9 @@ def _run(parsed: argparse.Namespace) -> int:
         if "sweeps" in parts:
             results = _run_sweeps(parsed, progress)
     if parsed.page:
-        _update_page(parsed, results)
+        num_runs = _experiment_config(parsed).num_runs
+        summary = format_sweep_summary(results, num_runs=num_runs, seed=parsed.seed)
+        replace_block(parsed.page, "sweeps", summary)
     if results:
         print_line(failure_table(results))
     print_line(f"written: {parsed.output}")
@@ -108,12 +110,6 @@ def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[
     )
     write_degradation_results(parsed.output, config, results)
     return results
-
-
-def _update_page(parsed: argparse.Namespace, results: tuple[SweepResult, ...]) -> None:
-    num_runs = _experiment_config(parsed).num_runs
-    summary = format_sweep_summary(results, num_runs=num_runs, seed=parsed.seed)
-    replace_block(parsed.page, "sweeps", summary)
 
 
 def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:

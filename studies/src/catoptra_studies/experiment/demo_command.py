@@ -9,12 +9,12 @@ from __future__ import annotations
 import argparse
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from catoptra_client.control_connection import ServerAddress
-from catoptra_client.landmarks import ColourClassifier
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.commands import (
     ProgressDisplay,
@@ -34,14 +34,13 @@ from catoptra_studies.experiment.experiment_runner import (
     run_setup,
     train_classifier,
 )
-from catoptra_studies.experiment.experiment_setups import SETUPS, SIM, ExperimentSetup
+from catoptra_studies.experiment.experiment_setups import SETUPS, SIM
 from catoptra_studies.experiment.figure_source import (
     FigureSource,
     capture_frame_comparison,
     collect_camera_figures,
     default_figure_source,
 )
-from catoptra_studies.experiment.paper_claims import Claim
 
 _EXIT_FAILURE = 1
 
@@ -72,7 +71,8 @@ def _run(parsed: argparse.Namespace) -> int:
             f"Python {platform.python_version()}, {config.num_runs} runs a set-up, "
             f"seed {config.seed}.",
         )
-    _print_claims(claims)
+    rows = [((claim.text, str(claim.runs)), claim.is_confirmed) for claim in claims]
+    print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
     print_line(f"report: {report}")
     return 0 if all(claim.is_confirmed for claim in claims) else _EXIT_FAILURE
 
@@ -84,45 +84,35 @@ def _run_drives(
     for name, address in config.remote_servers.items():
         print_line(f"{name}: server at {address.host}:{address.control_port}")
     with open_progress() as progress:
-        advance = {
+        on_step = {
             setup.name: progress.add_task(
                 f"{setup.name}: steps", config.num_runs * len(setup.route)
             )
             for setup in config.setups
         }
-        advance["train"] = progress.add_task("train: labelled frames", config.num_training_frames)
+        on_frame = progress.add_task("train: labelled frames", config.num_training_frames)
         classifier, snapshot = None, None
         if SIM in config.setups:
             with _measure_time("training", timing_s):
-                classifier, snapshot = train_classifier(config, lambda name: advance[name]())
+                classifier, snapshot = train_classifier(config, on_frame=on_frame)
         results = []
         # One after the other: their servers would share the processors and the timing mean little.
         for setup in config.setups:
             with _measure_time(f"{setup.name} drives", timing_s):
-                results.append(_drive_setup(config, setup, classifier, progress, advance))
+                results.append(
+                    run_setup(
+                        config,
+                        setup,
+                        classifier,
+                        on_step=on_step[setup.name],
+                        on_page=partial(_print_page, progress, setup.name),
+                    )
+                )
         return results, snapshot
 
 
-def _drive_setup(
-    config: ExperimentConfig,
-    setup: ExperimentSetup,
-    classifier: ColourClassifier | None,
-    progress: ProgressDisplay,
-    advance: Mapping[str, Callable[[], None]],
-) -> SetupResult:
-    """Drive one set-up, and show the link of the live page."""
-    return run_setup(
-        config,
-        setup,
-        classifier,
-        lambda name: advance[name](),
-        on_page=lambda link: progress.print_line(f"{setup.name}: watch the drives at {link}"),
-    )
-
-
-def _print_claims(claims: Sequence[Claim]) -> None:
-    rows = [((claim.text, str(claim.runs)), claim.is_confirmed) for claim in claims]
-    print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
+def _print_page(progress: ProgressDisplay, setup: str, link: str) -> None:
+    progress.print_line(f"{setup}: watch the drives at {link}")
 
 
 @contextmanager

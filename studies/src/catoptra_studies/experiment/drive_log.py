@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -35,7 +34,7 @@ from catoptra_client.robot_client import RobotClient
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.reports import VehicleGeometry
 from catoptra_studies.experiment.experiment_setups import (
@@ -70,22 +69,6 @@ def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeas
     )
 
 
-def manual_noise_sources(
-    seed: int, robot_name: str, landmarks: Iterable[Landmark]
-) -> dict[str, np.random.Generator]:
-    """Independent random numbers for the measurements of each landmark, by name.
-
-    Args:
-        seed: Seed of the experiment.
-        robot_name: Name of the robot, which numbers the run.
-        landmarks: Landmarks that are measured.
-    """
-    return {
-        landmark.name: _named_generator(str(seed), robot_name, landmark.name)
-        for landmark in landmarks
-    }
-
-
 def _named_generator(*names: str) -> np.random.Generator:
     """Philox keyed by names, as the server keys the noise of robots."""
     # SHA-256 and not hash(), which Python salts in each process. NUL separates: no name has one.
@@ -98,7 +81,9 @@ def manual_measurement(
     camera: OmniCamera,
     height_m: float,
     landmarks: tuple[Landmark, ...],
-    noise: Mapping[str, np.random.Generator],
+    *,
+    seed: int,
+    robot_name: str,
 ) -> _MeasurementFunction:
     """Measurement of the true landmarks with noise, as by hand in recorded frames.
 
@@ -107,13 +92,16 @@ def manual_measurement(
         camera: Camera with the image in which the noise applies.
         height_m: Height of the viewpoint above the floor.
         landmarks: Landmarks of the field.
-        noise: Source of the noise of each landmark, by name.
+        seed: Seed of the experiment.
+        robot_name: Name of the robot, which numbers the run.
     """
+    # Independent for each landmark.
+    generators = [_named_generator(str(seed), robot_name, one.name) for one in landmarks]
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
         measurements = (
-            _measure_manually(setup, camera, height_m, truth, landmark, noise[landmark.name])
-            for landmark in landmarks
+            _measure_manually(setup, camera, height_m, truth, landmark, generator)
+            for landmark, generator in zip(landmarks, generators, strict=True)
         )
         return tuple(m for m in measurements if m is not None)
 
@@ -139,7 +127,10 @@ def _measure_manually(
     range_m = math.hypot(dx, dy)
     if range_m > MAX_RANGE_M:
         return None
-    ratio = _floor_radius_ratio(camera, range_m, height_m)
+    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
+    true_t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
+    # r_i / h of the foot, by the camera model where the paper has Eq. 2.
+    ratio = float(camera.projection.radius_ratio_from_t(true_t))
     ratio += float(radial) * setup.manual_sigma_px / camera.scale_px
     bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
@@ -151,16 +142,6 @@ def _measure_manually(
     if not is_below_horizon:
         return None
     return LandmarkMeasurement(landmark.name, measured_m, bearing_rad)
-
-
-def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> float:
-    """r_i / h of a point on the floor, by the camera model where the paper has Eq. 2."""
-    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
-    t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
-    return float(camera.projection.radius_ratio_from_t(t))
-
-
-Positions = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,8 +211,9 @@ def log_drive(
                 )
                 measure = _detector_measurement(images, detector)
             else:
-                noise = manual_noise_sources(seed, robot_name, landmarks)
-                measure = manual_measurement(setup, camera, height_m, landmarks, noise)
+                measure = manual_measurement(
+                    setup, camera, height_m, landmarks, seed=seed, robot_name=robot_name
+                )
             return DriveLog(setup.name, run, drive_route(setup, robot, measure, on_step))
 
 
@@ -310,6 +292,6 @@ def read_chassis(robot: RobotClient) -> Chassis:
     return Chassis(geometry.wheel_radius_m, geometry.wheel_separation_m, float(speed or 0.0))
 
 
-def true_positions(drive_log: DriveLog) -> Positions:
+def true_positions(drive_log: DriveLog) -> Floats:
     """(steps + 1, 2) true positions in metres."""
     return np.array([(step.truth.x_m, step.truth.y_m) for step in drive_log.steps])

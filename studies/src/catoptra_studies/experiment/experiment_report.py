@@ -102,7 +102,7 @@ def write_html_report(
         landmark_figures=figure_elements(folder, landmark_figures),
         drive_figures=figure_elements(folder, drive_figures),
         measurement_table=_measurement_table(summary["setups"]),
-        filter_tables=_filter_tables(summary["setups"]),
+        filter_tables="".join(map(_filter_table, summary["setups"].values())),
         timing=html.escape(timing),
     )
     report = folder / "report.html"
@@ -111,30 +111,24 @@ def write_html_report(
 
 
 def _claim_table(claims: Sequence[Claim]) -> str:
-    rows = []
+    rows: list[list[Cell | str]] = []
     for claim in claims:
         answer = "yes" if claim.is_confirmed else "no"
-        cells = (claim.text, claim.criterion, str(claim.runs))
-        rows.append([*map(Cell, cells), Cell(answer, answer)])
-    titles = ("Claim", "A run satisfies it where", "Satisfied in", "Confirmed")
-    return html_table([*map(Cell, titles)], rows)
+        rows.append([claim.text, claim.criterion, str(claim.runs), Cell(answer, answer)])
+    return html_table(("Claim", "A run satisfies it where", "Satisfied in", "Confirmed"), rows)
 
 
 def _difference_table(differences: Sequence[Difference]) -> str:
-    rows = [[Cell(d.paper), Cell(d.here), Cell(d.reason)] for d in differences]
-    return html_table([*map(Cell, ("The paper", "Here", "Why, as far as it is known"))], rows)
-
-
-def _filter_tables(setups: Mapping[str, Any]) -> str:
-    return "".join(_filter_table(setup) for setup in setups.values())
+    rows = [[d.paper, d.here, d.reason] for d in differences]
+    return html_table(("The paper", "Here", "Why, as far as it is known"), rows)
 
 
 def _filter_table(setup: Mapping[str, Any]) -> str:
     # Filters are the columns, so that a metric can be read across all.
     filters = setup["filters"].values()
-    header = [Cell("Filter:"), *(Cell(settings["title"], "n") for settings in filters)]
-    rows = [
-        [Cell(label), *(Cell(_format_statistics(f["statistics"][key]), "n") for f in filters)]
+    header: list[Cell | str] = ["Filter:", *(Cell(settings["title"], "n") for settings in filters)]
+    rows: list[list[Cell | str]] = [
+        [label, *(Cell(_format_statistics(f["statistics"][key]), "n") for f in filters)]
         for key, label in _METRIC_LABELS.items()
     ]
     return f"<h3>{html.escape(setup['title'])}</h3>{html_table(header, rows)}"
@@ -147,16 +141,16 @@ def _format_statistics(statistics: Mapping[str, float] | None) -> str:
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:
-    header = [
-        Cell("Set-up"),
+    header: list[Cell | str] = [
+        "Set-up",
         *(Cell(title, "n") for title in ("measurements", "range error, rms", "bearing error, rms")),
-        Cell("beacons measured, by distance"),
+        "beacons measured, by distance",
     ]
     rows = [_measurement_row(name, setup["measurements"]) for name, setup in setups.items()]
     return html_table(header, rows)
 
 
-def _measurement_row(name: str, metrics: Mapping[str, Any]) -> list[Cell]:
+def _measurement_row(name: str, metrics: Mapping[str, Any]) -> list[Cell | str]:
     # Distances without any beacon are left out, not shown as zero.
     rates = ", ".join(
         f"{row['from_m']:g}-{row['to_m']:g} m: {row['rate']:.0%}"
@@ -166,7 +160,7 @@ def _measurement_row(name: str, metrics: Mapping[str, Any]) -> list[Cell]:
     range_ = _format_rms(metrics["range_error_m"], scale=1e3, unit="mm", decimals=0)
     bearing = _format_rms(metrics["bearing_error_deg"], scale=1.0, unit="°", decimals=2)
     numbers = (str(metrics["measurements"]), range_, bearing)
-    return [Cell(name), *(Cell(number, "n") for number in numbers), Cell(rates)]
+    return [name, *(Cell(number, "n") for number in numbers), rates]
 
 
 def _format_rms(quantiles: Mapping[str, float], *, scale: float, unit: str, decimals: int) -> str:
@@ -186,8 +180,7 @@ def _parameter_table() -> str:
         ("motion noise of the overconfident filter", _describe_motion(OVERCONFIDENT_MOTION)),
         ("P0 and R of the consistent filter", _describe_consistent(CONSISTENT_FILTER)),
     ]
-    header = [Cell("Chosen here, since the paper does not give it"), Cell("Value")]
-    return html_table(header, [[Cell(name), Cell(value)] for name, value in rows])
+    return html_table(("Chosen here, since the paper does not give it", "Value"), rows)
 
 
 def _describe_start() -> str:

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from catoptra_studies.experiment.drive_log import DriveLog
 from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.experiment_runner import (
     DetectorSnapshot,
@@ -15,6 +16,7 @@ from catoptra_studies.experiment.experiment_runner import (
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
 from catoptra_studies.experiment.figure_source import CameraFigures, FrameComparison
+from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import (
     compute_measurement_metrics,
     median_run_index,
@@ -59,7 +61,9 @@ def write_experiment_results(
     summary = summarize_experiment(config, results)
     drive_figures = _draw_drive_figures(config, results)
     if snapshot is not None:
-        _draw_overview(config, results, snapshot)
+        # Frame, bearings and path in one figure, for the README. Of the simulated set-up where both
+        # were driven: landmarks there come from frames like this one.
+        draw_overview(config.output_folder / "overview.png", snapshot, *_median_run(results[0]))
     # Times in objects of their own: two runs with equal seeds differ there alone.
     document = {
         **summary,
@@ -112,20 +116,19 @@ def summarize_experiment(
         "seed": config.seed,
         "num_runs": config.num_runs,
         "setups": setups,
-        "claims": [_claim_entry(claim) for claim in evaluate_claims(setups)],
+        "claims": [
+            {
+                "key": claim.key,
+                "text": claim.text,
+                "criterion": claim.criterion,
+                "satisfying_runs": claim.runs.num_satisfying,
+                "runs": claim.runs.num_runs,
+                "interval": list(claim.runs.interval),
+                "is_confirmed": claim.is_confirmed,
+            }
+            for claim in evaluate_claims(setups)
+        ],
         "differences": [asdict(difference) for difference in list_differences(setups)],
-    }
-
-
-def _claim_entry(claim: Claim) -> dict[str, Any]:
-    return {
-        "key": claim.key,
-        "text": claim.text,
-        "criterion": claim.criterion,
-        "satisfying_runs": claim.runs.num_satisfying,
-        "runs": claim.runs.num_runs,
-        "interval": list(claim.runs.interval),
-        "is_confirmed": claim.is_confirmed,
     }
 
 
@@ -137,10 +140,8 @@ def _draw_drive_figures(
     # paper's filter, since Figures 12 and 13 show no other.
     chosen = []
     for result in results:
-        filter_runs = result.filter_runs[PAPER_FILTER.name]
-        index = median_run_index(filter_runs)
-        title = f"{_setup_title(result)}, run {filter_runs[index].run}"
-        chosen.append((title, result.drive_logs[index], filter_runs[index]))
+        drive_log, filter_run = _median_run(result)
+        chosen.append((f"{_setup_title(result)}, run {filter_run.run}", drive_log, filter_run))
     draw_trajectories(config.output_folder / "trajectories.png", chosen, config.landmarks)
     draw_position_errors(
         config.output_folder / "errors.png", [(title, run) for title, _, run in chosen]
@@ -177,6 +178,13 @@ def _draw_drive_figures(
     ]
 
 
+def _median_run(result: SetupResult) -> tuple[DriveLog, FilterRun]:
+    """Drive and filter of the run to show."""
+    filter_runs = result.filter_runs[PAPER_FILTER.name]
+    index = median_run_index(filter_runs)
+    return result.drive_logs[index], filter_runs[index]
+
+
 def _setup_title(result: SetupResult) -> str:
     # Nobody who sees the picture alone may take it for a real robot.
     return {"sim": "sim", "real": "real (simulated)"}[result.setup.name]
@@ -203,7 +211,7 @@ def _draw_comparison(config: ExperimentConfig, comparison: FrameComparison) -> R
 
 def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> ReportFigure:
     path = config.output_folder / "classifier.png"
-    draw_classifier_output(path, snapshot.rgb, snapshot.detector, snapshot.stages)
+    draw_classifier_output(path, snapshot)
     return ReportFigure(
         path.name,
         "Stages of the colour classifier",
@@ -211,21 +219,4 @@ def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> Re
         "the threshold of Eq. 3. Two stacked colours make a beacon; its position in the cylinder "
         "gives bearing and range.",
         "Omnidirectional frame, unwarped cylinder and colour labels with detected landmarks",
-    )
-
-
-def _draw_overview(
-    config: ExperimentConfig, results: Sequence[SetupResult], snapshot: DetectorSnapshot
-) -> None:
-    """Draw frame, bearings and path in one figure, for the README."""
-    # The simulated set-up where both were driven: landmarks there come from frames like this one.
-    result = results[0]
-    filter_runs = result.filter_runs[PAPER_FILTER.name]
-    index = median_run_index(filter_runs)
-    draw_overview(
-        config.output_folder / "overview.png",
-        snapshot.rgb,
-        snapshot.detector,
-        stages=snapshot.stages,
-        logged_run=(result.drive_logs[index], filter_runs[index]),
     )

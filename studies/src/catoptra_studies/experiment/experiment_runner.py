@@ -53,9 +53,6 @@ from catoptra_studies.experiment.localization_filter import (
 )
 from catoptra_studies.experiment.route import Waypoint
 
-# Receives the name of the task that has advanced by one.
-ProgressCallback = Callable[[str], None]
-
 _FIELD = "four_legged_2006"
 # The one that the paper's text discusses; it runs with the drive, the others after it.
 PUBLISHED_FILTER = PAPER_FILTER
@@ -97,7 +94,7 @@ class ExperimentConfig:
         """World file of the field."""
         if self.other_world is not None:
             return self.other_world[0]
-        return self.world_file(f"{_FIELD}.ini")
+        return self.find_file("worlds", f"{_FIELD}.ini")
 
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
@@ -108,15 +105,8 @@ class ExperimentConfig:
             return read_landmarks(find_landmark_file(_FIELD))
         return read_landmarks(self.config_folder / "landmarks" / f"{_FIELD}.csv")
 
-    def robot_file(self, name: str) -> Path:
-        """Robot file by name; an absolute path is returned as given."""
-        return self._find_file("robots", name)
-
-    def world_file(self, name: str) -> Path:
-        """World file by name; an absolute path is returned as given."""
-        return self._find_file("worlds", name)
-
-    def _find_file(self, kind: str, name: str) -> Path:
+    def find_file(self, kind: str, name: str) -> Path:
+        """Robot or world file in a folder, `robots` or `worlds`; an absolute path as given."""
         if Path(name).is_absolute():
             return Path(name)
         if self.config_folder is None:
@@ -140,7 +130,8 @@ def run_setup(
     config: ExperimentConfig,
     setup: ExperimentSetup,
     classifier: ColourClassifier | None,
-    on_progress: ProgressCallback,
+    *,
+    on_step: Callable[[], None] = lambda: None,
     on_page: PageCallback | None = None,
 ) -> SetupResult:
     """Drive every run on one server, then replay every filter over the logs.
@@ -149,14 +140,14 @@ def run_setup(
         config: Number of drives and servers.
         setup: Set-up to drive.
         classifier: Classifier, for a set-up that detects landmarks.
-        on_progress: Called with the set-up's name after each step.
+        on_step: Called after each step.
         on_page: Receives the link of the server's live page; None serves no page.
     """
     landmark_map = make_landmark_map(config.landmarks)
     with open_server(config, setup, on_page) as address:
         # One server for all runs: noise follows the robot's name, not the order of connections.
         drives = [
-            _drive_and_publish(config, setup, run, address, classifier, on_progress)
+            _drive_and_publish(config, setup, run, address, classifier, on_step)
             for run in range(config.num_runs)
         ]
     drive_logs = tuple(drive_log for drive_log, _ in drives)
@@ -177,7 +168,7 @@ def _drive_and_publish(
     run: int,
     address: ServerAddress,
     classifier: ColourClassifier | None,
-    on_progress: ProgressCallback,
+    on_step: Callable[[], None],
 ) -> tuple[DriveLog, FilterRun]:
     """Drive one run; one filter runs along, and the robot's viewers see the belief."""
     landmark_map = make_landmark_map(config.landmarks)
@@ -192,7 +183,7 @@ def _drive_and_publish(
             )
         )
         robot.publish(NOTE_NAME, note_from_filter_step(filter_steps[-1]))
-        on_progress(setup.name)
+        on_step()
 
     drive_log = log_drive(
         setup,
@@ -213,9 +204,10 @@ def open_server(
     # A server loads one robot file, and a set-up is a robot file: so each has a server.
     if setup.name in config.remote_servers:
         address = config.remote_servers[setup.name]
-        return nullcontext(wait_for_server(address, timeout_s=config.timeout_s))
+        _wait_for_server(address, config.timeout_s)
+        return nullcontext(address)
     return run_server(
-        config.robot_file(setup.robot_file),
+        config.find_file("robots", setup.robot_file),
         config.field_world_file,
         seed=config.seed,
         log_file=config.output_folder / f"server_{setup.name}.log",
@@ -247,37 +239,22 @@ def parse_server_address(text: str) -> tuple[str, ServerAddress]:
     return match[1], ServerAddress(match[2], int(control), int(image))
 
 
-def wait_for_server(
-    address: ServerAddress,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> ServerAddress:
+def _wait_for_server(address: ServerAddress, timeout_s: float) -> None:
     """Wait until a server's control port accepts a connection and sends the greeting.
-
-    Args:
-        address: Server to wait for.
-        timeout_s: Longest wait.
-        clock: Source of the time in seconds.
-        sleep: Function that pauses for a number of seconds.
-
-    Returns:
-        The address as given.
 
     Raises:
         ConnectionLostError: The server did not accept a connection in time.
     """
-    deadline_s = clock() + timeout_s
+    deadline_s = time.monotonic() + timeout_s
     while True:
         try:
             # Waits for the greeting: a proxy may accept before the server behind listens.
             RobotClient.connect(address.host, address.control_port).close()
-            return address
+            return
         except ConnectionLostError:
-            if clock() >= deadline_s:
+            if time.monotonic() >= deadline_s:
                 raise
-        sleep(_POLL_INTERVAL_S)
+        time.sleep(_POLL_INTERVAL_S)
 
 
 # From here two beacons and a goal are within 2.5 m.
@@ -296,27 +273,27 @@ class DetectorSnapshot:
 
 
 def train_classifier(
-    config: ExperimentConfig, on_progress: ProgressCallback
+    config: ExperimentConfig, *, on_frame: Callable[[], None] = lambda: None
 ) -> tuple[ColourClassifier, DetectorSnapshot]:
     """Train a classifier from a server's frames and write classifier.npz.
 
     Args:
         config: Needs a set-up that detects landmarks.
-        on_progress: Called with "train" after each frame.
+        on_frame: Called after each frame.
 
     Returns:
         The classifier, and an example of detection.
     """
     setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
     with open_server(config, setup) as address:
-        classifier = train_on_server(config, address, lambda: on_progress("train"))
+        classifier = train_on_server(config, address, on_frame=on_frame)
         # For the user, too: catoptra-client bearings --classifier shows detections live.
         save_classifier(classifier, config.output_folder / "classifier.npz")
         return classifier, _take_snapshot(config, address, classifier)
 
 
 def train_on_server(
-    config: ExperimentConfig, address: ServerAddress, on_frame: Callable[[], None]
+    config: ExperimentConfig, address: ServerAddress, *, on_frame: Callable[[], None] = lambda: None
 ) -> ColourClassifier:
     """Train a classifier from the frames of one server."""
     return train(

@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -81,16 +81,16 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
 def _read_camera_figures(folder: Path) -> CameraFigures:
     """Read figures.json of a folder."""
     index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
-    return CameraFigures(
-        tuple(_report_figure(entry) for entry in index["figures"]),
-        index["metrics"],
-        index["timings"],
+    figures = tuple(
+        ReportFigure(
+            entry["file"],
+            f"{entry['title']} (the paper's {entry['paper_reference']})",
+            entry["caption"],
+            entry["alt"],
+        )
+        for entry in index["figures"]
     )
-
-
-def _report_figure(entry: dict[str, str]) -> ReportFigure:
-    title = f"{entry['title']} (the paper's {entry['paper_reference']})"
-    return ReportFigure(entry["file"], title, entry["caption"], entry["alt"])
+    return CameraFigures(figures, index["metrics"], index["timings"])
 
 
 def _draw_figures(config: ExperimentConfig) -> None:
@@ -99,30 +99,24 @@ def _draw_figures(config: ExperimentConfig) -> None:
     command = [
         *(sys.executable, "-m", "catoptra_studies", "figures"),
         *("--output", str(config.output_folder)),
-        *("--robot", str(config.robot_file("p2at_omni.ini"))),
+        *("--robot", str(config.find_file("robots", "p2at_omni.ini"))),
         *("--world", str(config.field_world_file)),
-        *("--rings-world", str(config.world_file("incidence_rings.ini"))),
+        *("--rings-world", str(config.find_file("worlds", "incidence_rings.ini"))),
     ]
     if subprocess.run(command, check=False).returncode != 0:
         raise CatoptraError("the figures of the camera could not be drawn: see the lines above")
 
 
-def _wait_for_file(
-    file: Path,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> None:
-    deadline_s = clock() + timeout_s
+def _wait_for_file(file: Path, *, timeout_s: float) -> None:
+    deadline_s = time.monotonic() + timeout_s
     # An empty file is one that the other program has just opened.
     while not (file.is_file() and file.stat().st_size):
-        if clock() >= deadline_s:
+        if time.monotonic() >= deadline_s:
             raise CatoptraError(
                 f"no figures of the camera: {file} did not appear within {timeout_s:g} s. Draw "
                 "them with catoptra-studies figures, or leave them out: --figures none"
             )
-        sleep(_POLL_INTERVAL_S)
+        time.sleep(_POLL_INTERVAL_S)
 
 
 _DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"
@@ -158,7 +152,7 @@ def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
     """Frame of a robot that turns on the spot."""
     with (
         run_server(
-            config.robot_file(robot_file),
+            config.find_file("robots", robot_file),
             config.field_world_file,
             seed=config.seed,
             log_file=config.output_folder / "server_frames.log",

@@ -33,7 +33,7 @@ from catoptra_client.localization import (
 )
 from catoptra_client.localization.motion_model import propagate_pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.experiment_setups import ExperimentSetup, FilterSettings
 
 
@@ -87,16 +87,12 @@ def advance_filter(
     control = control_from_odometry(previous.drive_step.odometry, step.odometry)
     belief = predict(previous.belief, control, noise=settings.motion_noise)
     updates: list[MeasurementUpdate] = []
+    covariance = np.diag([settings.range_sigma_m**2, settings.bearing_sigma_rad**2])
     # One landmark after the other, as in the paper: each gate has the belief of the last update.
     for measurement in step.measurements:
-        updates.append(
-            update(
-                belief,
-                _range_bearing(measurement, settings),
-                landmark=find_landmark_position(landmark_map, measurement.name),
-                gate=settings.gate,
-            )
-        )
+        measured = RangeBearing(measurement.range_m, measurement.bearing_rad, covariance)
+        landmark = find_landmark_position(landmark_map, measurement.name)
+        updates.append(update(belief, measured, landmark=landmark, gate=settings.gate))
         belief = updates[-1].belief
     health = update_health(previous.health, updates)
     # With the defaults of the client library: after five rejecting steps 0.3 m and 10 degrees.
@@ -105,11 +101,6 @@ def advance_filter(
     # Odometry alone is the filter's own motion model without updates.
     odometry_pose = propagate_pose(previous.odometry_pose, control)
     return FilterStep(step, belief, health, odometry_pose, tuple(updates))
-
-
-def _range_bearing(measurement: LandmarkMeasurement, settings: FilterSettings) -> RangeBearing:
-    covariance = np.diag([settings.range_sigma_m**2, settings.bearing_sigma_rad**2])
-    return RangeBearing(measurement.range_m, measurement.bearing_rad, covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,7 +221,15 @@ def note_from_filter_step(step: FilterStep) -> dict[str, object]:
     measurements = zip(step.drive_step.measurements, step.updates, strict=True)
     return {
         **belief_entries(step.belief),
-        "detections": [_note_detection(*measured) for measured in measurements],
+        "detections": [
+            {
+                "landmark": measurement.name,
+                "bearing_rad": measurement.bearing_rad,
+                "range_m": measurement.range_m,
+                "accepted": update.is_accepted,
+            }
+            for measurement, update in measurements
+        ],
         "text": _describe_filter_step(step),
     }
 
@@ -251,14 +250,3 @@ def _describe_filter_step(step: FilterStep) -> str:
         f"{math.degrees(sigma_yaw):.1f}°; the gate accepts {num_accepted} of "
         f"{len(step.updates)} landmarks"
     )
-
-
-def _note_detection(
-    measurement: LandmarkMeasurement, update: MeasurementUpdate
-) -> dict[str, object]:
-    return {
-        "landmark": measurement.name,
-        "bearing_rad": measurement.bearing_rad,
-        "range_m": measurement.range_m,
-        "accepted": update.is_accepted,
-    }

@@ -7,13 +7,13 @@ quantiles. Measurements are compared with the true poses: errors, and how many b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M
 from catoptra_studies.experiment.localization_filter import (
@@ -29,81 +29,41 @@ _DIAGONAL_STEPS = slice(85, 101)
 _FIRST_STEPS = slice(1, 6)
 
 
-@dataclass(frozen=True, slots=True)
-class _RunMetrics:
+def _run_metrics(filter_run: FilterRun) -> dict[str, Any]:
     """Metrics of one run; acceptance rates are None where no landmark was measured."""
-
-    run: int
-    odometry_max_m: float
-    odometry_steps_above_1m: int
-    ekf_max_m: float
-
-    ekf_mean_m: float
-    """Mean position error over the steps, without the start."""
-
-    ekf_mean_steps_9_to_23_m: float
-    """Mean error along the first side, from the first landmarks to the corner."""
-
-    ekf_mean_steps_31_to_60_m: float
-    """Mean error after the re-lock, along the second side and the third."""
-
-    ekf_max_steps_61_to_84_m: float
-    """Largest error on the way back to the start, where the paper reports a second growth."""
-
-    ekf_mean_on_diagonal_m: float
-
-    accepts_first_measurements: bool | None
-    """Whether the gate accepts a landmark in the first step that measures one."""
-
-    accepted_steps_1_to_22: float | None
-    """Acceptance rate before the first corner."""
-
-    accepted_steps_9_to_22: float | None
-    """Acceptance rate along the first side, up to the corner."""
-
-    accepted_steps_23_to_40: float | None
-    accepted_steps_41_to_100: float | None
-
-    relock_step: int | None
-    """First accepting step after five that rejected all; None without such a streak."""
-
-    longest_rejection_streak: int
-    windowed_nis_max: float
-
-    fewest_landmarks_in_a_step: int
-    """Smallest number of landmarks measured in any step after the start."""
-
-    ekf_worse_in_first_5_steps: bool
-    """Whether the filter's mean error exceeds odometry's in steps 1 to 5."""
-
-
-def compute_run_metrics(filter_run: FilterRun) -> _RunMetrics:
-    """Compute the metrics of one run."""
     estimate_m, odometry_m = filter_run.estimate_error_m, filter_run.odometry_error_m
-    return _RunMetrics(
-        run=filter_run.run,
-        odometry_max_m=float(odometry_m.max()),
-        odometry_steps_above_1m=int((odometry_m > PAPER_ODOMETRY_ERROR_M).sum()),
-        ekf_max_m=float(estimate_m.max()),
+    return {
+        "run": filter_run.run,
+        "odometry_max_m": float(odometry_m.max()),
+        "odometry_steps_above_1m": int((odometry_m > PAPER_ODOMETRY_ERROR_M).sum()),
+        "ekf_max_m": float(estimate_m.max()),
         # The start is given and would only dilute the mean.
-        ekf_mean_m=float(estimate_m[1:].mean()),
-        ekf_mean_steps_9_to_23_m=float(estimate_m[9:24].mean()),
-        ekf_mean_steps_31_to_60_m=float(estimate_m[31:61].mean()),
-        ekf_max_steps_61_to_84_m=float(estimate_m[61:85].max()),
-        ekf_mean_on_diagonal_m=float(estimate_m[_DIAGONAL_STEPS].mean()),
-        accepts_first_measurements=_accepts_first_measurements(filter_run),
-        accepted_steps_1_to_22=acceptance_rate(filter_run, 1, 22),
-        accepted_steps_9_to_22=acceptance_rate(filter_run, 9, 22),
-        accepted_steps_23_to_40=acceptance_rate(filter_run, 23, 40),
-        accepted_steps_41_to_100=acceptance_rate(filter_run, 41, 100),
-        relock_step=find_relock_step(filter_run),
-        longest_rejection_streak=int(filter_run.rejection_streak.max()),
-        windowed_nis_max=float(filter_run.windowed_nis.max()),
-        fewest_landmarks_in_a_step=int(filter_run.num_measured[1:].min()),
-        ekf_worse_in_first_5_steps=bool(
+        "ekf_mean_m": float(estimate_m[1:].mean()),
+        # Along the first side, from the first landmarks to the corner.
+        "ekf_mean_steps_9_to_23_m": float(estimate_m[9:24].mean()),
+        # After the re-lock, along the second side and the third.
+        "ekf_mean_steps_31_to_60_m": float(estimate_m[31:61].mean()),
+        # On the way back to the start, where the paper reports a second growth.
+        "ekf_max_steps_61_to_84_m": float(estimate_m[61:85].max()),
+        "ekf_mean_on_diagonal_m": float(estimate_m[_DIAGONAL_STEPS].mean()),
+        # Whether the gate accepts a landmark in the first step that measures one.
+        "accepts_first_measurements": _accepts_first_measurements(filter_run),
+        # Before the first corner, and along the first side up to the corner.
+        "accepted_steps_1_to_22": acceptance_rate(filter_run, 1, 22),
+        "accepted_steps_9_to_22": acceptance_rate(filter_run, 9, 22),
+        "accepted_steps_23_to_40": acceptance_rate(filter_run, 23, 40),
+        "accepted_steps_41_to_100": acceptance_rate(filter_run, 41, 100),
+        # First accepting step after five that rejected all; None without such a streak.
+        "relock_step": find_relock_step(filter_run),
+        "longest_rejection_streak": int(filter_run.rejection_streak.max()),
+        "windowed_nis_max": float(filter_run.windowed_nis.max()),
+        # Of any step after the start.
+        "fewest_landmarks_in_a_step": int(filter_run.num_measured[1:].min()),
+        # Whether the filter's mean error exceeds odometry's there.
+        "ekf_worse_in_first_5_steps": bool(
             estimate_m[_FIRST_STEPS].mean() > odometry_m[_FIRST_STEPS].mean()
         ),
-    )
+    }
 
 
 def _accepts_first_measurements(filter_run: FilterRun) -> bool | None:
@@ -112,43 +72,27 @@ def _accepts_first_measurements(filter_run: FilterRun) -> bool | None:
     return bool(filter_run.num_accepted[measuring_steps[0]]) if len(measuring_steps) else None
 
 
-@dataclass(frozen=True, slots=True)
-class _SummaryStatistics:
-    """Statistics of one metric over the runs that have a value."""
-
-    median: float
-    mean: float
-
-    p05: float
-    """Quantile of 5 %."""
-
-    p95: float
-    """Quantile of 95 %."""
-
-    count: int
-    """Runs that have a value."""
-
-
-def summary_statistics(values: Sequence[float | int | bool | None]) -> _SummaryStatistics | None:
+def _summary_statistics(values: Sequence[float | int | bool | None]) -> dict[str, Any] | None:
     """Statistics of the values that are not None; None where there is no value."""
     present = [float(value) for value in values if value is not None]
     if not present:
         return None
     p05, median, p95 = np.quantile(present, [0.05, 0.5, 0.95])
-    return _SummaryStatistics(
-        float(median), float(np.mean(present)), float(p05), float(p95), len(present)
-    )
-
-
-def summarize_runs(filter_runs: Sequence[FilterRun]) -> dict[str, object]:
-    """Metrics of every run and their statistics, as for JSON."""
-    runs = [asdict(compute_run_metrics(filter_run)) for filter_run in filter_runs]
-    keys = [key for key in runs[0] if key != "run"]
-    statistics = {key: summary_statistics([run[key] for run in runs]) for key in keys}
     return {
-        "statistics": {key: asdict(value) if value else None for key, value in statistics.items()},
-        "runs": runs,
+        "median": float(median),
+        "mean": float(np.mean(present)),
+        "p05": float(p05),
+        "p95": float(p95),
+        "count": len(present),
     }
+
+
+def summarize_runs(filter_runs: Sequence[FilterRun]) -> dict[str, Any]:
+    """Metrics of every run and their statistics, as for JSON."""
+    runs = [_run_metrics(filter_run) for filter_run in filter_runs]
+    keys = [key for key in runs[0] if key != "run"]
+    statistics = {key: _summary_statistics([run[key] for run in runs]) for key in keys}
+    return {"statistics": statistics, "runs": runs}
 
 
 def error_quantiles(
@@ -214,33 +158,25 @@ def detection_rate(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark], *, max_distance_m: float
 ) -> float:
     """Fraction of the beacons within a true distance that were measured; nan for none."""
-    num_near = num_measured = 0
-    for distance_m, is_measured in _beacon_distances(drive_logs, landmarks):
-        if distance_m <= max_distance_m:
-            num_near += 1
-            num_measured += is_measured
-    return num_measured / num_near if num_near else math.nan
+    distance_m, is_measured = _beacon_distances(drive_logs, landmarks)
+    near = is_measured[distance_m <= max_distance_m]
+    return float(near.mean()) if len(near) else math.nan
 
 
 def _detection_rates_by_distance(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
 ) -> list[dict[str, float]]:
     """Detection rate of the beacons in each interval of true distance that has any."""
-    num_bins = round(MAX_RANGE_M / _DISTANCE_BIN_M)
-    num_near, num_measured = np.zeros(num_bins, dtype=int), np.zeros(num_bins, dtype=int)
-    for distance_m, is_measured in _beacon_distances(drive_logs, landmarks):
-        index = int(distance_m / _DISTANCE_BIN_M)
-        if index < num_bins:
-            num_near[index] += 1
-            num_measured[index] += is_measured
+    distance_m, is_measured = _beacon_distances(drive_logs, landmarks)
+    indices = (distance_m / _DISTANCE_BIN_M).astype(int)
     return [
         {
             "from_m": index * _DISTANCE_BIN_M,
             "to_m": (index + 1) * _DISTANCE_BIN_M,
-            "rate": float(num_measured[index] / num_near[index]),
+            "rate": float(is_measured[indices == index].mean()),
         }
-        for index in range(num_bins)
-        if num_near[index]
+        for index in range(round(MAX_RANGE_M / _DISTANCE_BIN_M))
+        if index in indices
     ]
 
 
@@ -252,15 +188,19 @@ def true_range_bearing(step: DriveStep, landmark: Landmark) -> RangeBearingPair:
 
 def _beacon_distances(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
-) -> Iterator[tuple[float, bool]]:
-    """Yield true distance, and whether measured, of every beacon in every step."""
+) -> tuple[Floats, Floats]:
+    """(n,) true distances of every beacon in every step, and 1 where measured, otherwise 0."""
     # The start has no measurements and would count every beacon as missed.
-    for step in (step for drive_log in drive_logs for step in drive_log.steps[1:]):
+    steps = [step for drive_log in drive_logs for step in drive_log.steps[1:]]
+    beacons = [landmark for landmark in landmarks if landmark.kind == "beacon"]
+    rows = [
         # By name: a landmark is measured at most once in a step.
-        names = {measurement.name for measurement in step.measurements}
-        for landmark in landmarks:
-            if landmark.kind == "beacon":
-                yield true_range_bearing(step, landmark)[0], landmark.name in names
+        (true_range_bearing(step, one)[0], one.name in {m.name for m in step.measurements})
+        for step in steps
+        for one in beacons
+    ]
+    distance_m, is_measured = np.array(rows, dtype=np.float64).reshape(-1, 2).T
+    return distance_m, is_measured
 
 
 def _all_errors(

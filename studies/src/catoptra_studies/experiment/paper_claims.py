@@ -69,8 +69,8 @@ def pool_shares(shares: Iterable[RunShare]) -> RunShare:
     return RunShare(sum(s.num_satisfying for s in listed), sum(s.num_runs for s in listed))
 
 
-# Metrics of one run by the name of the filter, as in summary.json.
-_RunByFilter = Mapping[str, Mapping[str, Any]]
+# Metrics of one run of a filter, as in summary.json.
+_Run = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,8 @@ class _Statement:
     criterion: str
     """The condition on a run, in numbers."""
 
-    is_satisfied: Callable[[_RunByFilter], bool]
+    is_satisfied: Callable[[_Run, _Run], bool]
+    """Condition on one drive's runs of the paper's filter and of the consistent one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,72 +107,19 @@ class Claim:
         return self.runs.share > 0.5
 
 
-def evaluate_claims(setups: Mapping[str, Any]) -> list[Claim]:
-    """Count the runs that satisfy each of the paper's statements.
-
-    Args:
-        setups: The entry `setups` of summary.json. Statements about a set-up that was not driven
-            are left out.
-    """
-    return evaluate_statements(STATEMENTS, setups)
-
-
-def evaluate_statements(statements: Iterable[_Statement], setups: Mapping[str, Any]) -> list[Claim]:
-    """Count the runs that satisfy each statement; the same for statements that are no claims."""
-    return [
-        Claim(
-            statement.key,
-            f"{statement.setup}: {statement.text}",
-            statement.criterion,
-            _count_runs(statement, setups[statement.setup]),
-        )
-        for statement in statements
-        if statement.setup in setups
-    ]
-
-
-def _count_runs(statement: _Statement, setup: Mapping[str, Any]) -> RunShare:
-    truths = [statement.is_satisfied(run) for run in _runs_by_filter(setup)]
-    return RunShare(sum(truths), len(truths))
-
-
-def _runs_by_filter(setup: Mapping[str, Any]) -> list[_RunByFilter]:
-    """Metrics of all filters for each run of a set-up."""
-    filters = setup["filters"]
-    columns = [filters[name]["runs"] for name in filters]
-    return [dict(zip(filters, runs, strict=True)) for runs in zip(*columns, strict=True)]
-
-
-def _odometry_diverges(run: _RunByFilter) -> bool:
+def _odometry_diverges(paper: _Run, _: _Run) -> bool:
     # "Several" timesteps: three at least.
-    return bool(run[PAPER_FILTER.name]["odometry_steps_above_1m"] >= 3)
+    return bool(paper["odometry_steps_above_1m"] >= 3)
 
 
-def _stays_within(bound_m: float) -> Callable[[_RunByFilter], bool]:
-    return lambda run: bool(run[PAPER_FILTER.name]["ekf_max_m"] < bound_m)
+def _stays_within(bound_m: float) -> Callable[[_Run, _Run], bool]:
+    return lambda paper, _: paper["ekf_max_m"] < bound_m
 
 
-def _zero_covariance_rejects_landmarks(run: _RunByFilter) -> bool:
-    zero, consistent = (
-        run[settings.name]["accepted_steps_1_to_22"]
-        for settings in (PAPER_FILTER, CONSISTENT_FILTER)
-    )
+def _zero_covariance_rejects_landmarks(paper: _Run, consistent: _Run) -> bool:
+    zero, other = (run["accepted_steps_1_to_22"] for run in (paper, consistent))
     # Without measurements neither gate has decided anything.
-    return zero is not None and consistent is not None and bool(zero < consistent)
-
-
-def _error_falls_after_corner(run: _RunByFilter) -> bool:
-    metrics = run[PAPER_FILTER.name]
-    # "Significantly lowers": to less than half.
-    return bool(metrics["ekf_mean_steps_31_to_60_m"] < 0.5 * metrics["ekf_mean_steps_9_to_23_m"])
-
-
-def _first_landmark_passes(run: _RunByFilter) -> bool:
-    return run[PAPER_FILTER.name]["accepts_first_measurements"] is True
-
-
-def _filter_starts_worse(run: _RunByFilter) -> bool:
-    return run[PAPER_FILTER.name]["ekf_worse_in_first_5_steps"] is True
+    return zero is not None and other is not None and bool(zero < other)
 
 
 _ODOMETRY = "odometry alone is wrong by more than 1 m at several steps"
@@ -197,21 +145,24 @@ STATEMENTS = (
         "real",
         "after the first corner the error of the paper's filter falls significantly",
         "its mean error in steps 31 to 60 is less than half of that in steps 9 to 23",
-        _error_falls_after_corner,
+        # "Significantly lowers": to less than half.
+        lambda paper, _: (
+            paper["ekf_mean_steps_31_to_60_m"] < 0.5 * paper["ekf_mean_steps_9_to_23_m"]
+        ),
     ),
     _Statement(
         "sim_gate",
         "sim",
         "landmarks pass the gate of the paper's filter instantly",
         "it accepts a landmark in the first step that measures one",
-        _first_landmark_passes,
+        lambda paper, _: paper["accepts_first_measurements"] is True,
     ),
     _Statement(
         "sim_start",
         "sim",
         "in the first five steps the paper's filter is worse than odometry alone",
         "its mean error in steps 1 to 5 is above that of odometry",
-        _filter_starts_worse,
+        lambda paper, _: paper["ekf_worse_in_first_5_steps"] is True,
     ),
     _Statement(
         "sim_whole_run",
@@ -221,6 +172,34 @@ STATEMENTS = (
         _stays_within(PAPER_SIM_EKF_ERROR_M),
     ),
 )
+
+
+def evaluate_claims(
+    setups: Mapping[str, Any], statements: Iterable[_Statement] = STATEMENTS
+) -> list[Claim]:
+    """Count the runs that satisfy each statement.
+
+    Args:
+        setups: The entry `setups` of summary.json. Statements about a set-up that was not driven
+            are left out.
+        statements: The paper's claims, or statements that are none.
+    """
+    return [
+        Claim(
+            statement.key,
+            f"{statement.setup}: {statement.text}",
+            statement.criterion,
+            _count_runs(statement, setups[statement.setup]["filters"]),
+        )
+        for statement in statements
+        if statement.setup in setups
+    ]
+
+
+def _count_runs(statement: _Statement, filters: Mapping[str, Any]) -> RunShare:
+    runs = (filters[settings.name]["runs"] for settings in (PAPER_FILTER, CONSISTENT_FILTER))
+    truths = [statement.is_satisfied(*pair) for pair in zip(*runs, strict=True)]
+    return RunShare(sum(truths), len(truths))
 
 
 # Half of the paper's bound: a growth that a reader of Figure 13 would see.
@@ -247,7 +226,7 @@ def list_differences(setups: Mapping[str, Any]) -> list[Difference]:
     Args:
         setups: The entry `setups` of summary.json.
     """
-    shares = {claim.key: claim.runs for claim in evaluate_statements(UNTYPICAL_STATEMENTS, setups)}
+    shares = {claim.key: claim.runs for claim in evaluate_claims(setups, UNTYPICAL_STATEMENTS)}
     differences = []
     if "real" in setups:
         differences.append(_describe_lock_out(setups["real"], shares))
@@ -259,19 +238,6 @@ def list_differences(setups: Mapping[str, Any]) -> list[Difference]:
     return differences
 
 
-def _rejects_most_before_corner(run: _RunByFilter) -> bool:
-    rate = run[PAPER_FILTER.name]["accepted_steps_9_to_22"]
-    return rate is not None and bool(rate < 0.5)
-
-
-def _rejects_all_for_five_steps(run: _RunByFilter) -> bool:
-    return run[PAPER_FILTER.name]["relock_step"] is not None
-
-
-def _error_grows_again(run: _RunByFilter) -> bool:
-    return bool(run[PAPER_FILTER.name]["ekf_max_steps_61_to_84_m"] > _VISIBLE_ERROR_M)
-
-
 # What the paper's run shows and the typical run here does not: counted, and no claims.
 UNTYPICAL_STATEMENTS = (
     _Statement(
@@ -279,21 +245,23 @@ UNTYPICAL_STATEMENTS = (
         "real",
         "the gate rejects most landmarks before the first corner",
         "it accepts less than half of the landmarks of steps 9 to 22",
-        _rejects_most_before_corner,
+        lambda paper, _: (
+            paper["accepted_steps_9_to_22"] is not None and paper["accepted_steps_9_to_22"] < 0.5
+        ),
     ),
     _Statement(
         "real_all_rejected",
         "real",
         "the gate rejects all landmarks for a while, and then they pass again",
         "five steps or more that measured landmarks and accepted none, then one that accepts",
-        _rejects_all_for_five_steps,
+        lambda paper, _: paper["relock_step"] is not None,
     ),
     _Statement(
         "real_second_growth",
         "real",
         "the filter's error grows a second time before the start is reached again",
         f"it exceeds {_VISIBLE_ERROR_M:g} m in steps 61 to 84",
-        _error_grows_again,
+        lambda paper, _: paper["ekf_max_steps_61_to_84_m"] > _VISIBLE_ERROR_M,
     ),
 )
 

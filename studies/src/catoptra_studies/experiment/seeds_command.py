@@ -27,7 +27,6 @@ from catoptra_studies.commands import (
 from catoptra_studies.experiment.experiment_results import summarize_experiment
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
-    SetupResult,
     run_setup,
     train_classifier,
 )
@@ -36,7 +35,6 @@ from catoptra_studies.experiment.paper_claims import (
     UNTYPICAL_STATEMENTS,
     Claim,
     evaluate_claims,
-    evaluate_statements,
     pool_shares,
 )
 from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
@@ -60,7 +58,7 @@ class SeedResult:
         return 0 if all(claim.is_confirmed for claim in self.claims) else 1
 
 
-def format_seeds_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
+def _format_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
     """Markdown with three tables: claims, untypical statements, and the seeds."""
     failed = [str(result.seed) for result in results if result.status]
     ending = f"1 with the seeds {', '.join(failed)}" if failed else "0 with every seed"
@@ -138,7 +136,7 @@ def _run(parsed: argparse.Namespace) -> int:
     return _EXIT_FAILURE if any(result.status for result in results) else 0
 
 
-def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
+def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     """Drive, filter and evaluate one seed, and write summary.json into a folder for this seed.
 
     Args:
@@ -148,24 +146,15 @@ def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     folder = config.output_folder / f"seed_{seed}"
     folder.mkdir(exist_ok=True)
     seeded = replace(config, seed=seed, output_folder=folder)
-    summary = summarize_experiment(seeded, _drive_all_setups(seeded))
+    # As `demo` trains and drives, without a display.
+    classifier, _ = train_classifier(seeded)
+    results = [run_setup(seeded, setup, classifier) for setup in seeded.setups]
+    summary = summarize_experiment(seeded, results)
     write_json(folder / "summary.json", summary)
     setups = summary["setups"]
     return SeedResult(
-        seed,
-        tuple(evaluate_claims(setups)),
-        tuple(evaluate_statements(UNTYPICAL_STATEMENTS, setups)),
+        seed, tuple(evaluate_claims(setups)), tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS))
     )
-
-
-def _drive_all_setups(config: ExperimentConfig) -> list[SetupResult]:
-    """Train and drive as `demo` does, without a display."""
-    classifier, _ = train_classifier(config, _ignore_progress)
-    return [run_setup(config, setup, classifier, _ignore_progress) for setup in config.setups]
-
-
-def _ignore_progress(name: str) -> None:
-    """Progress counts whole seeds."""
 
 
 def _run_seeds(
@@ -178,7 +167,7 @@ def _run_seeds(
     with open_progress() as progress, pool:
         advance = progress.add_task("seeds", len(seeds))
         # In the order of the seeds; the first that fails ends the command.
-        for result in pool.imap(partial(evaluate_experiment, config), seeds):
+        for result in pool.imap(partial(_evaluate_experiment, config), seeds):
             results.append(result)
             advance()
     return results
@@ -192,7 +181,7 @@ def _end_by_signal() -> None:
 
 def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> None:
     report = config.output_folder / "seeds.md"
-    report.write_text(format_seeds_report(results, num_runs=config.num_runs), encoding="utf-8")
+    report.write_text(_format_report(results, num_runs=config.num_runs), encoding="utf-8")
     rows = [
         (
             (claims[0].text, str(pool_shares(claim.runs for claim in claims))),

@@ -26,11 +26,7 @@ from catoptra_protocol.errors import CatoptraError, ConnectionLostError, Deadlin
 from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.reports import GroundTruthReading, OdometryReading
-from catoptra_studies.experiment.drive_log import (
-    read_chassis,
-    read_true_pose,
-    spawn_robot,
-)
+from catoptra_studies.experiment.drive_log import read_chassis, read_true_pose, spawn_robot
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint

@@ -107,16 +107,16 @@ class LiveLocalizer:
         text = f"training the classifier: {num_frames} of {NUM_TRAINING_FRAMES} labelled frames"
         if num_frames == NUM_TRAINING_FRAMES:
             try:
-                self._detector = self._make_detector(camera)
+                self._detector = make_detector(
+                    camera,
+                    train(self._labelled_frames),
+                    landmarks=self._landmarks,
+                    viewpoint=self._viewpoint,
+                )
             except DomainError as error:
                 # A colour that no frame shows: the next frame takes the place of the oldest.
                 text = f"training the classifier: {error}"
         return {"text": text}
-
-    def _make_detector(self, camera: OmniCamera) -> Detector:
-        classifier = train(self._labelled_frames)
-        viewpoint = self._viewpoint
-        return make_detector(camera, classifier, landmarks=self._landmarks, viewpoint=viewpoint)
 
 
 def _require_omni_camera(frame: Frame) -> OmniCamera:

@@ -17,12 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.experiment.route import (
-    Chassis,
-    Waypoint,
-    WheelCommand,
-    wheel_command_towards,
-)
+from catoptra_studies.experiment.route import Chassis, Waypoint, WheelCommand, wheel_command_towards
 
 # Half a step of the route: the arc to a nearer waypoint would begin with a sharp turn.
 _REACHED_M = 0.1
@@ -90,8 +85,8 @@ def steer(
         min_duration_s: Time until the next command: a shorter arc is driven more slowly.
     """
     target = route[progress.index]
-    bearing_rad = wrap_angle(math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m))
-    bearing_rad = wrap_angle(bearing_rad - pose.yaw_rad)
+    direction_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
+    bearing_rad = wrap_angle(direction_rad - pose.yaw_rad)
     if _is_turn(progress, route):
         target = Waypoint(pose.x_m, pose.y_m, target.yaw_rad)
     elif abs(bearing_rad) > _MAX_ARC_BEARING_RAD:
@@ -99,9 +94,7 @@ def steer(
     command = wheel_command_towards(target, pose, chassis)
     slowdown = min(1.0, command.duration_s / min_duration_s)
     return WheelCommand(
-        slowdown * command.left_rad_s,
-        slowdown * command.right_rad_s,
-        command.duration_s / slowdown,
+        slowdown * command.left_rad_s, slowdown * command.right_rad_s, command.duration_s / slowdown
     )
 
 
