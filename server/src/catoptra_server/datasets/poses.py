@@ -26,7 +26,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.commands_drive import Drive
+from catoptra_protocol.usarsim.commands import Drive
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.world_file import MAX_LENGTH_M
