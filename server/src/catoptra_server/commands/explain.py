@@ -198,14 +198,14 @@ def _explain_views(
     views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
     try:
         for name, request in requests.items():
-            times = measure_effect_times(views.render, request)
+            view, effect_ms, other_ms = measure_effect_times(views.render, request)
             yield _CameraEffectReport(
                 robot.class_name,
                 name,
-                times.view.frame_plan.plan_text,
-                times.view.effect_decisions,
-                dict(times.effect_ms),
-                times.other_ms,
+                view.frame_plan.plan_text,
+                view.effect_decisions,
+                effect_ms,
+                other_ms,
                 _explain_viewpoint(request, summarizer),
             )
     finally:
@@ -269,30 +269,13 @@ def _start_pose(startup: StartupConfig) -> PlanarPose:
     return PlanarPose(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EffectTimes:
-    """Times of a frame, which add up."""
-
-    view: RenderedView
-    """The frame with all effects."""
-    effect_ms: Mapping[str, float]
-    """Median milliseconds of each effect that the frame draws, in optical order."""
-    other_ms: float
-    """Median milliseconds of all else."""
-
-    @property
-    def frame_ms(self) -> float:
-        """Milliseconds of the whole frame."""
-        return self.other_ms + sum(self.effect_ms.values())
-
-
 def measure_effect_times(
     render: Callable[[ViewRequest], RenderedView],
     request: ViewRequest,
     *,
     num_frames: int = _NUM_FRAMES,
     clock: Callable[[], float] = time.perf_counter,
-) -> EffectTimes:
+) -> tuple[RenderedView, dict[str, float], float]:
     """Measure the effects of a view.
 
     Args:
@@ -300,6 +283,10 @@ def measure_effect_times(
         request: View of a camera with effects.
         num_frames: Frames of each kind that count, beside two that do not.
         clock: Clock in seconds.
+
+    Returns:
+        The view with all effects; the median milliseconds of each effect that the frame draws, in
+        optical order; those of all else. The times add up to those of a frame.
     """
     view = render(request)
     drawn = [one.effect for one in view.effect_decisions if _acts_on_frame(one)]
@@ -327,7 +314,7 @@ def measure_effect_times(
         name: after - before
         for name, before, after in zip(unstaged, cumulative, cumulative[1:], strict=False)
     }
-    return EffectTimes(view, {name: effect_ms[name] for name in drawn}, cumulative[0])
+    return view, {name: effect_ms[name] for name in drawn}, cumulative[0]
 
 
 def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
