@@ -42,7 +42,7 @@ def test_formats_state_their_conventions() -> None:
 
 
 def test_hand_of_the_delivered_picture_is_the_caller_s(tmp_path: Path) -> None:
-    path = tmp_path / kalibr.FILE_NAME
+    path = tmp_path / "kalibr.yaml"
     path.write_text(kalibr.write(PAPER, "omni"))
     flipped, mirrored = (camera_from_file(path, picture=picture) for picture in Picture)
     assert (flipped.picture, mirrored.picture) == (Picture.MIRRORED, Picture.FLIPPED)

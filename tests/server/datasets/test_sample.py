@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.labels.masks import run_lengths_from_string
 from catoptra_server.datasets.png_files import decode_png
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.sample import (
@@ -22,6 +21,7 @@ from catoptra_server.datasets.sample import (
 )
 from catoptra_server.datasets.sample_renderer import SampleRenderer
 from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
+from helpers.run_lengths import mask_from_string
 
 
 def test_description_depends_on_recipe_and_index_alone(tmp_path: Path) -> None:
@@ -60,8 +60,8 @@ def test_every_object_in_view_has_a_record_with_its_pixels(tmp_path: Path) -> No
         for number, record in records.items():
             assert record["area_px"] == (ids == number).sum()
             assert 0.0 <= record["occluded_fraction"] <= 1.0
-            runs = run_lengths_from_string(record["mask"]["counts"])
-            assert sum(runs) == ids.size
+            mask = mask_from_string(record["mask"]["counts"], *ids.shape)
+            np.testing.assert_array_equal(mask, ids == number)
 
 
 def test_annotations_need_neither_stored_ids_nor_a_valid_mask(tmp_path: Path) -> None:

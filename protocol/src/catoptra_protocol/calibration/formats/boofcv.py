@@ -15,7 +15,6 @@ from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "boofcv"
-FILE_NAME = "boofcv.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,

@@ -14,7 +14,6 @@ from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "camodocal"
-FILE_NAME = "camodocal.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,

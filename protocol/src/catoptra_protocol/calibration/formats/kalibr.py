@@ -24,7 +24,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialProjection
 
 NAME = "kalibr"
-FILE_NAME = "kalibr_camchain.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,

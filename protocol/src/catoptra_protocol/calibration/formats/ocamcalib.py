@@ -22,7 +22,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 
 NAME = "ocamcalib"
-FILE_NAME = "ocamcalib.txt"
 CONVENTIONS = Conventions(
     frame="x down, y right, z backward: a0 < 0",
     first_pixel=0.0,
