@@ -13,7 +13,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from statistics import median
 
@@ -83,9 +83,7 @@ def main(arguments: Sequence[str]) -> int:
             [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
         )
         reports = [
-            *_explain_cameras(
-                startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
-            )
+            report for robot in startup.robots for report in _explain_robot(startup, robot, parsed)
         ]
     except CatoptraError as error:
         print(f"catoptra-server explain: {error}", file=sys.stderr)
@@ -166,32 +164,18 @@ class _CameraEffectReport:
         return "\n".join((head, *viewpoint, effects, cost))
 
 
-def _explain_cameras(
-    startup: StartupConfig,
-    *,
-    renderer: str,
-    pose: PlanarPose | None = None,
-    velocity: PlanarVelocity = ZERO_VELOCITY,
+def _explain_robot(
+    startup: StartupConfig, robot: RobotDescription, parsed: argparse.Namespace
 ) -> Iterator[_CameraEffectReport]:
-    """Yield the report of each camera of the robot classes, the omnidirectional one first.
+    """Yield the effects of a robot's cameras in a world, in one pose.
 
-    Args:
-        pose: Pose of the robot; None: the world's first start pose.
-        velocity: Velocity of the robot during the exposure.
+    Raises:
+        CatoptraError: The renderer cannot run here.
     """
-    for robot in startup.robots:
-        requests = _request_views(robot, pose or _start_pose(startup), velocity)
-        if requests:
-            yield from _explain_views(startup, robot, requests, renderer)
-
-
-def _explain_views(
-    startup: StartupConfig,
-    robot: RobotDescription,
-    requests: Mapping[str, ViewRequest],
-    renderer: str,
-) -> Iterator[_CameraEffectReport]:
-    choice = choose_renderer(renderer, startup.scene, startup.world)
+    requests = _request_views(robot, parsed.pose or _start_pose(startup), parsed.velocity)
+    if not requests:
+        return
+    choice = choose_renderer(parsed.renderer, startup.scene, startup.world)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)
