@@ -167,11 +167,7 @@ class _CameraEffectReport:
 def _explain_robot(
     startup: StartupConfig, robot: RobotDescription, parsed: argparse.Namespace
 ) -> Iterator[_CameraEffectReport]:
-    """Yield the effects of a robot's cameras in a world, in one pose.
-
-    Raises:
-        CatoptraError: The renderer cannot run here.
-    """
+    """Yield the report of each camera of a robot class, the omnidirectional one first."""
     requests = _request_views(robot, parsed.pose or _start_pose(startup), parsed.velocity)
     if not requests:
         return
