@@ -254,7 +254,7 @@ def test_server_in_real_time_is_rejected(tmp_path: Path) -> None:
 
 def test_server_of_a_forgotten_environment_ends(robot: Path) -> None:
     env = make_env(robot)
-    _, _, port = env.client._exchange._socket.address.rpartition(":")
+    _, _, port = env.client._socket.address.rpartition(":")
     socket.create_connection(("127.0.0.1", int(port)), DEADLINE_S).close()
     del env
     gc.collect()

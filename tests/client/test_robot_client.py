@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -56,8 +57,11 @@ CAMERA = camera_with_inscribed_rim(
 )
 
 
-def reply_script(*replies: tuple[object, tuple[Report, ...]]) -> Callable[[socket.socket], None]:
-    """Script that greets, expects each command in turn and sends the reports for the command."""
+@contextmanager
+def connect(
+    *replies: tuple[object, tuple[Report, ...]], timeout_s: float = 5.0
+) -> Iterator[RobotClient]:
+    """Client of a server that expects each command in turn and sends the reports for it."""
 
     def script(connection: socket.socket) -> None:
         control = ScriptedControlPeer(connection)
@@ -66,14 +70,20 @@ def reply_script(*replies: tuple[object, tuple[Report, ...]]) -> Callable[[socke
             control.send(*reports)
         wait_for_close(connection)
 
-    return script
+    with serve_script(script) as port, RobotClient.connect(port=port, timeout_s=timeout_s) as robot:
+        yield robot
 
 
-SPAWN_EXCHANGE = (Init("P2AT"), (STATUS,))
+@contextmanager
+def spawn(*replies: tuple[object, tuple[Report, ...]]) -> Iterator[RobotClient]:
+    """Client with a robot, of such a server."""
+    with connect((Init("P2AT"), (STATUS,)), *replies) as robot:
+        robot.spawn("P2AT")
+        yield robot
 
 
 def test_connect_when_greeted_knows_the_level() -> None:
-    with serve_script(reply_script()) as port, RobotClient.connect(port=port) as robot:
+    with connect() as robot:
         assert robot.greeting == GREETING
         assert (robot.status, robot.odometry, robot.ground_truth) == (None, None, None)
 
@@ -85,35 +95,30 @@ def test_connect_when_nothing_listens_names_the_remedy() -> None:
             RobotClient.connect(port=bound.getsockname()[1])
 
 
-def test_connect_when_the_server_does_not_greet_asks_for_the_port() -> None:
-    with (
-        serve_script(wait_for_close) as port,
-        pytest.raises(ConnectionLostError, match="is this the control port"),
-    ):
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (wait_for_close, "is this the control port"),
+        (lambda connection: None, "lost the control server"),
+    ],
+    ids=["silent", "closes"],
+)
+def test_connect_when_the_server_does_not_greet_has_the_reason(
+    script: Callable[[socket.socket], None], message: str
+) -> None:
+    with serve_script(script) as port, pytest.raises(ConnectionLostError, match=message):
         RobotClient.connect(port=port, timeout_s=SHORT_S)
-
-
-def test_connect_when_the_server_closes_tells_so() -> None:
-    with (
-        serve_script(lambda connection: None) as port,
-        pytest.raises(ConnectionLostError, match="lost the control server"),
-    ):
-        RobotClient.connect(port=port)
 
 
 def test_start_poses_when_requested_are_returned() -> None:
     poses = StartPoses((StartPose("Robot1", (1.0, 2.0, 0.0), (0.0, 0.0, 1.5)),))
-    script = reply_script((GetStartPoses(), (poses,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+    with connect((GetStartPoses(), (poses,))) as robot:
         assert robot.get_start_poses() == poses
 
 
 def test_spawn_when_the_robot_reports_returns() -> None:
     init = Init("USARBot.P2AT", "R1", (4.5, 1.9, 1.8), (0.0, 0.0, 1.57))
-    with (
-        serve_script(reply_script((init, (STATUS,)))) as port,
-        RobotClient.connect(port=port) as robot,
-    ):
+    with connect((init, (STATUS,))) as robot:
         robot.spawn(
             "USARBot.P2AT",
             name="R1",
@@ -124,38 +129,27 @@ def test_spawn_when_the_robot_reports_returns() -> None:
 
 
 def test_spawn_when_the_server_does_not_reply_explains_the_rejection() -> None:
-    script = reply_script((Init("Nothing", start="Nowhere"), ()))
-    with serve_script(script) as port, RobotClient.connect(port=port, timeout_s=SHORT_S) as robot:
+    with connect((Init("Nothing", start="Nowhere"), ()), timeout_s=SHORT_S) as robot:
         with pytest.raises(CatoptraError, match="does not reply to an unknown class or start"):
             robot.spawn("Nothing", start_pose="Nowhere")
 
 
 def test_spawn_when_the_connection_has_a_robot_is_rejected() -> None:
-    with (
-        serve_script(reply_script(SPAWN_EXCHANGE)) as port,
-        RobotClient.connect(port=port) as robot,
-    ):
-        robot.spawn("P2AT")
+    with spawn() as robot:
         with pytest.raises(LocalProtocolError, match="open another connection"):
             robot.spawn("P2AT")
 
 
 def test_drive_when_called_sends_both_sides() -> None:
     drive = Drive(50.0, -50.0, normalized=True)
-    with serve_script(reply_script(SPAWN_EXCHANGE, (drive, (ODOMETRY,)))) as port:
-        with RobotClient.connect(port=port) as robot:
-            robot.spawn("P2AT")
-            robot.drive(50.0, -50.0, normalized=True)
-            assert robot.wait_for_report(OdometryReading) == ODOMETRY
+    with spawn((drive, (ODOMETRY,))) as robot:
+        robot.drive(50.0, -50.0, normalized=True)
+        assert robot.wait_for_report(OdometryReading) == ODOMETRY
 
 
 def test_note_and_sharing_are_sent() -> None:
     note = Note("ekf", '{"pose":[1.0,2.0,0.5]}')
-    script = reply_script(
-        SPAWN_EXCHANGE, (note, ()), (ShareControl(True), ()), (ShareControl(False), (ODOMETRY,))
-    )
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn((note, ()), (ShareControl(True), ()), (ShareControl(False), (ODOMETRY,))) as robot:
         robot.publish("ekf", {"pose": np.array([1.0, 2.0, 0.5])})
         robot.share_control()
         robot.share_control(False)
@@ -164,9 +158,7 @@ def test_note_and_sharing_are_sent() -> None:
 
 def test_note_when_the_server_would_ignore_it_is_not_sent() -> None:
     notes = [(Note(f"note {number}", "{}"), ()) for number in range(8)]
-    script = reply_script(SPAWN_EXCHANGE, *notes, (Note("note 3", "{}"), (ODOMETRY,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn(*notes, (Note("note 3", "{}"), (ODOMETRY,))) as robot:
         with pytest.raises(LocalProtocolError, match="no JSON object"):
             robot.publish("nan", {"pose": math.nan})
         for number in range(8):
@@ -178,11 +170,7 @@ def test_note_when_the_server_would_ignore_it_is_not_sent() -> None:
 
 
 def test_step_returns_the_reports_before_its_result() -> None:
-    script = reply_script(
-        SPAWN_EXCHANGE, (StepCommand(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK))
-    )
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn((StepCommand(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK))) as robot:
         assert robot.step(0.2) == [ODOMETRY, GROUND_TRUTH, STATUS]
         assert (robot.odometry, robot.ground_truth, robot.status) == (
             ODOMETRY,
@@ -192,35 +180,27 @@ def test_step_returns_the_reports_before_its_result() -> None:
 
 
 def test_step_when_before_spawn_is_served() -> None:
-    with (
-        serve_script(reply_script((StepCommand(0.2), (STEP_OK,)))) as port,
-        RobotClient.connect(port=port) as robot,
-    ):
+    with connect((StepCommand(0.2), (STEP_OK,))) as robot:
         assert robot.step(0.2) == []
 
 
 def test_step_when_failed_tells_how_to_run_the_server() -> None:
     failed = CommandResult(1.2, "Step", "Clock", "Failed")
-    with (
-        serve_script(reply_script((StepCommand(0.2), (failed,)))) as port,
-        RobotClient.connect(port=port) as robot,
-    ):
+    with connect((StepCommand(0.2), (failed,))) as robot:
         with pytest.raises(CatoptraError, match="--clock lockstep"):
             robot.step(0.2)
 
 
 def test_step_when_unsupported_by_the_server_times_out() -> None:
     with (
-        serve_script(reply_script((StepCommand(0.2), ()))) as port,
-        RobotClient.connect(port=port, timeout_s=SHORT_S) as robot,
+        connect((StepCommand(0.2), ()), timeout_s=SHORT_S) as robot,
         pytest.raises(ConnectionLostError, match="is it Catoptra"),
     ):
         robot.step(0.2)
 
 
 def test_wait_for_when_reports_came_in_one_segment_reads_on_in_it() -> None:
-    script = reply_script((Init("P2AT"), (STATUS, ODOMETRY, GROUND_TRUTH, ODOMETRY)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+    with connect((Init("P2AT"), (STATUS, ODOMETRY, GROUND_TRUTH, ODOMETRY))) as robot:
         robot.spawn("P2AT")
         assert robot.wait_for_report(GroundTruthReading) == GROUND_TRUTH
         assert robot.wait_for_report(OdometryReading) == ODOMETRY
@@ -264,28 +244,29 @@ def test_wait_for_when_a_report_is_malformed_names_the_field_and_can_go_on() -> 
         assert robot.wait_for_report(OdometryReading) == ODOMETRY
 
 
-def test_configuration_when_others_come_between_returns_the_requested_one() -> None:
-    other = Configuration("Camera", (("Name", "Omni"),))
-    asked = Configuration("Odometry", (("Name", "Odometry"), ("ScanInterval", "0.2000")))
-    script = reply_script(SPAWN_EXCHANGE, (GetConf("odometry"), (STATUS, other, asked)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
-        assert robot.get_configuration("odometry") == asked
+OTHER_CAMERA, CAMERA_TILE = (Configuration("Camera", (("Name", n),)) for n in ("Omni", "Rear"))
 
 
-def test_configuration_when_of_the_robot_accepts_the_vehicle_type() -> None:
-    answer = Configuration("GroundVehicle", (("Name", "P2AT"),))
-    script = reply_script(SPAWN_EXCHANGE, (GetConf("Robot", "R1"), (answer,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
-        assert robot.get_configuration("Robot", "R1") == answer
+@pytest.mark.parametrize(
+    ("request_", "others", "answer"),
+    [
+        (GetConf("odometry"), (STATUS, OTHER_CAMERA), Configuration("Odometry", (("Name", "O"),))),
+        # The type of a vehicle is free text.
+        (GetConf("Robot", "R1"), (), Configuration("GroundVehicle", (("Name", "P2AT"),))),
+        (GetConf("Camera", "rear"), (OTHER_CAMERA,), CAMERA_TILE),
+    ],
+    ids=["sensor", "robot", "camera"],
+)
+def test_configuration_when_others_come_between_is_the_requested_one(
+    request_: GetConf, others: tuple[Report, ...], answer: Configuration
+) -> None:
+    with spawn((request_, (*others, answer))) as robot:
+        assert robot.get_configuration(request_.type, request_.name) == answer
 
 
 def test_geometry_when_of_sensors_or_of_the_robot_is_returned() -> None:
     sonar = Geometry("Sonar", (GeometryItem("F1", (0.1, 0.0, 0.0), (0.0, 0.0, 0.5)),))
-    script = reply_script(SPAWN_EXCHANGE, (GetGeo("Sonar"), (sonar,)), (GetGeo("Robot"), (P2AT,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn((GetGeo("Sonar"), (sonar,)), (GetGeo("Robot"), (P2AT,))) as robot:
         assert robot.get_geometry("Sonar") == sonar
         assert robot.get_geometry("Robot") == P2AT
 
@@ -293,25 +274,13 @@ def test_geometry_when_of_sensors_or_of_the_robot_is_returned() -> None:
 def test_camera_when_requested_is_the_servers_model() -> None:
     pairs = (("Name", "Omni"), *pairs_from_omni_camera(CAMERA, 0.55))
     conf = Configuration("Camera", pairs)
-    script = reply_script(SPAWN_EXCHANGE, *[(GetConf("Camera"), (conf,))] * 2)
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn(*[(GetConf("Camera"), (conf,))] * 2) as robot:
         assert robot.get_camera() == CAMERA
         assert robot.get_camera_and_height() == (CAMERA, 0.55)
 
 
 def test_camera_when_not_omnidirectional_names_the_missing_keys() -> None:
     conf = Configuration("Camera", (("Name", "Camera"), ("CameraFov", "80.0000")))
-    script = reply_script(SPAWN_EXCHANGE, (GetConf("Camera", "Camera"), (conf,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
+    with spawn((GetConf("Camera", "Camera"), (conf,))) as robot:
         with pytest.raises(RemoteProtocolError, match="Mirror"):
             robot.get_camera("Camera")
-
-
-def test_configuration_when_of_a_camera_skips_unrequested_tiles() -> None:
-    tile, asked = (Configuration("Camera", (("Name", name),)) for name in ("Omni", "Rear"))
-    script = reply_script((Init("P2AT"), (STATUS, tile)), (GetConf("Camera", "rear"), (asked,)))
-    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
-        robot.spawn("P2AT")
-        assert robot.get_configuration("Camera", "rear") == asked

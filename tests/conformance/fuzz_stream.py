@@ -15,7 +15,7 @@ import msgpack
 import numpy as np
 
 from catoptra_client.frame import rgb_from_image_bytes
-from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, unpack

@@ -23,7 +23,7 @@ from typing import Any
 import msgpack
 import zmq
 
-from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.messages import reply_from_bytes
 from catoptra_protocol.stream.replies import FrameHeader

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from catoptra_client.frame import Frame
-from catoptra_client.frame_sources.stream.stream_client import StreamClient, pose_from_transform
+from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import (
     CatoptraError,
     ConnectionLostError,

@@ -81,8 +81,8 @@ def read_robot_with(file_name: str, folder: Path) -> OmniCamera:
 def test_imported_camera_is_drawn_and_exported_as_it_was(
     each: CalibrationFormat, truth: OmniCamera, export: str, tmp_path: Path
 ) -> None:
-    (tmp_path / each.FILE_NAME).write_text(each.write(truth, "eye"))
-    camera = read_robot_with(each.FILE_NAME, tmp_path)
+    (tmp_path / each.NAME).write_text(each.write(truth, "eye"))
+    camera = read_robot_with(each.NAME, tmp_path)
     assert compute_residual(truth, camera).max_px < 1e-9
     assert marker_error_px(camera, truth) < 0.1
     one = next(one for one in EXPORTS if one.name == export)

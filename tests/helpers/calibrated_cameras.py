@@ -85,7 +85,7 @@ WOODSCAPE = OmniCamera(
 def assert_written_and_read(each: CalibrationFormat, camera: OmniCamera, folder: Path) -> str:
     """Check that a format holds a camera to 1e-9 px, and return the file's text."""
     text = each.write(camera, "omni")
-    path = folder / each.FILE_NAME
+    path = folder / each.NAME
     path.write_text(text)
     assert each.is_format(text)
     residual = compute_residual(camera, camera_from_file(path))

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.datasets.dataset_run import prepare_run
+from catoptra_server.datasets.dataset_run import DatasetRun
 from catoptra_server.datasets.local_workers import LocalWorkers
 from catoptra_server.datasets.shards import ShardJob
 from catoptra_server.runtime.memory import count_processors
@@ -78,7 +78,7 @@ def main() -> None:
             channels=parsed.channels,
         )
         recipe.write_text(text, encoding="utf-8")
-        job = prepare_run(recipe, Path(folder, "out")).job
+        job = DatasetRun(recipe, Path(folder, "out")).job
         runs: dict[int, list[Run]] = {workers: [] for workers in parsed.workers}
         for _ in range(parsed.runs):
             for workers, found in runs.items():

@@ -82,24 +82,20 @@ def test_header_when_missing_or_different_is_rejected(lines: list[str]) -> None:
         landmarks_from_lines(lines, file="x.csv")
 
 
-def test_name_when_repeated_is_rejected_at_the_second() -> None:
-    with pytest.raises(ConfigError, match=r"x\.csv:3: name='b1'.*only once"):
-        parse_landmark(BEACON, BEACON)
-
-
-def test_name_when_empty_is_rejected() -> None:
-    with pytest.raises(ConfigError, match=r"x\.csv:2: name=''"):
-        parse_landmark(BEACON.replace("b1", ""))
-
-
-def test_field_when_longer_than_the_csv_limit_is_rejected() -> None:
-    with pytest.raises(ConfigError, match=r"x\.csv:2: row=.*a CSV"):
-        parse_landmark(BEACON.replace("b1", 200_000 * "x"))
-
-
-def test_quote_when_never_closed_is_rejected() -> None:
-    with pytest.raises(ConfigError, match=r"x\.csv:2"):
-        parse_landmark(BEACON.replace("b1", '"b1'))
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ((BEACON, BEACON), r"x\.csv:3: name='b1'.*only once"),
+        ((BEACON.replace("b1", ""),), r"x\.csv:2: name=''"),
+        # Longer than the limit of a CSV field; a quote that is never closed.
+        ((BEACON.replace("b1", 200_000 * "x"),), r"x\.csv:2: row=.*a CSV"),
+        ((BEACON.replace("b1", '"b1'),), r"x\.csv:2"),
+    ],
+    ids=["repeated name", "empty name", "long field", "open quote"],
+)
+def test_row_when_wrong_is_rejected_by_line(rows: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        parse_landmark(*rows)
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])

@@ -51,9 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _save_snapshot(parsed: argparse.Namespace) -> None:
     """Save one frame of a robot's camera, or its panorama, as an image file."""
-    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
     with open_frame_source(
-        f"zmq://{host}:{parsed.stream_port}",
+        _stream_url(parsed),
         robot=parsed.robot,
         camera=parsed.camera,
         encoding=ImageEncoding.PNG,
@@ -139,9 +138,14 @@ def _open_bearing_source(parsed: argparse.Namespace, robot: str | None) -> Frame
     """Frames of the image port, or of the selected camera over the stream."""
     if robot is None:
         return ImageClient.connect(parsed.host, parsed.image_port)
-    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
-    url = f"zmq://{host}:{parsed.stream_port}"
+    url = _stream_url(parsed)
     return open_frame_source(url, robot=robot, camera=parsed.camera, encoding=ImageEncoding.PNG)
+
+
+def _stream_url(parsed: argparse.Namespace) -> str:
+    # An IPv6 address has colons of its own.
+    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
+    return f"zmq://{host}:{parsed.stream_port}"
 
 
 def _find_viewpoint(images: FrameSource, height_m: float) -> Viewpoint:
@@ -167,63 +171,47 @@ def _server_address(parsed: argparse.Namespace) -> ServerAddress:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    snapshot_parser = commands.add_parser(
+    pictures = [picture.value for picture in Picture]
+    snapshot = commands.add_parser(
         "snapshot", help="save one frame of a robot's camera as an image file"
     )
-    snapshot_parser.set_defaults(run=_save_snapshot)
-    snapshot_parser.add_argument("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
-    snapshot_parser.add_argument("--robot", help="name of the robot; the image port's picture")
-    snapshot_parser.add_argument("--camera", help="name of the camera; the robot's first one")
-    snapshot_parser.add_argument(
-        "--panorama", action="store_true", help="the panorama instead of the camera's image"
-    )
-    snapshot_parser.add_argument(
-        "--picture",
-        choices=[picture.value for picture in Picture],
-        help="hand of the image; as the camera has it",
-    )
-    snapshot_parser.add_argument("--host", default="127.0.0.1")
-    snapshot_parser.add_argument("--stream-port", type=int, default=5005)
-    calibration_parser = commands.add_parser(
+    snapshot.set_defaults(run=_save_snapshot)
+    add = snapshot.add_argument
+    add("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
+    add("--robot", help="name of the robot; the image port's picture")
+    add("--camera", help="name of the camera; the robot's first one")
+    add("--panorama", action="store_true", help="the panorama instead of the camera's image")
+    add("--picture", choices=pictures, help="hand of the image; as the camera has it")
+    calibration = commands.add_parser(
         "calibration", help="write a camera as calibration files of other programs"
     )
-    calibration_parser.set_defaults(run=_write_calibration)
-    calibration_parser.add_argument("--camera", help="name of the camera; the first one")
-    calibration_parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    calibration_parser.add_argument(
-        "--picture",
-        choices=[picture.value for picture in Picture],
-        default=Picture.FLIPPED.value,
-        help="hand of the pictures that the files describe",
-    )
-    calibration_parser.add_argument(
-        "--max-residual-px", type=float, default=DEFAULT_MAX_RESIDUAL_PX, metavar="PX"
-    )
-    calibration_parser.add_argument("--host", default="127.0.0.1")
-    calibration_parser.add_argument("--stream-port", type=int, default=5005)
-    train_parser = commands.add_parser(
-        "train", help="train the colour classifier from labelled frames"
-    )
-    train_parser.set_defaults(run=_train)
-    train_parser.add_argument("--output", type=Path, default=Path("out/classifier.npz"))
-    train_parser.add_argument(
-        "--theta", type=float, default=DEFAULT_THETA, help="threshold of Eq. 3"
-    )
-    train_parser.add_argument("--seed", type=int, default=1, help="of the random poses")
-    train_parser.add_argument("--frames", type=int, default=30)
-    bearings_parser = commands.add_parser(
-        "bearings", help="print the landmarks in the robot's frames"
-    )
-    bearings_parser.set_defaults(run=_print_bearings)
-    bearings_parser.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
-    bearings_parser.add_argument("--start", default="Centre", help="start pose of the robot")
-    bearings_parser.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
-    bearings_parser.add_argument(
-        "--camera", help="name of the camera, over the stream; the image port's picture"
-    )
-    bearings_parser.add_argument("--stream-port", type=int, default=5005)
+    calibration.set_defaults(run=_write_calibration)
+    add = calibration.add_argument
+    add("--camera", help="name of the camera; the first one")
+    add("--out", type=Path, required=True, metavar="DIR")
+    hand = "hand of the pictures that the files describe"
+    add("--picture", choices=pictures, default=Picture.FLIPPED.value, help=hand)
+    add("--max-residual-px", type=float, default=DEFAULT_MAX_RESIDUAL_PX, metavar="PX")
+    for command in (snapshot, calibration):
+        command.add_argument("--host", default="127.0.0.1")
+        command.add_argument("--stream-port", type=int, default=5005)
+    training = commands.add_parser("train", help="train the colour classifier from labelled frames")
+    training.set_defaults(run=_train)
+    add = training.add_argument
+    add("--output", type=Path, default=Path("out/classifier.npz"))
+    add("--theta", type=float, default=DEFAULT_THETA, help="threshold of Eq. 3")
+    add("--seed", type=int, default=1, help="of the random poses")
+    add("--frames", type=int, default=30)
+    bearings = commands.add_parser("bearings", help="print the landmarks in the robot's frames")
+    bearings.set_defaults(run=_print_bearings)
+    add = bearings.add_argument
+    add("--classifier", type=Path, default=Path("out/classifier.npz"))
+    add("--start", default="Centre", help="start pose of the robot")
+    add("--frames", type=int, default=0, help="0 = until interrupted")
+    add("--camera", help="name of the camera, over the stream; the image port's picture")
+    add("--stream-port", type=int, default=5005)
     # On each subcommand rather than the parent, so that options may follow the command.
-    for command in (train_parser, bearings_parser):
+    for command in (training, bearings):
         command.add_argument(
             "--landmarks",
             default="four_legged_2006",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import islice
+from typing import Any
 
 import pytest
 
@@ -41,35 +42,32 @@ def test_url_when_there_is_no_server_names_the_address(scheme: str) -> None:
         open_frame_source(f"{scheme}://127.0.0.1:1", timeout_s=0.1)
 
 
-def test_url_of_a_stream_opens_a_stream_source() -> None:
+@pytest.mark.parametrize(
+    ("query", "keywords", "selection"),
+    [
+        ("", {}, CameraSelection()),
+        (
+            "?robot=R%201&camera=Rear&encoding=png",
+            {},
+            CameraSelection("R 1", "Rear", ImageEncoding.PNG),
+        ),
+        (
+            "?robot=A&camera=Rear",
+            {"camera": "Ahead", "encoding": ImageEncoding.RAW},
+            CameraSelection("A", "Ahead", ImageEncoding.RAW),
+        ),
+    ],
+    ids=["none", "by the url", "by keywords"],
+)
+def test_url_of_a_stream_opens_a_source_of_the_selected_camera(
+    query: str, keywords: dict[str, Any], selection: CameraSelection
+) -> None:
     with (
         serve_stream_script(reply_to_all) as port,
-        open_frame_source(f"zmq://127.0.0.1:{port}") as source,
+        open_frame_source(f"zmq://127.0.0.1:{port}{query}", **keywords) as source,
     ):
         assert isinstance(source, StreamFrameSource)
-        assert source.selection == CameraSelection()
-
-
-def test_camera_when_selected_in_the_url_is_requested() -> None:
-    with (
-        serve_stream_script(reply_to_all) as port,
-        open_frame_source(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
-    ):
-        assert isinstance(source, StreamFrameSource)
-        assert source.selection == CameraSelection("R 1", "Rear", ImageEncoding.PNG)
-
-
-def test_camera_when_selected_by_keywords_overrides_the_url() -> None:
-    with (
-        serve_stream_script(reply_to_all) as port,
-        open_frame_source(
-            f"zmq://127.0.0.1:{port}?robot=A&camera=Rear",
-            camera="Ahead",
-            encoding=ImageEncoding.RAW,
-        ) as source,
-    ):
-        assert isinstance(source, StreamFrameSource)
-        assert source.selection == CameraSelection("A", "Ahead", ImageEncoding.RAW)
+        assert source.selection == selection
 
 
 def test_camera_when_selected_over_tcp_is_rejected_with_the_alternative() -> None:

@@ -19,7 +19,6 @@ from catoptra_protocol.usarsim.image_port import (
     ImageType,
     encode_frame_header,
     encode_raw_header,
-    raw_row_pitch,
 )
 from client.scripted_server import ScriptedImagePeer, serve_script, wait_for_close
 
@@ -35,7 +34,7 @@ def make_flat_image(value: int, width: int = 6, height: int = 4) -> Pixels:
 def raw_payload(rgb: Pixels, pitch: int | None = None) -> bytes:
     """RAW payload of an image, rows padded to the pitch."""
     height, width, _ = rgb.shape
-    padding = bytes((raw_row_pitch(width) if pitch is None else pitch) - 3 * width)
+    padding = bytes(-3 * width % 4 if pitch is None else pitch - 3 * width)
     return encode_raw_header(width, height) + b"".join(
         row[:, ::-1].tobytes() + padding for row in rgb
     )

@@ -19,6 +19,8 @@ from catoptra_protocol.errors import DomainError
 
 CYAN, MAGENTA = COLOUR_CODES["cyan"], COLOUR_CODES["magenta"]
 
+Part = tuple[int, int, int, int]
+
 
 def make_labels(*boxes: tuple[int, int, int, int], code: int = CYAN) -> np.ndarray:
     """Labels (20, 40) with boxes of (left, right, top, bottom)."""
@@ -58,28 +60,32 @@ def test_halves_that_are_small_alone_count_together() -> None:
     assert blob.num_pixels == 6
 
 
-def test_diagonal_touch_across_the_seam_joins() -> None:
-    assert len(find_blobs(make_labels((38, 40, 5, 8), (0, 3, 8, 10)))) == 1
+@pytest.mark.parametrize(
+    ("left", "right", "number"),
+    [
+        ((38, 40, 5, 8), (0, 3, 8, 10), 1),
+        ((38, 40, 5, 8), (0, 3, 9, 11), 2),
+        ((38, 40, 0, 2), (0, 3, 18, 20), 2),
+    ],
+    ids=["diagonal touch", "one row apart", "top and bottom row"],
+)
+def test_touch_across_the_seam_joins(left: Part, right: Part, number: int) -> None:
+    assert len(find_blobs(make_labels(left, right))) == number
 
 
-def test_one_row_apart_across_the_seam_does_not_join() -> None:
-    assert len(find_blobs(make_labels((38, 40, 5, 8), (0, 3, 9, 11)))) == 2
-
-
-def test_touch_at_top_and_bottom_row_does_not_wrap() -> None:
-    assert len(find_blobs(make_labels((38, 40, 0, 2), (0, 3, 18, 20)))) == 2
-
-
-def test_fork_across_the_seam_joins_all_its_parts() -> None:
-    (blob,) = find_blobs(make_labels((36, 40, 3, 12), (0, 3, 3, 5), (0, 2, 9, 12)))
+@pytest.mark.parametrize(
+    ("parts", "edges"),
+    [
+        (((36, 40, 3, 12), (0, 3, 3, 5), (0, 2, 9, 12)), (36, 43)),
+        (((0, 4, 3, 12), (37, 40, 3, 5), (38, 40, 9, 12)), (37, 44)),
+    ],
+)
+def test_fork_across_the_seam_joins_all_its_parts(
+    parts: tuple[Part, ...], edges: tuple[int, int]
+) -> None:
+    (blob,) = find_blobs(make_labels(*parts))
     assert blob.num_pixels == 36 + 6 + 6
-    assert (blob.left, blob.right) == (36, 43)
-
-
-def test_mirrored_fork_joins_too() -> None:
-    (blob,) = find_blobs(make_labels((0, 4, 3, 12), (37, 40, 3, 5), (38, 40, 9, 12)))
-    assert blob.num_pixels == 36 + 6 + 6
-    assert (blob.left, blob.right) == (37, 44)
+    assert (blob.left, blob.right) == edges
 
 
 def test_ring_around_the_whole_turn_is_one_blob() -> None:

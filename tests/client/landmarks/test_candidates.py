@@ -10,11 +10,12 @@ import pytest
 
 from catoptra_client.landmarks.blobs import Blob, Viewpoint
 from catoptra_client.landmarks.candidates import (
+    Candidate,
     CylinderView,
+    Detection,
     PolarMeasurement,
     azimuth_sigma,
-    bearing_detection_from_measurement,
-    detection_from_measurement,
+    detection_from_candidate,
     half_angle_from_range,
     incidence_angle_sigma,
     is_clear_of_horizon,
@@ -118,43 +119,42 @@ def test_three_sigma_off_the_horizon_are_clear_of_it(degrees: float, clear: bool
         assert is_clear_of_horizon(**place) == clear
 
 
-MEASUREMENT = PolarMeasurement(2.0, 0.5, 0.1, 0.01)
+BEACON = next(row for row in synthetic_frames.FIELD_LANDMARKS if row.kind == "beacon")
+BLOB = Blob("yellow", 9, 1.0, 1.0, 0.0, 3.0, 0.0, 3.0)
+
+
+def detect_at(viewpoint: Viewpoint, *, has_range: bool, range_sigma_m: float = 0.1) -> Detection:
+    """Detection of a beacon 2 m away at 0.5 rad, seen from a viewpoint."""
+    measurement = PolarMeasurement(2.0, 0.5, range_sigma_m, 0.01)
+    candidate = Candidate(BEACON, (BLOB,), measurement, has_range)
+    return detection_from_candidate(candidate, viewpoint)
 
 
 def test_detection_without_an_offset_keeps_the_measurement() -> None:
-    seen = detection_from_measurement(
-        "l", "beacon", MEASUREMENT, viewpoint=Viewpoint(), num_pixels=9
-    )
+    seen = detect_at(Viewpoint(), has_range=True)
     assert (seen.range_m, seen.bearing_rad, seen.has_range) == (2.0, 0.5, True)
+    assert (seen.name, seen.kind, seen.num_pixels) == (BEACON.name, "beacon", 9)
     np.testing.assert_allclose(seen.covariance, np.diag([0.01, 0.0001]))
 
 
 def test_detection_with_an_offset_mixes_range_and_bearing() -> None:
-    seen = detection_from_measurement(
-        "l", "beacon", MEASUREMENT, viewpoint=Viewpoint(0.6, 0.0, 0.5), num_pixels=9
-    )
+    seen = detect_at(Viewpoint(0.6, 0.0, 0.5), has_range=True)
     assert seen.covariance[0, 1] != 0.0
     assert np.linalg.eigvalsh(seen.covariance)[0] > 0.0
 
 
 def test_bearing_alone_promises_no_range() -> None:
-    seen = bearing_detection_from_measurement(
-        "g", "goal", MEASUREMENT, viewpoint=Viewpoint(), num_pixels=9
-    )
+    seen = detect_at(Viewpoint(), has_range=False)
     assert (seen.range_m, seen.has_range) == (0.0, False)
     np.testing.assert_allclose(seen.covariance, np.diag([0.0, 0.0001]))
 
 
 def test_bearing_alone_seen_off_centre_is_less_sure() -> None:
-    vague = PolarMeasurement(2.0, 0.5, 1.0, 0.01)
-    seen = bearing_detection_from_measurement(
-        "g", "goal", vague, viewpoint=Viewpoint(0.6, 0.0, 0.3), num_pixels=9
-    )
+    seen = detect_at(Viewpoint(0.6, 0.0, 0.3), has_range=False, range_sigma_m=1.0)
     assert seen.covariance[1, 1] > 0.0002
 
 
 VIEW = CylinderView(synthetic_frames.make_camera(), DEFAULT_CYLINDER, Viewpoint())
-BEACON = next(row for row in synthetic_frames.FIELD_LANDMARKS if row.kind == "beacon")
 
 
 def test_columns_beyond_the_image_continue_around() -> None:

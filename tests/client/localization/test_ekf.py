@@ -201,12 +201,9 @@ def test_covariance_of_another_shape_is_rejected() -> None:
         RangeBearing(1.0, 0.0, np.eye(3))
 
 
-def test_paper_gate_for_two_numbers_is_9_21034() -> None:
-    assert PAPER_GATE.threshold(2) == pytest.approx(9.21034, abs=5e-6)
-
-
-def test_paper_gate_for_one_number_is_6_63490() -> None:
-    assert PAPER_GATE.threshold(1) == pytest.approx(6.63490, abs=5e-6)
+@pytest.mark.parametrize(("dof", "threshold"), [(1, 6.63490), (2, 9.21034)])
+def test_paper_gate_has_the_quantiles_of_chi_square(dof: int, threshold: float) -> None:
+    assert PAPER_GATE.threshold(dof) == pytest.approx(threshold, abs=5e-6)
 
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-15, 0.01, 0.5])
@@ -358,17 +355,17 @@ def test_unusable_measurement_is_rejected_with_a_status(measurement, landmark, r
     assert result.belief is before
 
 
-def test_two_certainties_are_rejected_as_singular() -> None:
-    certain = Belief(np.zeros(3), np.zeros((3, 3)))
-    measured = RangeBearing(2.2, 0.4, np.zeros((2, 2)))
-    result = update(certain, measured, landmark=LANDMARK, gate=OPEN_GATE)
-    assert result.status is UpdateStatus.SINGULAR
+DIRECTION = np.array([0.3, 0.2, 0.1])
 
 
-def test_rank_one_belief_and_exact_sensor_are_rejected_as_singular() -> None:
-    direction = np.array([0.3, 0.2, 0.1])
-    belief = Belief(np.zeros(3), np.outer(direction, direction))
+@pytest.mark.parametrize(
+    "covariance",
+    [np.zeros((3, 3)), np.outer(DIRECTION, DIRECTION)],
+    ids=["certain", "rank one"],
+)
+def test_belief_of_lower_rank_and_exact_sensor_are_rejected_as_singular(covariance) -> None:
     measured = RangeBearing(2.2, 0.4, np.zeros((2, 2)))
+    belief = Belief(np.zeros(3), covariance)
     result = update(belief, measured, landmark=LANDMARK, gate=OPEN_GATE)
     assert result.status is UpdateStatus.SINGULAR
 

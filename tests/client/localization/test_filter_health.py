@@ -140,23 +140,19 @@ ACCEPTED, REJECTED = (
 NOT_FINITE = make_update(UpdateStatus.NOT_FINITE)
 
 
-def test_streak_counts_steps_with_rejections_only() -> None:
-    health = update_health(update_health(FilterHealth(), [REJECTED, REJECTED]), [REJECTED])
-    assert health.rejection_streak == 2
-
-
-@pytest.mark.parametrize("updates", [[], [NOT_FINITE]])
-def test_steps_without_a_comparison_do_not_touch_the_streak(updates) -> None:
-    assert update_health(update_health(FilterHealth(), [REJECTED]), updates).rejection_streak == 1
-
-
-def test_one_acceptance_ends_the_streak() -> None:
-    assert (
-        update_health(
-            update_health(FilterHealth(), [REJECTED]), [REJECTED, ACCEPTED]
-        ).rejection_streak
-        == 0
-    )
+@pytest.mark.parametrize(
+    ("updates", "streak"),
+    [
+        ([REJECTED], 2),
+        # Without a comparison there is no evidence; one acceptance ends the streak.
+        ([], 1),
+        ([NOT_FINITE], 1),
+        ([REJECTED, ACCEPTED], 0),
+    ],
+)
+def test_streak_counts_steps_with_rejections_only(updates, streak: int) -> None:
+    health = update_health(FilterHealth(), [REJECTED, REJECTED])
+    assert update_health(health, updates).rejection_streak == streak
 
 
 def test_windowed_nis_is_per_degree_of_freedom_and_forgets() -> None:

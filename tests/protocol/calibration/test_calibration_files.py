@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import tempfile
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +15,8 @@ from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.calibration_folder import (
     REPORT_NAME,
     write_calibration,
-    write_report,
 )
-from catoptra_protocol.calibration.exports import EXPORTS, export_camera
+from catoptra_protocol.calibration.exports import EXPORTS
 from catoptra_protocol.calibration.files import MAX_BYTES
 from catoptra_protocol.calibration.formats import FORMATS, kalibr
 from catoptra_protocol.errors import ConfigError, DomainError
@@ -42,7 +43,7 @@ def test_formats_state_their_conventions() -> None:
 
 
 def test_hand_of_the_delivered_picture_is_the_caller_s(tmp_path: Path) -> None:
-    path = tmp_path / kalibr.FILE_NAME
+    path = tmp_path / "kalibr.yaml"
     path.write_text(kalibr.write(PAPER, "omni"))
     flipped, mirrored = (camera_from_file(path, picture=picture) for picture in Picture)
     assert (flipped.picture, mirrored.picture) == (Picture.MIRRORED, Picture.FLIPPED)
@@ -125,10 +126,14 @@ def test_impossible_residual_is_refused_before_anything_is_written(
     assert not (tmp_path / "new").exists()
 
 
+@lru_cache
 def report(camera: OmniCamera, picture: Picture = Picture.FLIPPED) -> str:
-    results = [export_camera(camera, one, name="cam", picture=picture) for one in EXPORTS]
+    """Report of a folder of calibration files."""
     rotation = Pose.identity().rotation
-    return write_report(camera, results, name="cam", picture=picture, robot_from_mirror=rotation)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_calibration(camera, folder, name="cam", picture=picture, robot_from_mirror=rotation)
+        return (folder / REPORT_NAME).read_text()
 
 
 def test_report_names_each_file_once_with_its_residual_and_domains() -> None:

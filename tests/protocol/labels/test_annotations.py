@@ -8,12 +8,12 @@ import numpy as np
 
 from catoptra_protocol.labels.annotations import annotate_objects, project_box
 from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
-from catoptra_protocol.labels.masks import mask_from_run_lengths, run_lengths_from_string
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from helpers.labelled_rooms import CAMERAS
+from helpers.run_lengths import mask_from_string
 
 BOX = LabelledObject(
     1,
@@ -71,8 +71,8 @@ def test_each_object_in_view_has_an_annotation() -> None:
     assert [one.occluded_fraction for one in found] == [0.25, None]
     record = json.loads(json.dumps(found[0].to_json(), allow_nan=False))
     assert (record["area_px"], record["box_px"]) == (100, [50, 30, 10, 10])
-    lengths = run_lengths_from_string(record["mask"]["counts"])
-    np.testing.assert_array_equal(mask_from_run_lengths(lengths, 96, 96), IDS == 2)
+    mask = mask_from_string(record["mask"]["counts"], 96, 96)
+    np.testing.assert_array_equal(mask, IDS == 2)
     assert record["polygons"] == [[[50, 30], [60, 30], [60, 40], [50, 40]]]
     assert sum(corner is not None for corner in record["box_3d"]["corners_px"]) == 8
     # Straight above: outside the domain of a camera that hangs.

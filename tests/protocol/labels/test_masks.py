@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.errors import DomainError
 from catoptra_protocol.labels.annotations import annotate_objects
 from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.masks import (
@@ -17,14 +16,13 @@ from catoptra_protocol.labels.masks import (
     coco_from_images,
     find_masks,
     find_objects_at_border,
-    mask_from_run_lengths,
-    run_lengths_from_string,
     string_from_run_lengths,
     trace_outlines,
 )
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.transforms import Pose
 from helpers.labelled_rooms import CAMERAS
+from helpers.run_lengths import mask_from_string
 
 RANDOM = np.random.default_rng(11)
 
@@ -55,9 +53,7 @@ def test_masks_of_random_images_survive_every_form() -> None:
             expected = ids == mask.number
             np.testing.assert_array_equal(mask.to_array(), expected)
             text = string_from_run_lengths(mask.run_lengths)
-            lengths = run_lengths_from_string(text)
-            assert lengths == mask.run_lengths
-            np.testing.assert_array_equal(mask_from_run_lengths(lengths, *ids.shape), expected)
+            np.testing.assert_array_equal(mask_from_string(text, *ids.shape), expected)
             rows, columns = np.nonzero(expected)
             left, top, width, height = mask.box_px
             assert (left, left + width) == (columns.min(), columns.max() + 1)
@@ -99,18 +95,6 @@ def test_objects_at_the_end_of_the_image_or_of_its_domain_are_truncated() -> Non
     ids[2, 2] = 2
     ids[5, 6] = 3
     assert find_objects_at_border(ids, valid) == {2, 3}
-
-
-@pytest.mark.parametrize("text", ["~", "\x1f", "a"])
-def test_strings_that_are_no_run_lengths_are_rejected(text: str) -> None:
-    with pytest.raises(DomainError, match="run lengths"):
-        run_lengths_from_string(text)
-
-
-@pytest.mark.parametrize("lengths", [[5], [-1, 7], [3, 4]])
-def test_run_lengths_of_another_size_are_rejected(lengths: list[int]) -> None:
-    with pytest.raises(DomainError, match="not 3 x 2"):
-        mask_from_run_lengths(lengths, 2, 3)
 
 
 # pycocotools hands arrays to NumPy by an interface of NumPy 1.

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.optics.transforms import (
     Pose,
-    quaternion_from_rotation,
     rotation_from_rpy,
-    rpy_from_rotation,
 )
 
 QUARTER = 0.5 * math.pi
@@ -54,14 +52,14 @@ def test_rpy_when_read_back_is_the_same_rotation(roll: float, pitch: float, yaw:
     rotation = rotation_from_rpy(roll, pitch, yaw)
     # Near the pole the angles are ill-conditioned, the rotation that they describe is not: the
     # two tiny entries lose digits there.
-    again = rotation_from_rpy(*rpy_from_rotation(rotation))
+    again = rotation_from_rpy(*Pose(rotation, np.zeros(3)).to_rpy())
     np.testing.assert_allclose(again, rotation, atol=EXACT)
 
 
 @pytest.mark.parametrize("pitch", [QUARTER, -QUARTER])
 def test_rpy_when_pitch_is_90_degrees_gives_all_turning_to_yaw(pitch: float) -> None:
     rotation = rotation_from_rpy(0.4, pitch, 1.0)
-    roll, read_pitch, yaw = rpy_from_rotation(rotation)
+    roll, read_pitch, yaw = Pose(rotation, np.zeros(3)).to_rpy()
     assert (roll, read_pitch) == (0.0, pytest.approx(pitch, abs=EXACT))
     np.testing.assert_allclose(rotation_from_rpy(roll, read_pitch, yaw), rotation, atol=EXACT)
 
@@ -145,7 +143,7 @@ AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (-1, 2, 0), (0, -3, 1), (1, 
 def test_quaternion_of_a_turn_near_180_degrees_keeps_all_digits(
     axis: tuple[float, ...], from_half_turn: float
 ) -> None:
-    quaternion = quaternion_from_rotation(rotation_of_turn(axis, math.pi + from_half_turn))
+    quaternion = Pose(rotation_of_turn(axis, math.pi + from_half_turn), np.zeros(3)).quaternion
     expected = quaternion_of_turn(axis, math.pi + from_half_turn)
     sign = math.copysign(1.0, quaternion @ expected)
     np.testing.assert_allclose(quaternion, sign * expected, atol=EXACT)
@@ -163,12 +161,12 @@ def test_quaternion_of_a_turn_near_180_degrees_keeps_all_digits(
 def test_quaternion_of_the_identity_and_of_exact_half_turns(
     diagonal: tuple[int, ...], expected: tuple[int, ...]
 ) -> None:
-    assert tuple(quaternion_from_rotation(np.diag(np.array(diagonal, float)))) == expected
+    assert tuple(Pose(np.diag(np.array(diagonal, float)), np.zeros(3)).quaternion) == expected
 
 
 def test_quaternion_of_a_half_turn_starts_with_a_positive_component() -> None:
     # About (-1, 2, 0) / sqrt(5), exactly symmetric: w is 0.
     half_turn = np.array([[-0.6, -0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, -1.0]])
-    x, y, z, w = quaternion_from_rotation(half_turn)
+    x, y, z, w = Pose(half_turn, np.zeros(3)).quaternion
     assert (x, y) == (pytest.approx(math.sqrt(0.2)), pytest.approx(-math.sqrt(0.8)))
     assert (z, w) == (0.0, 0.0)

@@ -107,19 +107,6 @@ def test_field_when_wrong_is_rejected_with_name_value_and_expectation(
         dataclass_from_fields(AllFieldTypes, {**FIELDS, name: value})
 
 
-def test_number_when_not_finite_is_rejected() -> None:
-    with pytest.raises(LocalProtocolError, match=r"Bad\.number"):
-        fields_from_message("bad", _non_finite_message())
-
-
-def _non_finite_message() -> object:
-    @dataclass(frozen=True)
-    class Bad:
-        number: float
-
-    return Bad(math.inf)
-
-
 def test_text_when_missing_is_named() -> None:
     with pytest.raises(RemoteProtocolError, match="'kind'"):
         read_str_field({}, "kind")

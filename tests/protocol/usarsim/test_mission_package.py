@@ -16,7 +16,7 @@ from catoptra_protocol.usarsim.mission_package import (
     MissionPackageGeometry,
     MissionPackageStatus,
 )
-from catoptra_protocol.usarsim.reports import line_from_report, report_from_message
+from catoptra_protocol.usarsim.reports import Report, line_from_report, report_from_message
 
 CENTI = st.integers(-300, 300).map(lambda value: value / 100)
 VECTORS = st.tuples(CENTI, CENTI, CENTI)
@@ -24,20 +24,18 @@ STATUS = st.builds(LinkStatus, st.integers(0, 9), CENTI, CENTI)
 PLACES = st.builds(LinkGeometry, st.integers(0, 9), st.integers(-1, 9), VECTORS, VECTORS)
 
 
-@settings(derandomize=True, max_examples=100, deadline=None)
-@given(st.lists(STATUS, max_size=4).map(tuple))
-def test_status_when_written_and_read_is_the_same(links: tuple[LinkStatus, ...]) -> None:
-    status = MissionPackageStatus(1.25, "P", links)
-    line = line_from_report(status).decode().rstrip()
-    assert report_from_message(parse_message(line)) == status
+REPORTS = st.builds(
+    MissionPackageStatus, st.just(1.25), st.just("P"), st.lists(STATUS, max_size=4).map(tuple)
+) | st.builds(
+    MissionPackageGeometry, st.just("P"), st.lists(PLACES, min_size=1, max_size=4).map(tuple)
+)
 
 
-@settings(derandomize=True, max_examples=100, deadline=None)
-@given(st.lists(PLACES, min_size=1, max_size=4).map(tuple))
-def test_geometry_when_written_and_read_is_the_same(links: tuple[LinkGeometry, ...]) -> None:
-    geometry = MissionPackageGeometry("P", links)
-    line = line_from_report(geometry).decode().rstrip()
-    assert report_from_message(parse_message(line)) == geometry
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(REPORTS)
+def test_report_when_written_and_read_is_the_same(report: Report) -> None:
+    line = line_from_report(report).decode().rstrip()
+    assert report_from_message(parse_message(line)) == report
 
 
 def test_status_when_written_for_udk_has_another_word_and_no_torque() -> None:

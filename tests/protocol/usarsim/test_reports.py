@@ -22,7 +22,6 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     Viewport,
     ViewportsResult,
-    greeting_from_message,
     line_from_report,
     report_from_message,
 )
@@ -30,7 +29,14 @@ from catoptra_protocol.usarsim.reports import (
 ROBOT_2 = StartPose("Robot2", (16.9923, 2.46, 1.472), (0.0, 0.0, -4.7124))
 ROBOT_1 = StartPose("Robot1", (-1.0, 0.0, 0.25), (0.0, 0.0, 0.0))
 
-GREETINGS = [
+
+@pytest.mark.parametrize("name", ["", "two words"])
+def test_start_pose_when_its_name_is_not_one_word_is_rejected(name: str) -> None:
+    with pytest.raises(LocalProtocolError, match="one word"):
+        line_from_report(StartPoses((StartPose(name, (0, 0, 0), (0, 0, 0)),)))
+
+
+SAMPLES = [
     (
         "NFO {Gametype BotDeathMatch} {Level DM-USAR_yellow_250} {TimeLimit 0}",
         Greeting("BotDeathMatch", "DM-USAR_yellow_250"),
@@ -49,43 +55,6 @@ GREETINGS = [
         StartPoses((ROBOT_2,)),
     ),
     ("NFO {StartPoses 0}", StartPoses(())),
-]
-
-
-@pytest.mark.parametrize(("line", "report"), GREETINGS)
-def test_nfo_when_written_and_read_equals_the_sample(
-    line: str, report: Greeting | StartPoses
-) -> None:
-    assert line_from_report(report) == line.encode() + b"\r\n"
-    assert greeting_from_message(parse_message(line)) == report
-
-
-BAD_GREETINGS = [
-    ("NFO {Level A}", "without {Gametype}"),
-    ("NFO {Gametype A}", "without {Level}"),
-    ("NFO {Gametype A} {Level B} {TimeLimit soon}", "TimeLimit soon"),
-    ("NFO {StartPoses 1}", "three words"),
-    ("NFO {StartPoses 1} {A 1,2,3}", "three words"),
-    ("NFO {StartPoses 2} {A 1,2,3 0,0,0}", "three words"),
-    ("NFO {StartPoses many}", "StartPoses many"),
-    ("NFO {StartPoses 1} {A 1,2 0,0,0}", "Location 1,2"),
-    ("NFO {StartPoses 1} {A 1,2,3 0,0,x}", "Orientation 0,0,x"),
-]
-
-
-@pytest.mark.parametrize(("line", "field_name"), BAD_GREETINGS)
-def test_nfo_when_malformed_names_the_field(line: str, field_name: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=field_name):
-        greeting_from_message(parse_message(line))
-
-
-@pytest.mark.parametrize("name", ["", "two words"])
-def test_start_pose_when_its_name_is_not_one_word_is_rejected(name: str) -> None:
-    with pytest.raises(LocalProtocolError, match="one word"):
-        line_from_report(StartPoses((StartPose(name, (0, 0, 0), (0, 0, 0)),)))
-
-
-SAMPLES = [
     (
         "STA {Type GroundVehicle} {Time 395.38} {FrontSteer 0.0000} {RearSteer 0.0000} "
         "{LightToggle False} {LightIntensity 0} {Battery 1200} {View -1}",
@@ -161,6 +130,15 @@ def test_report_of_another_server_is_read_or_skipped(line: str, report: Report |
 
 
 BAD = [
+    ("NFO {Level A}", "without {Gametype}"),
+    ("NFO {Gametype A}", "without {Level}"),
+    ("NFO {Gametype A} {Level B} {TimeLimit soon}", "TimeLimit soon"),
+    ("NFO {StartPoses 1}", "three words"),
+    ("NFO {StartPoses 1} {A 1,2,3}", "three words"),
+    ("NFO {StartPoses 2} {A 1,2,3 0,0,0}", "three words"),
+    ("NFO {StartPoses many}", "StartPoses many"),
+    ("NFO {StartPoses 1} {A 1,2 0,0,0}", "Location 1,2"),
+    ("NFO {StartPoses 1} {A 1,2,3 0,0,x}", "Orientation 0,0,x"),
     ("STA {Time 1} {Type A}", "without {Battery}"),
     ("STA {Battery 1} {Type A}", "without {Time}"),
     ("STA {Time 1} {Battery full} {Type A}", "Battery full"),

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.commands.list import describe_version, main, read_first_sentence
+from catoptra_server.commands import list as list_module
+from catoptra_server.commands.list import describe_version, main
 from catoptra_server.config.known_names import FileKind, find_configuration
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
@@ -83,11 +84,16 @@ def test_class_is_described_by_cameras_and_sensors(list_entries: ListEntries) ->
     ],
 )  # fmt: skip
 def test_first_sentence_is_that_of_the_comment_at_the_head(
-    tmp_path: Path, content: str, sentence: str
+    list_entries: ListEntries,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    content: str,
+    sentence: str,
 ) -> None:
     path = tmp_path / "file.ini"
     path.write_text(content)
-    assert read_first_sentence(path) == sentence
+    monkeypatch.setattr(list_module, "bundled_files", lambda kind: [path])
+    assert [entry["description"] for entry in list_entries("worlds")] == [sentence]
 
 
 def test_list_prints_a_heading_for_each_kind(capsys: pytest.CaptureFixture[str]) -> None:

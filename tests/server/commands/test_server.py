@@ -312,33 +312,23 @@ def test_stream_client_when_it_connects_before_the_stream_is_loaded_is_served(
     run_scenario(serve_for(make_options(tmp_path), visit))
 
 
-def test_modules_are_loaded_soon_also_where_no_client_connects(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_modules_are_loaded_soon_without_a_client_unless_the_server_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stopped: bool
 ) -> None:
     loaded = threading.Event()
 
     async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        assert await asyncio.to_thread(loaded.wait, DEADLINE_S)
+        assert is_stopped or await asyncio.to_thread(loaded.wait, DEADLINE_S)
         stop.set()
 
     use_renderer(monkeypatch, FakeView())
+    if is_stopped:
+        # Else the time might pass before the stop.
+        monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
     monkeypatch.setattr(server_module, "load_deferred_modules", lambda *_, **__: loaded.set())
     run_scenario(serve_for(make_options(tmp_path), visit))
-
-
-def test_server_that_is_stopped_at_once_loads_nothing_more(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    loaded = threading.Event()
-
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        stop.set()
-
-    use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
-    monkeypatch.setattr(server_module, "load_deferred_modules", lambda *_, **__: loaded.set())
-    run_scenario(serve_for(make_options(tmp_path), visit))
-    assert not loaded.is_set()
+    assert loaded.is_set() is not is_stopped
 
 
 def test_page_when_its_default_port_is_in_use_takes_a_free_one(

@@ -14,24 +14,25 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.shards import iterate_samples
 from catoptra_server.datasets import dataset_folder
 from catoptra_server.datasets.dataset_folder import (
     DatasetIdentity,
     describe_cameras,
     find_finished_shards,
     finish_folder,
-    iterate_metadata,
     open_folder,
     require_pyarrow,
     require_space,
     verify_dataset,
-    write_parquet_index,
     write_summaries,
 )
+from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.shards import ShardArtist, write_shard
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
+from helpers.drawn_datasets import write_dataset
 
 IDENTITY = DatasetIdentity("tour", "d" * 64, {"numpy": "2.4"}, "[Catoptra.Dataset]")
 SAMPLES = [("000000", {"json": b"{}"})]
@@ -108,31 +109,23 @@ def test_disk_without_room_is_refused_before_anything_is_drawn(
         require_space(tmp_path, stage, 1067)
 
 
-def metadata(index: int) -> dict[str, Any]:
-    """Metadata of a sample."""
-    return {
-        "key": f"{index:06d}",
-        "index": index,
-        "sequence": 0,
-        "step": index,
-        "time_s": 0.2 * index,
-        "world": "field",
-        "camera": "paper",
-        "robot": "USARBot.OmniP2AT",
-        "brightness": 1.0,
-        "world_from_camera": {
-            "position_m": [float(index), 0.0, -0.6],
-            "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0],
-        },
-    }
+def draw(folder: Path, *lines: str) -> DatasetStage:
+    """Draw a drive and write its summaries."""
+    stage = stage_recipe(write_drive(folder, lines=lines))
+    artist = ShardArtist(stage)
+    for number in range(3):
+        artist.draw_shard(folder, number)
+    artist.close()
+    write_summaries(folder, stage)
+    return stage
 
 
 def test_index_has_a_row_for_each_sample(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra [parquet]")
-    write_parquet_index(tmp_path, map(metadata, range(3)))
+    draw(tmp_path, "Formats=parquet")
     table = parquet.read_table(tmp_path / "index.parquet")
-    assert table.column("key").to_pylist() == ["000000", "000001", "000002"]
-    assert table.column("x_m").to_pylist() == [0.0, 1.0, 2.0]
+    assert table.column("key").to_pylist() == [f"{index:06d}" for index in range(6)]
+    assert len(set(table.column("x_m").to_pylist())) == 6
 
 
 def test_missing_package_is_an_error_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,20 +142,16 @@ def test_missing_package_is_an_error_with_the_remedy(monkeypatch: pytest.MonkeyP
 
 
 def test_trajectory_has_the_poses_of_each_drive_in_tum_s_order(tmp_path: Path) -> None:
-    stage = stage_recipe(write_drive(tmp_path, lines=("Formats=tum",)))
-    artist = ShardArtist(stage)
-    for number in range(3):
-        artist.draw_shard(tmp_path, number)
-    artist.close()
-    write_summaries(tmp_path, stage)
-    metadata = [*iterate_metadata(tmp_path, stage.recipe)]
-    assert [one["index"] for one in metadata] == list(range(6))
+    stage = draw(tmp_path, "Formats=tum")
+    (_, sample) = iterate_samples(tmp_path / "shards/000001.tar")
+    metadata = json.loads(sample.files["json"])
+    assert metadata["index"] == 3
     files = sorted((tmp_path / "trajectories").iterdir())
     assert [path.name for path in files] == ["000000.txt", "000001.txt", "000002.txt"]
     rows = np.loadtxt(files[1])
     assert rows.shape == (2, 8)
-    pose = metadata[3]["world_from_camera"]
-    expected = [metadata[3]["time_s"], *pose["position_m"], *pose["quaternion_xyzw"]]
+    pose = metadata["world_from_camera"]
+    expected = [metadata["time_s"], *pose["position_m"], *pose["quaternion_xyzw"]]
     np.testing.assert_allclose(rows[1], expected, atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1.0, atol=1e-8)
     cameras = describe_cameras(tmp_path, stage)
@@ -171,19 +160,9 @@ def test_trajectory_has_the_poses_of_each_drive_in_tum_s_order(tmp_path: Path) -
 
 
 def test_missing_shard_is_an_error(tmp_path: Path) -> None:
-    stage = stage_recipe(write_drive(tmp_path))
+    stage = stage_recipe(write_drive(tmp_path, lines=("Formats=tum",)))
     with pytest.raises(CatoptraError, match=r"000000\.tar"):
-        list(iterate_metadata(tmp_path, stage.recipe))
-
-
-def draw(folder: Path, *lines: str) -> None:
-    """Draw a drive and write its summaries."""
-    stage = stage_recipe(write_drive(folder, lines=lines))
-    artist = ShardArtist(stage)
-    for number in range(3):
-        artist.draw_shard(folder, number)
-    artist.close()
-    write_summaries(folder, stage)
+        write_summaries(tmp_path, stage)
 
 
 def test_coco_file_has_all_pictures_and_their_objects(tmp_path: Path) -> None:
@@ -206,7 +185,6 @@ def test_pycocotools_loads_the_file(tmp_path: Path) -> None:
         assert loaded.annToMask(annotation).sum() == annotation["area"]
 
 
-IDENTITY_VERIFICATION = DatasetIdentity("tour", "d" * 64, {}, "")
 PICTURE = encode_png(np.arange(60, dtype=np.uint8).reshape(4, 5, 3))
 RANGE_FILE = io.BytesIO()
 np.save(RANGE_FILE, np.ones((4, 5), np.float32))
@@ -219,15 +197,6 @@ def sample(key: str, **files: bytes | None) -> tuple[str, dict[str, bytes]]:
     all_files = {"json": metadata, "range.npy": RANGE, "rgb.png": PICTURE}
     all_files |= {name.replace("_", "."): content for name, content in files.items()}
     return key, {name: content for name, content in all_files.items() if content is not None}
-
-
-def write_dataset(folder: Path, *samples: tuple[str, dict[str, bytes]], number: int = 2) -> None:
-    """Write a data set of one shard."""
-    open_folder(folder, IDENTITY_VERIFICATION)
-    record = write_shard(folder, 0, samples)
-    finish_folder(
-        folder, IDENTITY_VERIFICATION, [record], {"samples": number, "channels": ["range"]}
-    )
 
 
 def test_whole_data_set_passes(tmp_path: Path) -> None:
@@ -267,7 +236,7 @@ def test_changed_byte_is_found_by_the_hash(tmp_path: Path) -> None:
 
 
 def test_missing_samples_and_shards_are_found(tmp_path: Path) -> None:
-    write_dataset(tmp_path, sample("000000"), number=2)
+    write_dataset(tmp_path, sample("000000"), num_samples=2)
     with pytest.raises(CatoptraError, match="has 1 of 2 samples"):
         list(verify_dataset(tmp_path))
     (tmp_path / "shards/000000.tar").unlink()
@@ -276,7 +245,7 @@ def test_missing_samples_and_shards_are_found(tmp_path: Path) -> None:
 
 
 def test_unfinished_data_set_is_told_apart(tmp_path: Path) -> None:
-    open_folder(tmp_path, IDENTITY_VERIFICATION)
+    open_folder(tmp_path, IDENTITY)
     with pytest.raises(CatoptraError, match="is not finished"):
         list(verify_dataset(tmp_path))
     with pytest.raises(CatoptraError, match="no manifest"):

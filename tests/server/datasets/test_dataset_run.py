@@ -10,9 +10,8 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import (
+    DatasetRun,
     ProgressReport,
-    complete_run,
-    prepare_run,
 )
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.drawn_datasets import draw_here
@@ -20,9 +19,9 @@ from helpers.drawn_datasets import draw_here
 
 def test_run_ends_with_a_manifest_of_all_shards(tmp_path: Path) -> None:
     path, folder = write_drive(tmp_path), tmp_path / "out"
-    run = prepare_run(path, folder)
+    run = DatasetRun(path, folder)
     assert run.missing == [0, 1, 2]
-    complete_run(run, draw_here)
+    run.complete(draw_here)
     manifest = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
     assert [shard["path"] for shard in manifest["shards"]] == [
         f"shards/00000{number}.tar" for number in range(3)
@@ -30,25 +29,25 @@ def test_run_ends_with_a_manifest_of_all_shards(tmp_path: Path) -> None:
     assert manifest["samples"] == 6
     assert manifest["recipe"] == path.read_text(encoding="utf-8")
     assert manifest["environment"]["code_sha256"]
-    again = prepare_run(path, folder)
+    again = DatasetRun(path, folder)
     assert again.is_whole
     assert not again.missing
 
 
 def test_run_draws_missing_and_damaged_shards_alone(tmp_path: Path) -> None:
     path, folder = write_drive(tmp_path), tmp_path / "out"
-    list(draw_here(prepare_run(path, folder).job, [0, 1]))
+    list(draw_here(DatasetRun(path, folder).job, [0, 1]))
     shard = folder / "shards/000001.tar"
     shard.write_bytes(shard.read_bytes()[:-5])
-    run = prepare_run(path, folder)
+    run = DatasetRun(path, folder)
     assert run.missing == [1, 2]
     assert run.num_finished_samples == 2
 
 
 def test_drawing_that_stops_early_leaves_no_manifest(tmp_path: Path) -> None:
-    run = prepare_run(write_drive(tmp_path), tmp_path / "out")
+    run = DatasetRun(write_drive(tmp_path), tmp_path / "out")
     with pytest.raises(CatoptraError, match="1 of 3 shards"):
-        complete_run(run, lambda job, shards: draw_here(job, shards[:1]))
+        run.complete(lambda job, shards: draw_here(job, shards[:1]))
     assert not (tmp_path / "out/dataset.json").exists()
 
 
@@ -56,7 +55,7 @@ def test_pose_inside_a_wall_makes_no_folder(tmp_path: Path) -> None:
     grid = ("[Catoptra.GridPoses]", "X=(Min=0,Max=0,Count=1)", "Y=(Min=0,Max=1.06,Count=2)")
     path = write_recipe(tmp_path, *grid, samples=0, poses="grid")
     with pytest.raises(CatoptraError, match=r"recipe.ini:\d+: pose 2 .* is not free"):
-        prepare_run(path, tmp_path / "out")
+        DatasetRun(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.dataset_run import prepare_run
+from catoptra_server.datasets.dataset_run import DatasetRun
 from catoptra_server.datasets.local_workers import (
     DatasetInterruptedError,
     LocalWorkers,
@@ -24,7 +24,7 @@ from helpers.long_cases import quick_cases
 def job(tmp_path_factory: pytest.TempPathFactory) -> ShardJob:
     """Job of a drive of three shards."""
     folder = tmp_path_factory.mktemp("job")
-    return prepare_run(write_drive(folder), folder / "out").job
+    return DatasetRun(write_drive(folder), folder / "out").job
 
 
 def draw(job: ShardJob, workers: LocalWorkers) -> dict[int, str]:
@@ -77,7 +77,7 @@ def test_shard_whose_workers_all_die_is_an_error_that_names_the_sample(job: Shar
 
 def test_sample_that_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
     area = ("[Catoptra.RandomPoses]", "X=(Min=50,Max=51)", "Y=(Min=0,Max=1)", "MaxTries=3")
-    bad = prepare_run(write_recipe(tmp_path, *area), tmp_path / "out").job
+    bad = DatasetRun(write_recipe(tmp_path, *area), tmp_path / "out").job
     with pytest.raises(CatoptraError, match=r"sample 000000: .*no free pose"):
         list(LocalWorkers(bad, 1).draw([0, 1]))
 

@@ -11,19 +11,16 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.datasets.poses import (
-    PoseNotFreeError,
     PoseSource,
     check_given_poses,
     draw_brightness,
-    draw_free_pose,
     find_place,
     random_source,
-    require_free_pose,
 )
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, RandomPoses
 from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.simulation.robot_description import PlanarPose
 from helpers.configs import find_line_number
 from helpers.dataset_recipes import CAMERA, FISHEYE, stage_recipe, write_drive, write_recipe
 
@@ -72,11 +69,16 @@ Lights=(Type=Hemisphere,Up=(R=200,G=200,B=200),Down=(R=100,G=100,B=100))
 """
 
 
-def stage(folder: Path, *section: str):  # type: ignore[no-untyped-def]
-    """Stage with the world above."""
+def write_room(folder: Path, *section: str, poses: str = "random", samples: int = 60) -> Path:
+    """Write a recipe of poses in the world above."""
     (folder / "room.ini").write_text(WORLD, encoding="utf-8")
-    recipe = write_recipe(folder, "[Catoptra.RandomPoses]", *section, world="room.ini")
-    return stage_recipe(recipe)
+    head = f"[Catoptra.{poses.capitalize()}Poses]"
+    return write_recipe(folder, head, *section, world="room.ini", poses=poses, samples=samples)
+
+
+def grid_of_one(x_m: float, y_m: float) -> tuple[str, ...]:
+    """Section of a grid of a single pose."""
+    return f"X=(Min={x_m},Max={x_m},Count=1)", f"Y=(Min={y_m},Max={y_m},Count=1)"
 
 
 @pytest.mark.parametrize(
@@ -94,45 +96,48 @@ def stage(folder: Path, *section: str):  # type: ignore[no-untyped-def]
 def test_pose_is_free_beside_walls_and_on_the_floor_alone(
     tmp_path: Path, x_m: float, y_m: float, fault: str
 ) -> None:
-    loaded = stage(tmp_path)
-    rejected = pytest.raises(PoseNotFreeError, match=fault) if fault else nullcontext()
-    with rejected:
-        require_free_pose(loaded.world(0), loaded.cameras[0], PlanarPose(x_m, y_m, 0.0))
+    stage = stage_recipe(write_room(tmp_path, *grid_of_one(x_m, y_m), poses="grid", samples=1))
+    with pytest.raises(CatoptraError, match=fault) if fault else nullcontext():
+        check_given_poses(stage)
 
 
 def test_world_without_any_floor_needs_none(tmp_path: Path) -> None:
-    loaded = stage_recipe(write_recipe(tmp_path, world="incidence_rings"))
-    require_free_pose(loaded.world(0), loaded.cameras[0], PlanarPose(0.0, 0.0, 0.0))
+    section = ("[Catoptra.GridPoses]", *grid_of_one(0.0, 0.0))
+    path = write_recipe(tmp_path, *section, world="incidence_rings", poses="grid", samples=1)
+    check_given_poses(stage_recipe(path))
+
+
+def find_poses(path: Path, number: int) -> list[Floats]:
+    """Positions of the first samples of a recipe."""
+    stage = stage_recipe(path)
+    source = PoseSource(stage)
+    places = [find_place(stage.recipe, index) for index in range(number)]
+    return [source.find_motion(place).now.world_from_robot.translation for place in places]
 
 
 def test_clearance_counts(tmp_path: Path) -> None:
-    loaded = stage(tmp_path)
-    pose = PlanarPose(2.6, 1.0, 0.0)
-    require_free_pose(loaded.world(0), loaded.cameras[0], pose, 0.05)
-    with pytest.raises(PoseNotFreeError, match="touches"):
-        require_free_pose(loaded.world(0), loaded.cameras[0], pose, 0.2)
+    section = ("X=2.6", "Y=1", "Yaw=0", "MaxTries=1")
+    find_poses(write_room(tmp_path, *section, "Clearance=0.05"), 1)
+    with pytest.raises(CatoptraError, match="touches"):
+        find_poses(write_room(tmp_path, *section, "Clearance=0.2"), 1)
 
 
 def test_random_poses_are_free_and_everywhere(tmp_path: Path) -> None:
-    loaded = stage(tmp_path)
-    world, camera = loaded.world(0), loaded.cameras[0]
-    generator = np.random.default_rng(1)
-    poses = loaded.recipe.poses
-    assert isinstance(poses, RandomPoses)
-    found = [draw_free_pose(world, camera, poses, generator) for _ in range(60)]
-    for pose in found:
-        require_free_pose(world, camera, pose)
-    assert {(pose.x_m > 3.0, pose.y_m > 0.0) for pose in found} == {
+    found = find_poses(write_room(tmp_path), 60)
+    # No robot is nearer than the half of its width to the wall, or has its centre in the block.
+    assert all(
+        abs(x_m - 3.0) > 0.25 and not (abs(x_m + 5.0) < 2.25 and abs(y_m) < 2.25)
+        for x_m, y_m, _ in found
+    )
+    assert {(x_m > 3.0, y_m > 0.0) for x_m, y_m, _ in found} == {
         (right, ahead) for right in (True, False) for ahead in (True, False)
     }
 
 
 def test_no_free_space_is_an_error_that_names_the_recipe(tmp_path: Path) -> None:
-    loaded = stage(tmp_path, "X=(Min=-6,Max=-4)", "Y=(Min=-1,Max=1)", "MaxTries=20")
+    path = write_room(tmp_path, "X=(Min=-6,Max=-4)", "Y=(Min=-1,Max=1)", "MaxTries=20")
     with pytest.raises(CatoptraError, match=r"recipe.ini:\d+: no free pose for USARBot.OmniP2AT"):
-        draw_free_pose(
-            loaded.world(0), loaded.cameras[0], loaded.recipe.poses, np.random.default_rng(1)
-        )
+        find_poses(path, 1)
 
 
 def test_drive_moves_by_its_wheels_and_each_sample_leads_to_the_next(tmp_path: Path) -> None:
@@ -192,12 +197,6 @@ def test_given_pose_inside_a_wall_is_named_with_file_and_line(tmp_path: Path) ->
         CatoptraError, match=rf"recipe.ini:{line}: pose \d+ \(X=1, Y=0\.\d+, Yaw=1.5708\) is not"
     ):
         check_given_poses(stage_recipe(path))
-
-
-def test_free_given_poses_pass(tmp_path: Path) -> None:
-    grid = ("X=(Min=-1,Max=0,Count=2)", "Y=(Min=0,Max=0,Count=1)")
-    path = write_recipe(tmp_path, "[Catoptra.GridPoses]", *grid, samples=0, poses="grid")
-    check_given_poses(stage_recipe(path))
 
 
 def read_given(folder: Path, kind: str, *lines: str) -> GivenPoses:

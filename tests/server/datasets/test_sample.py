@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.labels.masks import run_lengths_from_string
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.datasets.png_files import decode_png
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.sample import (
     RenderedSample,
     SampleDescriber,
-    describe_pose,
-    encode_json,
     encode_sample,
     wants_annotations,
 )
 from catoptra_server.datasets.sample_renderer import SampleRenderer
 from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
+from helpers.run_lengths import mask_from_string
 
 
 def test_description_depends_on_recipe_and_index_alone(tmp_path: Path) -> None:
@@ -62,8 +60,8 @@ def test_every_object_in_view_has_a_record_with_its_pixels(tmp_path: Path) -> No
         for number, record in records.items():
             assert record["area_px"] == (ids == number).sum()
             assert 0.0 <= record["occluded_fraction"] <= 1.0
-            runs = run_lengths_from_string(record["mask"]["counts"])
-            assert sum(runs) == ids.size
+            mask = mask_from_string(record["mask"]["counts"], *ids.shape)
+            np.testing.assert_array_equal(mask, ids == number)
 
 
 def test_annotations_need_neither_stored_ids_nor_a_valid_mask(tmp_path: Path) -> None:
@@ -84,7 +82,7 @@ def test_metadata_are_json_and_describe_camera_pose_and_light(tmp_path: Path) ->
     stage = stage_recipe(write_drive(tmp_path))
     description = SampleDescriber(stage).describe_sample(3)
     renderer = SampleRenderer(stage)
-    metadata = json.loads(encode_json(renderer.render_sample(description).metadata))
+    metadata = json.loads(encode_sample(renderer.render_sample(description))["json"])
     renderer.close()
     assert metadata["key"] == "000003"
     assert (metadata["sequence"], metadata["step"]) == (1, 1)
@@ -97,6 +95,10 @@ def test_metadata_are_json_and_describe_camera_pose_and_light(tmp_path: Path) ->
     np.testing.assert_array_equal(
         metadata["world_from_camera"]["position_m"],
         description.state.world_from_mirror.translation,
+    )
+    np.testing.assert_array_equal(
+        metadata["world_from_robot"]["quaternion_xyzw"],
+        description.motion.world_from_robot.quaternion,
     )
 
 
@@ -124,12 +126,6 @@ def test_landmarks_have_the_pixels_of_the_colours_that_show_them(tmp_path: Path)
             assert mark["distance_m"] > 0.3
     renderer.close()
     assert num_checked >= 4
-
-
-def test_pose_is_position_and_quaternion() -> None:
-    described = describe_pose(Pose.from_rpy((1.0, 2.0, -3.0), (0.0, 0.0, np.pi / 2)))
-    assert described["position_m"] == [1.0, 2.0, -3.0]
-    assert described["quaternion_xyzw"] == pytest.approx([0.0, 0.0, 0.5**0.5, 0.5**0.5])
 
 
 RANDOM = np.random.default_rng(2)
@@ -169,6 +165,7 @@ def test_files_hold_the_sample() -> None:
 
 
 def test_json_has_no_text_for_a_number_that_is_not_finite() -> None:
-    assert encode_json({"b": 1, "a": [0.1, None]}) == b'{"a":[0.1,null],"b":1}'
+    sample = replace(make_sample(), metadata={"b": 1, "a": [0.1, None]})
+    assert encode_sample(sample)["json"] == b'{"a":[0.1,null],"b":1}'
     with pytest.raises(ValueError, match="JSON"):
-        encode_json({"a": float("nan")})
+        encode_sample(replace(sample, metadata={"a": float("nan")}))

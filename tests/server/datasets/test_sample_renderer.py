@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_server.datasets import sample_renderer
 from catoptra_server.datasets.sample import encode_sample
-from catoptra_server.datasets.sample_renderer import (
-    scale_lights,
-)
+from catoptra_server.frames.renderers import RendererChoice
+from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     PointLight,
+    Rgb,
     World,
 )
-from helpers.dataset_recipes import render_samples, write_drive, write_recipe
+from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
 
 
 def test_sample_has_the_same_bytes_in_any_order(tmp_path: Path) -> None:
@@ -73,25 +76,34 @@ def test_worlds_that_come_again_after_others_have_the_same_bytes(tmp_path: Path)
         assert encode_sample(first) == encode_sample(again)
 
 
-def test_all_lights_are_brighter_by_the_factor_and_nothing_else_changes() -> None:
-    lights = (
-        HemisphereLight((0.5, 0.25, 0.125), (0.0, 1.0, 2.0)),
-        DirectionalLight((0.0, 0.0, 1.0), (1.0, 2.0, 4.0)),
-        PointLight((1.0, 2.0, -3.0), (8.0, 0.0, 1.0)),
-    )
-    world = World("w", (), lights=lights, background=(0.5, 0.5, 0.5))
-    scaled = scale_lights(world, 2.0)
-    assert scaled.lights == (
-        HemisphereLight((1.0, 0.5, 0.25), (0.0, 2.0, 4.0)),
-        DirectionalLight((0.0, 0.0, 1.0), (2.0, 4.0, 8.0)),
-        PointLight((1.0, 2.0, -3.0), (16.0, 0.0, 2.0)),
-    )
-    assert scaled.background == world.background
-    assert scale_lights(world, 1.0) is world
+@pytest.mark.parametrize("factor", [0.0, 2.0])
+def test_all_lights_are_brighter_by_the_factor_and_nothing_else_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    drawn: list[World] = []
+    choose_renderer = sample_renderer.choose_renderer
 
+    def note_world(kind: str, scene: SceneMesh, world: World, **settings: Any) -> RendererChoice:
+        drawn.append(world)
+        return choose_renderer(kind, scene, world, **settings)
 
-def test_factor_zero_is_darkness() -> None:
-    world = World("w", (), lights=(DirectionalLight((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)),))
-    (light,) = scale_lights(world, 0.0).lights
-    assert isinstance(light, DirectionalLight)
-    assert light.irradiance == pytest.approx((0.0, 0.0, 0.0))
+    monkeypatch.setattr(sample_renderer, "choose_renderer", note_world)
+    brightness = f"Brightness=(Min={factor},Max={factor},Levels=1)"
+    path = write_recipe(tmp_path, "[Catoptra.Lights]", brightness, world="rescue")
+    render_samples(path, 0)
+    world = stage_recipe(path).world(0).world
+    sky, sun, lamp, *_ = world.lights
+    assert isinstance(sky, HemisphereLight)
+    assert isinstance(sun, DirectionalLight)
+    assert isinstance(lamp, PointLight)
+
+    def scale(colour: Rgb) -> Rgb:
+        red, green, blue = colour
+        return factor * red, factor * green, factor * blue
+
+    assert drawn[0].lights[:3] == (
+        HemisphereLight(scale(sky.up_irradiance), scale(sky.down_irradiance)),
+        replace(sun, irradiance=scale(sun.irradiance)),
+        replace(lamp, intensity=scale(lamp.intensity)),
+    )
+    assert (drawn[0].background, len(drawn[0].items)) == (world.background, len(world.items))

@@ -10,8 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.usarsim.commands import Drive, DriveJoints, Init, MisPkg, MultiDrive, Trace
-from catoptra_protocol.usarsim.commands_drive import ControlOrder, JointCommand, LinkCommand
+from catoptra_protocol.usarsim.commands import (
+    ControlOrder,
+    Drive,
+    DriveJoints,
+    Init,
+    JointCommand,
+    LinkCommand,
+    MisPkg,
+    MultiDrive,
+    Trace,
+)
 from catoptra_protocol.usarsim.reports import (
     GroundTruthReading,
     MissionPackageStatus,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -124,15 +124,11 @@ def _join_across_seam(blobs: dict[int, Blob], first: int, last: int, *, columns:
 
 
 def _shift(blob: Blob, columns: int) -> Blob:
-    return Blob(
-        blob.colour,
-        blob.num_pixels,
-        blob.column + columns,
-        blob.row,
-        blob.left + columns,
-        blob.right + columns,
-        blob.top,
-        blob.bottom,
+    return replace(
+        blob,
+        column=blob.column + columns,
+        left=blob.left + columns,
+        right=blob.right + columns,
     )
 
 

@@ -55,42 +55,6 @@ class PolarMeasurement:
     azimuth_sigma_rad: float
 
 
-def detection_from_measurement(
-    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
-) -> Detection:
-    """Move a measurement with a range from the viewpoint to the robot's origin.
-
-    The covariance is propagated by the Jacobian of the change of origin.
-    """
-    polar = np.array([measurement.range_m, measurement.azimuth_rad])
-    range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
-    variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
-    covariance = (jacobian * variances) @ jacobian.T
-    return Detection(name, kind, range_m, bearing, _freeze(covariance), num_pixels, True)
-
-
-def bearing_detection_from_measurement(
-    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
-) -> Detection:
-    """Detection without a range, from a measurement whose range is only approximate.
-
-    The approximate range and its sigma serve to move the bearing from the viewpoint to the robot's
-    origin.
-    """
-    approximate = detection_from_measurement(
-        name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels
-    )
-    covariance = np.diag([0.0, float(approximate.covariance[1, 1])])
-    return Detection(
-        name, kind, 0.0, approximate.bearing_rad, _freeze(covariance), num_pixels, False
-    )
-
-
-def _freeze(array: Floats) -> Floats:
-    array.setflags(write=False)
-    return array
-
-
 # The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
 _HORIZON_SIGMAS = 3.0
 # Of central differences: errors of 1e-10 of the image's scale.
@@ -314,6 +278,31 @@ class Candidate:
     def num_pixels(self) -> int:
         """Number of pixels of all blobs."""
         return sum(blob.num_pixels for blob in self.blobs)
+
+
+def detection_from_candidate(candidate: Candidate, viewpoint: Viewpoint) -> Detection:
+    """Detection of a candidate, moved from the viewpoint to the robot's origin.
+
+    The covariance is propagated by the Jacobian of the change of origin. Of a candidate without a
+    range the approximate range and its sigma serve to move the bearing alone.
+    """
+    landmark, measurement = candidate.landmark, candidate.measurement
+    polar = np.array([measurement.range_m, measurement.azimuth_rad])
+    range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
+    variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
+    covariance = (jacobian * variances) @ jacobian.T
+    if not candidate.has_range:
+        range_m, covariance = 0.0, np.diag([0.0, float(covariance[1, 1])])
+    covariance.setflags(write=False)
+    return Detection(
+        landmark.name,
+        landmark.kind,
+        range_m,
+        bearing,
+        covariance,
+        candidate.num_pixels,
+        candidate.has_range,
+    )
 
 
 def require_distinct_colours(landmarks: Iterable[Landmark]) -> None:

@@ -31,8 +31,7 @@ from catoptra_client.landmarks.candidates import (
     CylinderView,
     Detection,
     PolarMeasurement,
-    bearing_detection_from_measurement,
-    detection_from_measurement,
+    detection_from_candidate,
     is_clear_of_horizon,
     range_from_slope,
     range_sigma_from_angle,
@@ -324,9 +323,9 @@ def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages
     candidates = select_candidates(detector, blobs)
     used = {id(blob) for candidate in candidates for blob in candidate.blobs}
     unused = tuple(blob for blob in blobs if id(blob) not in used)
-    return DetectionStages(
-        cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in candidates), unused
-    )
+    viewpoint = detector.view.viewpoint
+    detections = tuple(detection_from_candidate(candidate, viewpoint) for candidate in candidates)
+    return DetectionStages(cylinder, labels, blobs, detections, unused)
 
 
 def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:
@@ -360,15 +359,3 @@ def _select_largest(candidates: Sequence[Candidate]) -> list[Candidate]:
             names.add(candidate.landmark.name)
             assigned |= parts
     return chosen
-
-
-def _make_detection(detector: Detector, candidate: Candidate) -> Detection:
-    make = detection_from_measurement if candidate.has_range else bearing_detection_from_measurement
-    landmark, viewpoint = candidate.landmark, detector.view.viewpoint
-    return make(
-        landmark.name,
-        landmark.kind,
-        candidate.measurement,
-        viewpoint=viewpoint,
-        num_pixels=candidate.num_pixels,
-    )

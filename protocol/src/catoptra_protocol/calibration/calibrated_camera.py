@@ -13,8 +13,8 @@ import math
 import re
 from collections.abc import Callable
 
-from catoptra_protocol.calibration.files import Fields
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.calibration.files import Fields, file_error
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import (
     DistortedProjection,
     ImagePlane,
@@ -59,9 +59,7 @@ def read_picture_mark(text: str, file: str) -> Picture | None:
         return Picture(found[1])
     except ValueError as error:
         names = " or ".join(picture.value for picture in Picture)
-        raise ConfigError(
-            SourceLocation(file), key=_FIELD, value=found[1], expected=names
-        ) from error
+        raise file_error(file, _FIELD, names, value=found[1]) from error
 
 
 @dataclass(frozen=True, slots=True)

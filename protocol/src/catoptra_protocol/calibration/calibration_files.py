@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
-from catoptra_protocol.calibration.files import MAX_BYTES
+from catoptra_protocol.calibration.files import MAX_BYTES, file_error
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
@@ -39,36 +40,19 @@ def camera_from_file(
             return _camera_from_table(file, picture)
         data = Path(path).read_bytes()
         if len(data) > MAX_BYTES:
-            raise ConfigError(
-                SourceLocation(file),
-                key="size",
-                value=f"{len(data)} bytes",
-                expected=f"a calibration file of at most {MAX_BYTES} bytes",
-            )
+            expected = f"a calibration file of at most {MAX_BYTES} bytes"
+            raise file_error(file, "size", expected, value=f"{len(data)} bytes")
         text = data.decode()
     except OSError as error:
-        raise ConfigError(
-            SourceLocation(file),
-            key="file",
-            value="",
-            expected=f"a readable file: {error.strerror}",
-        ) from error
+        raise file_error(file, "file", f"a readable file: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(
-            SourceLocation(file), key="file", value="", expected="a text in UTF-8"
-        ) from error
-
-    def make_error(reason: str) -> ConfigError:
-        return ConfigError(SourceLocation(file), key="numbers", value="", expected=reason)
-
+        raise file_error(file, "file", "a text in UTF-8") from error
     for each in FORMATS:
         if each.is_format(text):
-            with reject_overflow(make_error):
+            with reject_overflow(partial(file_error, file, "numbers")):
                 return _turn(each.read(text, file, camera), text, file, picture)
     names = ", ".join(each.NAME for each in FORMATS)
-    raise ConfigError(
-        SourceLocation(file), key="format", value=text[:40], expected=f"a file of {names}"
-    )
+    raise file_error(file, "format", f"a file of {names}", value=text[:40])
 
 
 def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> OmniCamera:
@@ -89,9 +73,7 @@ def _camera_from_table(file: str, picture: Picture | None) -> OmniCamera:
     try:
         camera = fit_table(table)
     except DomainError as error:
-        raise ConfigError(
-            SourceLocation(file), key="direction", value="", expected=f"a possible camera: {error}"
-        ) from error
+        raise file_error(file, "direction", f"a possible camera: {error}") from error
     return _match_picture(camera, table.picture, file, picture)
 
 
@@ -100,13 +82,11 @@ def _match_picture(
 ) -> OmniCamera:
     """The same of a file that says which pictures it describes."""
     if picture is not None and picture is not described:
-        raise ConfigError(
-            SourceLocation(file),
-            key="catoptra_picture",
-            value=described.value,
-            expected=f"a file of {picture.value} pictures, which this camera delivers; "
-            f"catoptra-server calibration --picture {picture.value} writes it",
+        expected = (
+            f"a file of {picture.value} pictures, which this camera delivers; "
+            f"catoptra-server calibration --picture {picture.value} writes it"
         )
+        raise file_error(file, "catoptra_picture", expected, value=described.value)
     if described is Picture.FLIPPED:
         return camera
     # Read as if the pictures were flipped: their frame's x points left.

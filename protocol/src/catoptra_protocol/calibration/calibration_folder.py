@@ -47,7 +47,7 @@ _POINTS_DEG, _SHARES, _POINT_SHARE = (30.0, 90.0), (0.4, 0.8), 0.999
 _POINT_AZIMUTH_RAD = math.radians(20.0)
 
 
-def write_report(
+def _write_report(
     camera: OmniCamera,
     results: Sequence[ExportedFile | RefusedFile],
     *,
@@ -262,7 +262,7 @@ def write_calibration(
         else:
             lines.append(f"not written: {result.export.name}: {result.reason}")
     lines.append(_write_table(camera, folder, picture))
-    report = write_report(
+    report = _write_report(
         camera, results, name=name, picture=picture, robot_from_mirror=robot_from_mirror
     )
     (folder / REPORT_NAME).write_text(report, encoding="utf-8")

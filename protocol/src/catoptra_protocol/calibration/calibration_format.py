@@ -28,8 +28,6 @@ class CalibrationFormat(Protocol):
 
     NAME: str
     """Name of the format."""
-    FILE_NAME: str
-    """File that an export writes."""
     CONVENTIONS: Conventions
 
     def is_format(self, text: str) -> bool:

@@ -22,6 +22,13 @@ MAX_BYTES = 2**20
 """Largest calibration file that is read: published ones have some kilobytes."""
 
 
+def file_error(
+    file: str, key: str, expected: str, *, value: str = "", line: int = 0
+) -> ConfigError:
+    """Error of a calibration file."""
+    return ConfigError(SourceLocation(file, line), key=key, value=value, expected=expected)
+
+
 def parse_json(text: str, file: str) -> dict[str, Any]:
     """The object of a file.
 
@@ -31,9 +38,7 @@ def parse_json(text: str, file: str) -> dict[str, Any]:
     try:
         return json_object_from_text(text, MAX_BYTES)
     except RemoteProtocolError as error:
-        raise ConfigError(
-            SourceLocation(file), key="JSON", value="", expected=f"an object: {error}"
-        ) from error
+        raise file_error(file, "JSON", f"an object: {error}") from error
 
 
 _OPENCV_HEAD = re.compile(r"\A%YAML[:\s]\s*1\.[0-2]\s*\n")
@@ -49,12 +54,8 @@ def parse_yaml(text: str, file: str) -> Any:
     try:
         import yaml
     except ImportError as error:
-        raise ConfigError(
-            SourceLocation(file),
-            key="YAML",
-            value="",
-            expected="the package PyYAML: pip install 'catoptra-protocol[calibration]'",
-        ) from error
+        expected = "the package PyYAML: pip install 'catoptra-protocol[calibration]'"
+        raise file_error(file, "YAML", expected) from error
 
     class MatrixLoader(yaml.SafeLoader):
         """Safe loader without aliases, with OpenCV's matrices."""
@@ -73,9 +74,7 @@ def parse_yaml(text: str, file: str) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else 0
         problem = getattr(error, "problem", None) or type(error).__name__
-        raise ConfigError(
-            SourceLocation(file, line), key="YAML", value=str(problem), expected="plain YAML"
-        ) from error
+        raise file_error(file, "YAML", "plain YAML", value=str(problem), line=line) from error
 
 
 def _construct_matrix(loader: Any, node: Any) -> Any:
@@ -116,9 +115,7 @@ class Fields:
     def make_error(self, name: str, expected: str) -> ConfigError:
         """Error about a field, whether it is there or not."""
         value = repr(self.values[name]) if name in self.values else "missing"
-        return ConfigError(
-            SourceLocation(self.file), key=self._path_of(name), value=value, expected=expected
-        )
+        return file_error(self.file, self._path_of(name), expected, value=value)
 
     def has(self, name: str) -> bool:
         """Whether a field is there."""

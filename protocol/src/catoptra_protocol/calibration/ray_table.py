@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.calibration.files import file_error
+from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
 from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
 from catoptra_protocol.optics.image_plane import ImagePlane
@@ -164,9 +165,7 @@ def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
                     raise ValueError(f"its arrays are larger than {_MAX_BYTES} bytes")
                 arrays[name] = np.load(io.BytesIO(data), allow_pickle=False)
     except _BAD_ARCHIVE as error:
-        raise ConfigError(
-            SourceLocation(str(path)), key="file", value="", expected=f"a ray table: {error}"
-        ) from error
+        raise file_error(str(path), "file", f"a ray table: {error}") from error
     return arrays
 
 
@@ -174,7 +173,7 @@ def _make_error(
     path: Path, key: str, array: npt.NDArray[np.generic] | None, expected: str
 ) -> ConfigError:
     value = "missing" if array is None else f"{array.dtype} of shape {array.shape}"
-    return ConfigError(SourceLocation(str(path)), key=key, value=value, expected=expected)
+    return file_error(str(path), key, expected, value=value)
 
 
 _MAX_RESIDUAL_PX = 0.05

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -96,18 +95,6 @@ def find_objects_at_border(ids: Ids, valid: Bools) -> frozenset[int]:
     return frozenset(np.unique(ids[valid & ~inner]).tolist()) - {0}
 
 
-def mask_from_run_lengths(lengths: Sequence[int], height_px: int, width_px: int) -> Bools:
-    """(h, w) mask of uncompressed run lengths.
-
-    Raises:
-        DomainError: The run lengths are not those of an image of this size.
-    """
-    if any(length < 0 for length in lengths) or sum(lengths) != height_px * width_px:
-        raise DomainError(f"run lengths of {sum(lengths)} pixels: not {width_px} x {height_px}")
-    inside = np.arange(len(lengths)) % 2 == 1
-    return np.repeat(inside, lengths).reshape(width_px, height_px).T
-
-
 def string_from_run_lengths(lengths: Sequence[int]) -> str:
     """COCO's string of run lengths: differences to the last but one, low bits first."""
     characters = []
@@ -119,31 +106,6 @@ def string_from_run_lengths(lengths: Sequence[int]) -> str:
             has_more = rest != (-1 if bits & 0x10 else 0)
             characters.append(chr(48 + bits + 0x20 * has_more))
     return "".join(characters)
-
-
-def run_lengths_from_string(text: str) -> list[int]:
-    """Run lengths of COCO's string.
-
-    Raises:
-        DomainError: The string ends within a number, or has other characters.
-    """
-    lengths: list[int] = []
-    value, shift = 0, 0
-    for character in text:
-        bits = ord(character) - 48
-        if not 0 <= bits < 64:
-            raise DomainError(f"run lengths: {character!r} is no character of COCO's strings")
-        value |= (bits & 0x1F) << shift
-        shift += 5
-        if bits & 0x20:
-            continue
-        if bits & 0x10:
-            value -= 1 << shift
-        lengths.append(value + lengths[-2] if len(lengths) > 2 else value)
-        value, shift = 0, 0
-    if shift:
-        raise DomainError("run lengths: the string ends within a number")
-    return lengths
 
 
 def trace_outlines(mask: ObjectMask) -> tuple[Polygon, ...]:

@@ -148,21 +148,6 @@ def pixel_from_point(camera: OmniCamera, point: Floats) -> tuple[Floats, Bools]:
     return np.where(np.expand_dims(valid, -1), pixel, camera.centre_px), valid
 
 
-def central_error_px_m(camera: OmniCamera) -> float:
-    """Largest image error of the central approximation times the scene's distance, px m.
-
-    To first order the error is the ray's miss of the viewpoint, as an angle at the scene's
-    distance, times pixels per radian.
-    """
-    if not isinstance(camera.projection, NonCentralMirror):
-        return 0.0
-    mirror = camera.projection
-    theta = np.linspace(2.0 * math.atan(mirror.t_min), camera.rim_rad, _NUM_RINGS)[1:]
-    t = np.tan(0.5 * theta)
-    radial_px = camera.max_stretch * camera.radius_slope_px(t)
-    return float((radial_px * mirror.largest_miss_m(t)).max())
-
-
 def max_miss_m(camera: OmniCamera) -> float:
     """Largest distance at which a ray passes the effective viewpoint, metres; 0 if they meet."""
     mirror = camera.projection
@@ -173,8 +158,18 @@ def max_miss_m(camera: OmniCamera) -> float:
 
 
 def near_limit_m(camera: OmniCamera, error_px: float = CENTRAL_ERROR_PX) -> float:
-    """Distance beyond which the central approximation errs by at most `error_px`."""
-    return central_error_px_m(camera) / error_px
+    """Distance beyond which the central approximation errs by at most `error_px`.
+
+    To first order the error is the ray's miss of the viewpoint, as an angle at the scene's
+    distance, times pixels per radian.
+    """
+    mirror = camera.projection
+    if not isinstance(mirror, NonCentralMirror):
+        return 0.0
+    theta = np.linspace(2.0 * math.atan(mirror.t_min), camera.rim_rad, _NUM_RINGS)[1:]
+    t = np.tan(0.5 * theta)
+    radial_px = camera.max_stretch * camera.radius_slope_px(t)
+    return float((radial_px * mirror.largest_miss_m(t)).max()) / error_px
 
 
 def _turn(mirror: NonCentralMirror, ratio: Floats, rho: Floats, height: Floats) -> Floats:

@@ -36,7 +36,7 @@ class Face(IntEnum):
     U = 5
 
 
-def mirror_from_face(face: Face) -> Floats:
+def _mirror_from_face(face: Face) -> Floats:
     """Rotation (3, 3) from the virtual camera of a face (x forward, z down) to the mirror frame."""
     if face == Face.C:
         return _round_entries(rotation_from_rpy(0.0, -0.5 * math.pi, 0.0))
@@ -51,7 +51,7 @@ def _round_entries(rotation: Floats) -> Floats:
     return np.round(rotation) + 0.0
 
 
-MIRROR_FROM_FACE_ROTATIONS: Floats = np.stack([mirror_from_face(face) for face in Face])
+MIRROR_FROM_FACE_ROTATIONS: Floats = np.stack([_mirror_from_face(face) for face in Face])
 MIRROR_FROM_FACE_ROTATIONS.setflags(write=False)
 
 

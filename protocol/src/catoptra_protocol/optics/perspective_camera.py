@@ -11,7 +11,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_scale import cosine_fourth
-from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.numerics import Bools, Floats, scale_components
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # A nanometre at a distance of a kilometre. Much narrower fields have no finite focal length.
@@ -101,12 +101,8 @@ class PerspectiveCamera:
             (..., 2) pixels and a (...) mask. Valid directions lie ahead and within the image,
                 borders included. Invalid pixels are the image centre, never NaN.
         """
-        direction = np.asarray(direction, dtype=np.float64)
-        finite = np.isfinite(direction).all(axis=-1, keepdims=True)
-        direction = np.where(finite, direction, 0.0)
         # Divided by the largest component, no product below can overflow or vanish.
-        largest = np.abs(direction).max(axis=-1, keepdims=True)
-        x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
+        x, y, z = scale_components(direction)
         # Compare products instead of y / x: outside the image x may be arbitrarily small.
         extent = np.maximum(
             np.abs(y) * (2.0 * self.focal_length_px / self.width_px),

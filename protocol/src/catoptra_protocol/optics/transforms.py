@@ -37,46 +37,6 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Floa
     )
 
 
-def rpy_from_rotation(rotation: Floats) -> tuple[float, float, float]:
-    """Roll, pitch and yaw, in radians, of a (3, 3) rotation.
-
-    At a pitch of exactly +-90 degrees roll and yaw turn about the same axis; roll is then 0 and yaw
-    carries both.
-    """
-    # atan2 keeps full precision near +-90 degrees, where asin loses half of the digits.
-    cos_pitch = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = float(np.arctan2(-rotation[2, 0], cos_pitch))
-    # Below 8 eps the two entries are rounding residue of a pitch of exactly 90 degrees.
-    if cos_pitch < 8 * np.finfo(np.float64).eps:
-        return 0.0, pitch, float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
-    roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    return roll, pitch, yaw
-
-
-def quaternion_from_rotation(rotation: Floats) -> Floats:
-    """Unit quaternion (4,) of a (3, 3) rotation, in the order x, y, z, w of ROS and SciPy.
-
-    Of the two quaternions of a rotation the one with w >= 0; of a half turn, where w is 0, the one
-    whose first component that is not 0 is positive. Source: Shepperd 1978.
-    """
-    ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)) = rotation
-    # 4 q q^T: every entry is linear in the rotation, so each row is the quaternion, scaled.
-    products = np.array(
-        [
-            [1 + xx - yy - zz, xy + yx, zx + xz, zy - yz],
-            [xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx],
-            [zx + xz, yz + zy, 1 - xx - yy + zz, yx - xy],
-            [zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz],
-        ]
-    )
-    # The row of the largest component, at least a half: the others cancel near half turns.
-    largest = int(np.argmax(np.diagonal(products)))
-    quaternion: Floats = products[largest] / np.linalg.norm(products[largest])
-    leading = next(part for part in quaternion[[3, 0, 1, 2]] if part != 0.0)
-    return quaternion if leading > 0.0 else -quaternion
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """Rigid transform parent_from_child."""
@@ -121,12 +81,42 @@ class Pose:
 
     @property
     def quaternion(self) -> Floats:
-        """Unit quaternion (4,) of the rotation, in the order x, y, z, w; w >= 0."""
-        return quaternion_from_rotation(self.rotation)
+        """Unit quaternion (4,) of the rotation, in the order x, y, z, w of ROS and SciPy.
+
+        Of the two quaternions of a rotation the one with w >= 0; of a half turn, where w is 0, the
+        one whose first component that is not 0 is positive. Source: Shepperd 1978.
+        """
+        ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)) = self.rotation
+        # 4 q q^T: every entry is linear in the rotation, so each row is the quaternion, scaled.
+        products = np.array(
+            [
+                [1 + xx - yy - zz, xy + yx, zx + xz, zy - yz],
+                [xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx],
+                [zx + xz, yz + zy, 1 - xx - yy + zz, yx - xy],
+                [zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz],
+            ]
+        )
+        # The row of the largest component, at least a half: the others cancel near half turns.
+        largest = int(np.argmax(np.diagonal(products)))
+        quaternion: Floats = products[largest] / np.linalg.norm(products[largest])
+        leading = next(part for part in quaternion[[3, 0, 1, 2]] if part != 0.0)
+        return quaternion if leading > 0.0 else -quaternion
 
     def to_rpy(self) -> tuple[float, float, float]:
-        """Roll, pitch and yaw in radians."""
-        return rpy_from_rotation(self.rotation)
+        """Roll, pitch and yaw of the rotation, in radians.
+
+        At a pitch of exactly +-90 degrees roll and yaw turn about the same axis; roll is then 0 and
+        yaw carries both.
+        """
+        # atan2 keeps full precision near +-90 degrees, where asin loses half of the digits.
+        cos_pitch = float(np.hypot(self.rotation[0, 0], self.rotation[1, 0]))
+        pitch = float(np.arctan2(-self.rotation[2, 0], cos_pitch))
+        # Below 8 eps the two entries are rounding residue of a pitch of exactly 90 degrees.
+        if cos_pitch < 8 * np.finfo(np.float64).eps:
+            return 0.0, pitch, float(np.arctan2(-self.rotation[0, 1], self.rotation[1, 1]))
+        roll = float(np.arctan2(self.rotation[2, 1], self.rotation[2, 2]))
+        yaw = float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
+        return roll, pitch, yaw
 
 
 LENS_FROM_MIRROR = Pose(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), np.zeros(3))

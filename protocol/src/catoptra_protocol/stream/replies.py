@@ -4,14 +4,14 @@ Three groups: the header of a frame, whose image and labels follow as further pa
 the world; replies about the server and a robot. Every field is always present on the wire, nil
 where there is no value.
 
-To add a reply: its dataclass, its entries in `Reply` and REPLIES, its row in SPEC.md 9.3, a vector
+To add a reply: its dataclass, its entry in `Reply`, its row in SPEC.md 9.3, a vector
 in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py. A new field gets a
 default where peers of an earlier release do not send it.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.requests import ImageEncoding, LabelsRecord, Transform
@@ -374,20 +374,4 @@ Reply = (
     | Heartbeat
 )
 
-REPLIES: dict[str, type[Reply]] = {
-    reply.KIND: reply
-    for reply in (
-        FrameHeader,
-        Ok,
-        Error,
-        SensorReports,
-        CameraReply,
-        LandmarksReply,
-        StartPosesReply,
-        StatusReply,
-        PlanReply,
-        StateReply,
-        PixelReply,
-        Heartbeat,
-    )
-}
+REPLIES: dict[str, type[Reply]] = {reply.KIND: reply for reply in get_args(Reply)}

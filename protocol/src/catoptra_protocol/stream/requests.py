@@ -4,7 +4,7 @@ The records that requests and replies share are here too: a rigid transform, and
 objects of labels. Every field is always present on the wire, nil where there is no value. The
 client chooses each `id`, above 0; the reply has the same id.
 
-To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
+To add a request: its dataclass, its entry in `Request`, its row in SPEC.md 9.2, a
 vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
 in serve/stream/peer.py (all clients) or serve/stream/session.py (one robot) of the server.
 """
@@ -12,7 +12,7 @@ in serve/stream/peer.py (all clients) or serve/stream/session.py (one robot) of 
 from __future__ import annotations
 
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.vectors import Vector3
@@ -347,25 +347,4 @@ Request = (
     | ShareControlRequest
 )
 
-# Listed beside the union: mypy needs the union spelled out, and a table built from it with get_args
-# would have no element type. tests/protocol/stream/test_messages.py holds the two together.
-REQUESTS: dict[str, type[Request]] = {
-    request.KIND: request
-    for request in (
-        GetFrameRequest,
-        SpawnRequest,
-        DriveRequest,
-        StepRequest,
-        ResetRequest,
-        GetReadingsRequest,
-        GetCameraRequest,
-        GetLandmarksRequest,
-        GetStartPosesRequest,
-        GetStatusRequest,
-        SetAccuracyRequest,
-        GetStateRequest,
-        GetPixelRequest,
-        PublishRequest,
-        ShareControlRequest,
-    )
-}
+REQUESTS: dict[str, type[Request]] = {request.KIND: request for request in get_args(Request)}

@@ -263,10 +263,8 @@ class CameraConfiguration:
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line of the report in a dialect."""
         # UT2004 has no block for a tile; its clients find the number of the tile in View of STA.
-        is_tiled = dialect is Dialect.UDK and self.texture_region is not None
-        tile = (
-            _texture_region_pairs(self.texture_region) if is_tiled and self.texture_region else ()
-        )
+        region = self.texture_region if dialect is Dialect.UDK else None
+        tile = () if region is None else _texture_region_pairs(region)
         # The region goes between name and fields of view: clients of UDK find blocks by their
         # position.
         return _conf_messages("Camera", self.name, *tile, *self._fov_pairs(), *self.extra_pairs)

@@ -243,7 +243,7 @@ def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
 def encode_raw_header(width: int, height: int) -> bytes:
     """The 4 bytes before the rows of a RAW image.
 
-    Rows follow top first, pixels as B, G, R, each row padded to `raw_row_pitch(width)` bytes.
+    Rows follow top first, pixels as B, G, R, each row padded to `_raw_row_pitch(width)` bytes.
 
     Raises:
         LocalProtocolError: A side exceeds 16 bits.
@@ -253,7 +253,7 @@ def encode_raw_header(width: int, height: int) -> bytes:
     return _RAW_HEADER.pack(width, height)
 
 
-def raw_row_pitch(width: int) -> int:
+def _raw_row_pitch(width: int) -> int:
     """Bytes of a RAW row: 3 per pixel, rounded up to a multiple of 4 as in FreeImage.
 
     Some clients assume 3 * width: serve widths divisible by 4.
@@ -271,12 +271,12 @@ def parse_raw_size(payload: bytes) -> tuple[int, int, int]:
         raise RemoteProtocolError(f"RAW frame of {len(payload)} bytes: its header alone has 4")
     width, height = _RAW_HEADER.unpack_from(payload)
     # Padded first: both pitches agree for widths divisible by 4, and the reference pads.
-    for pitch in (raw_row_pitch(width), 3 * width):
+    for pitch in (_raw_row_pitch(width), 3 * width):
         if len(payload) == _RAW_HEADER.size + height * pitch:
             return width, height, pitch
     raise RemoteProtocolError(
         f"RAW frame of {width} x {height} px in {len(payload)} bytes: expected "
-        f"{_RAW_HEADER.size + height * raw_row_pitch(width)}"
+        f"{_RAW_HEADER.size + height * _raw_row_pitch(width)}"
     )
 
 

@@ -15,8 +15,6 @@ from catoptra_protocol.usarsim.value_format import format_fixed_point, format_ve
 from catoptra_protocol.vectors import Vector3
 
 _TYPE_NAME = "MisPkg"
-# Parent of a link that is mounted on the robot itself.
-_CHASSIS_LINK = -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,7 +163,7 @@ class StartPoses:
         return (Message(self.WORD, (("StartPoses", str(len(self.poses))), *block)),)
 
 
-def greeting_from_message(message: Message) -> Greeting | StartPoses:
+def _greeting_from_message(message: Message) -> Greeting | StartPoses:
     """Parse an NFO line of either kind."""
     is_poses = message.get("StartPoses") is not None
     return StartPoses.from_message(message) if is_poses else Greeting.from_message(message)
@@ -329,7 +329,7 @@ def _encode_line(message: Message, dialect: Dialect) -> bytes:
 
 # ASTA is the MISSTA of UDK. CONF has one parser: clients read free pairs.
 REPORT_PARSERS: dict[str, _ReportParser] = {
-    "NFO": greeting_from_message,
+    "NFO": _greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,
     "MISSTA": MissionPackageStatus.from_message,

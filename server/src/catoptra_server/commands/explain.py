@@ -13,7 +13,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from statistics import median
 
@@ -83,9 +83,7 @@ def main(arguments: Sequence[str]) -> int:
             [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
         )
         reports = [
-            *_explain_cameras(
-                startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
-            )
+            report for robot in startup.robots for report in _explain_robot(startup, robot, parsed)
         ]
     except CatoptraError as error:
         print(f"catoptra-server explain: {error}", file=sys.stderr)
@@ -166,46 +164,28 @@ class _CameraEffectReport:
         return "\n".join((head, *viewpoint, effects, cost))
 
 
-def _explain_cameras(
-    startup: StartupConfig,
-    *,
-    renderer: str,
-    pose: PlanarPose | None = None,
-    velocity: PlanarVelocity = ZERO_VELOCITY,
+def _explain_robot(
+    startup: StartupConfig, robot: RobotDescription, parsed: argparse.Namespace
 ) -> Iterator[_CameraEffectReport]:
-    """Yield the report of each camera of the robot classes, the omnidirectional one first.
-
-    Args:
-        pose: Pose of the robot; None: the world's first start pose.
-        velocity: Velocity of the robot during the exposure.
-    """
-    for robot in startup.robots:
-        requests = _request_views(robot, pose or _start_pose(startup), velocity)
-        if requests:
-            yield from _explain_views(startup, robot, requests, renderer)
-
-
-def _explain_views(
-    startup: StartupConfig,
-    robot: RobotDescription,
-    requests: Mapping[str, ViewRequest],
-    renderer: str,
-) -> Iterator[_CameraEffectReport]:
-    choice = choose_renderer(renderer, startup.scene, startup.world)
+    """Yield the report of each camera of a robot class, the omnidirectional one first."""
+    requests = _request_views(robot, parsed.pose or _start_pose(startup), parsed.velocity)
+    if not requests:
+        return
+    choice = choose_renderer(parsed.renderer, startup.scene, startup.world)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)
     views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
     try:
         for name, request in requests.items():
-            times = measure_effect_times(views.render, request)
+            view, effect_ms, other_ms = measure_effect_times(views.render, request)
             yield _CameraEffectReport(
                 robot.class_name,
                 name,
-                times.view.frame_plan.plan_text,
-                times.view.effect_decisions,
-                dict(times.effect_ms),
-                times.other_ms,
+                view.frame_plan.plan_text,
+                view.effect_decisions,
+                effect_ms,
+                other_ms,
                 _explain_viewpoint(request, summarizer),
             )
     finally:
@@ -269,30 +249,13 @@ def _start_pose(startup: StartupConfig) -> PlanarPose:
     return PlanarPose(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EffectTimes:
-    """Times of a frame, which add up."""
-
-    view: RenderedView
-    """The frame with all effects."""
-    effect_ms: Mapping[str, float]
-    """Median milliseconds of each effect that the frame draws, in optical order."""
-    other_ms: float
-    """Median milliseconds of all else."""
-
-    @property
-    def frame_ms(self) -> float:
-        """Milliseconds of the whole frame."""
-        return self.other_ms + sum(self.effect_ms.values())
-
-
 def measure_effect_times(
     render: Callable[[ViewRequest], RenderedView],
     request: ViewRequest,
     *,
     num_frames: int = _NUM_FRAMES,
     clock: Callable[[], float] = time.perf_counter,
-) -> EffectTimes:
+) -> tuple[RenderedView, dict[str, float], float]:
     """Measure the effects of a view.
 
     Args:
@@ -300,6 +263,10 @@ def measure_effect_times(
         request: View of a camera with effects.
         num_frames: Frames of each kind that count, beside two that do not.
         clock: Clock in seconds.
+
+    Returns:
+        The view with all effects; the median milliseconds of each effect that the frame draws, in
+        optical order; those of all else. The times add up to those of a frame.
     """
     view = render(request)
     drawn = [one.effect for one in view.effect_decisions if _acts_on_frame(one)]
@@ -327,7 +294,7 @@ def measure_effect_times(
         name: after - before
         for name, before, after in zip(unstaged, cumulative, cumulative[1:], strict=False)
     }
-    return EffectTimes(view, {name: effect_ms[name] for name in drawn}, cumulative[0])
+    return view, {name: effect_ms[name] for name in drawn}, cumulative[0]
 
 
 def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:

@@ -100,10 +100,10 @@ def _list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
 
 
 def _describe_file(kind: str, path: Path) -> _ListEntry:
-    return _ListEntry(kind, path.stem, read_first_sentence(path), str(path))
+    return _ListEntry(kind, path.stem, _read_first_sentence(path), str(path))
 
 
-def read_first_sentence(path: Path) -> str:
+def _read_first_sentence(path: Path) -> str:
     """First sentence of the comment at the head of a file; empty without one."""
     comment = _COMMENT.match(path.read_text(encoding="utf-8"))
     words = re.sub(r"\s*\n[;#]?\s*", " ", comment[0]).lstrip(";# ").strip() if comment else ""

@@ -11,13 +11,13 @@ import asyncio
 import errno
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import TypeVar, cast
 
-from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.commands.server import ListeningAddress, Options, serve
@@ -52,6 +52,7 @@ from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation import ClockMode
 
 log = logging.getLogger(__name__)
+_T = TypeVar("_T")
 _EXIT_FAULT = 1
 _EXIT_CANNOT_START = 2
 # With the grace of `termination`, less than the promised second.
@@ -309,31 +310,24 @@ def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
 _parse_timeout = partial(parse_float_within, name="a time-out", last=MAX_TIMEOUT_S, unit="s")
 
 
-def _parse_robot(text: str) -> Path:
-    return _find_file("robots", text)
+def _option_parser(parse: Callable[[str], _T]) -> Callable[[str], _T]:
+    """Parser of an option, whose errors are those of the command line."""
+
+    def parse_option(text: str) -> _T:
+        try:
+            return parse(text)
+        except CatoptraError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return parse_option
 
 
-def _parse_world(text: str) -> Path:
-    return _find_file("worlds", text)
+_parse_robot = _option_parser(partial(find_configuration, "robots"))
+_parse_world = _option_parser(partial(find_configuration, "worlds"))
+_parse_image_type = _option_parser(ImageType.from_text)
 
 
-def _find_file(kind: FileKind, text: str) -> Path:
-    try:
-        return find_configuration(kind, text)
-    except CatoptraError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
+@_option_parser
 def _parse_multi_view(text: str) -> TileLayout:
     columns, rows, width_px, height_px = parse_tiles(text)
-    try:
-        return multi_view_layout(columns, rows, width_px=width_px, height_px=height_px)
-    except DomainError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _parse_image_type(text: str) -> ImageType:
-    try:
-        return ImageType.from_text(text)
-    except CatoptraError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+    return multi_view_layout(columns, rows, width_px=width_px, height_px=height_px)

@@ -13,9 +13,8 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.datasets.dataset_folder import verify_dataset
 from catoptra_server.datasets.dataset_run import (
+    DatasetRun,
     ProgressReport,
-    complete_run,
-    prepare_run,
 )
 from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
 from catoptra_server.datasets.pictures import NUM_SAMPLES, SHEET_NAME, write_sheet
@@ -89,14 +88,14 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
         raise CatoptraError("which RECIPE? A file, or a name of the bundled ones")
     if parsed.ray:
         require_ray()
-    run = prepare_run(find_configuration("datasets", parsed.recipe), parsed.out)
-    recipe = run.stage.recipe
+    run = DatasetRun(find_configuration("datasets", parsed.recipe), parsed.out)
+    recipe = run.recipe
     if not run.is_whole or run.missing:
         progress = ProgressReport(
             recipe.name, recipe.num_samples, run.num_finished_samples, sys.stderr
         )
         try:
-            complete_run(run, lambda job, shards: _draw(parsed, job, shards, progress, interrupt))
+            run.complete(lambda job, shards: _draw(parsed, job, shards, progress, interrupt))
         except CatoptraError:
             remove_parts(run.folder)
             raise

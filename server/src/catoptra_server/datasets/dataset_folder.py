@@ -12,6 +12,7 @@ import io
 import json
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -305,15 +306,15 @@ def write_summaries(folder: Path, stage: DatasetStage) -> None:
         except OSError as error:
             raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
     if "coco" in recipe.formats:
-        content = coco_from_images([_coco_image(one) for one in iterate_metadata(folder, recipe)])
+        content = coco_from_images([_coco_image(one) for one in _iterate_metadata(folder, recipe)])
         write_whole(folder / _COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
     if "tum" in recipe.formats:
         _write_trajectories(folder, recipe)
     if "parquet" in recipe.formats:
-        write_parquet_index(folder, iterate_metadata(folder, recipe))
+        _write_parquet_index(folder, _iterate_metadata(folder, recipe))
 
 
-def iterate_metadata(folder: Path, recipe: Recipe) -> Iterator[dict[str, Any]]:
+def _iterate_metadata(folder: Path, recipe: Recipe) -> Iterator[dict[str, Any]]:
     """Yield the metadata of all samples, in order.
 
     Raises:
@@ -337,19 +338,10 @@ def _coco_image(metadata: Mapping[str, Any]) -> CocoImage:
 
 def _write_trajectories(folder: Path, recipe: Recipe) -> None:
     """Write the camera's poses of each sequence as TUM's text: t x y z qx qy qz qw a line."""
-    lines: list[str] = []
-    sequence = 0
-    for metadata in iterate_metadata(folder, recipe):
-        if metadata["sequence"] != sequence:
-            _write_trajectory(folder, sequence, lines)
-            sequence, lines = metadata["sequence"], []
-        lines.append(_trajectory_line(metadata))
-    _write_trajectory(folder, sequence, lines)
-
-
-def _write_trajectory(folder: Path, sequence: int, lines: list[str]) -> None:
-    path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
-    write_whole(path, ["".join(lines).encode()])
+    samples = _iterate_metadata(folder, recipe)
+    for sequence, own in groupby(samples, lambda metadata: metadata["sequence"]):
+        path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
+        write_whole(path, [_trajectory_line(metadata).encode() for metadata in own])
 
 
 def _trajectory_line(metadata: Mapping[str, Any]) -> str:
@@ -366,7 +358,7 @@ def require_pyarrow() -> None:
         raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
 
 
-def write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
+def _write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
     """Write the index of a data set.
 
     Args:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TextIO
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_folder import (
     DatasetIdentity,
     describe_cameras,
@@ -36,91 +35,76 @@ _LOG_INTERVAL_S = 30.0
 _DrawShards = Callable[[ShardJob, Sequence[int]], Iterator[ShardRecord]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedRun:
+class DatasetRun:
     """A data set whose recipe is checked and whose folder is ready."""
 
-    stage: DatasetStage
-    folder: Path
-    identity: DatasetIdentity
-    job: ShardJob
-    finished: tuple[ShardRecord, ...]
-    """Shards of an earlier run."""
-    is_whole: bool
-    """Whether the folder already has a manifest."""
+    def __init__(self, recipe_path: Path, folder: Path) -> None:
+        """Check a recipe, and make the folder ready.
+
+        Raises:
+            CatoptraError: The recipe cannot be drawn, or the folder holds something else.
+        """
+        self.recipe = recipe = read_recipe(recipe_path)
+        self.folder = folder
+        if "parquet" in recipe.formats:
+            require_pyarrow()
+        self._stage = DatasetStage(recipe)
+        check_given_poses(self._stage)
+        digest = run_in_pinned_process(recipe.instruction_set, _digest_recipe, recipe_path)
+        self._identity = DatasetIdentity(
+            recipe.name, digest, describe_environment(recipe.instruction_set), recipe.text
+        )
+        # Whether the folder already has a manifest.
+        self.is_whole = open_folder(folder, self._identity)
+        self._finished = find_finished_shards(folder, recipe)
+        self.job = ShardJob(
+            str(recipe_path.resolve()),
+            str(folder.resolve()),
+            digest,
+            self._identity.environment,
+            recipe.instruction_set,
+        )
+        require_space(folder, self._stage, recipe.num_samples - self.num_finished_samples)
 
     @property
     def missing(self) -> list[int]:
         """Numbers of the shards to be drawn."""
-        done = {record.number for record in self.finished}
-        return [n for n in range(self.stage.recipe.num_shards) if n not in done]
+        done = {record.number for record in self._finished}
+        return [n for n in range(self.recipe.num_shards) if n not in done]
 
     @property
     def num_finished_samples(self) -> int:
         """Samples of the shards of an earlier run."""
-        return sum(record.num_samples for record in self.finished)
+        return sum(record.num_samples for record in self._finished)
 
+    def complete(self, draw: _DrawShards) -> None:
+        """Draw the missing shards, then the files beside, and the manifest last.
 
-def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
-    """Check a recipe, and make the folder ready.
-
-    Raises:
-        ConfigError: A file is wrong: with file, line, key, value and the expected form.
-        CatoptraError: A pose is not free, the folder holds something else, or the disk is full.
-    """
-    recipe = read_recipe(recipe_path)
-    if "parquet" in recipe.formats:
-        require_pyarrow()
-    stage = DatasetStage(recipe)
-    check_given_poses(stage)
-    digest = run_in_pinned_process(recipe.instruction_set, _digest_recipe, recipe_path)
-    identity = DatasetIdentity(
-        recipe.name, digest, describe_environment(recipe.instruction_set), recipe.text
-    )
-    is_whole = open_folder(folder, identity)
-    finished = tuple(find_finished_shards(folder, recipe))
-    job = ShardJob(
-        str(recipe_path.resolve()),
-        str(folder.resolve()),
-        identity.digest,
-        identity.environment,
-        recipe.instruction_set,
-    )
-    run = PreparedRun(stage, folder, identity, job, finished, is_whole)
-    num_missing = recipe.num_samples - run.num_finished_samples
-    require_space(folder, stage, num_missing)
-    return run
+        Raises:
+            CatoptraError: A sample cannot be drawn, or a file not written.
+        """
+        recipe, records = self.recipe, [*self._finished]
+        if self.missing:
+            records += draw(self.job, self.missing)
+        if len(records) != recipe.num_shards:
+            raise CatoptraError(f"{len(records)} of {recipe.num_shards} shards were drawn")
+        write_summaries(self.folder, self._stage)
+        details = {
+            "samples": recipe.num_samples,
+            "seed": recipe.seed,
+            "renderer": recipe.renderer,
+            "instruction_set": recipe.instruction_set,
+            "channels": list(recipe.channels),
+            "formats": list(recipe.formats),
+            "worlds": [world.name for world in recipe.worlds],
+            "cameras": describe_cameras(self.folder, self._stage),
+        }
+        finish_folder(self.folder, self._identity, records, details)
 
 
 def _digest_recipe(recipe_path: Path) -> str:
     """Digest of a recipe and all files, as this process understands them."""
     return DatasetStage(read_recipe(recipe_path)).digest
-
-
-def complete_run(run: PreparedRun, draw: _DrawShards) -> None:
-    """Draw the missing shards, then the files beside, and the manifest last.
-
-    Raises:
-        CatoptraError: A sample cannot be drawn, or a file not written.
-    """
-    records = [*run.finished]
-    if run.missing:
-        records += draw(run.job, run.missing)
-    if len(records) != run.stage.recipe.num_shards:
-        raise CatoptraError(f"{len(records)} of {run.stage.recipe.num_shards} shards were drawn")
-    write_summaries(run.folder, run.stage)
-    recipe = run.stage.recipe
-    details = {
-        "samples": recipe.num_samples,
-        "seed": recipe.seed,
-        "renderer": recipe.renderer,
-        "instruction_set": recipe.instruction_set,
-        "channels": list(recipe.channels),
-        "formats": list(recipe.formats),
-        "worlds": [world.name for world in recipe.worlds],
-        "cameras": describe_cameras(run.folder, run.stage),
-    }
-    finish_folder(run.folder, run.identity, records, details)
 
 
 class ProgressReport:

@@ -202,12 +202,6 @@ class RecipeCamera:
     ego_mesh: ObjectMesh | None
     """The robot itself, where the camera's effects may show it."""
 
-    @property
-    def tile(self) -> Tile | None:
-        """Tile of the size that the recipe asks for; None for the camera's own."""
-        size = self.choice.size_px
-        return Tile(0, 0, *size) if size else None
-
 
 def _has_floor(scene: SceneMesh) -> bool:
     """Whether some triangle lies on the ground and faces up."""

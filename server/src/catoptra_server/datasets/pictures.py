@@ -59,7 +59,7 @@ def write_sheet(folder: Path) -> Path:
 
 def _choose_samples(folder: Path, manifest: dict[str, Any]) -> Iterator[StoredSample]:
     """Yield the samples of the page; shards without any are not read."""
-    wanted = choose_indices(manifest["samples"])
+    wanted = _choose_indices(manifest["samples"])
     first = 0
     for shard in manifest["shards"]:
         own = {index - first for index in wanted if first <= index < first + shard["samples"]}
@@ -69,7 +69,7 @@ def _choose_samples(folder: Path, manifest: dict[str, Any]) -> Iterator[StoredSa
         first += shard["samples"]
 
 
-def choose_indices(num_samples: int) -> list[int]:
+def _choose_indices(num_samples: int) -> list[int]:
     """Indices of at most NUM_SAMPLES samples, one from each of as many equal parts, ascending."""
     count = min(NUM_SAMPLES, num_samples)
     ends = [number * num_samples // count for number in range(count + 1)]
@@ -106,10 +106,10 @@ def _list_pictures(sample: StoredSample, metadata: dict[str, Any]) -> Iterator[t
     rgb = decode_array(PICTURE, sample.files[PICTURE])
     yield "picture", rgb
     if metadata.get("objects"):
-        yield "boxes", draw_boxes(rgb, metadata["objects"])
+        yield "boxes", _draw_boxes(rgb, metadata["objects"])
     for name, suffix in CHANNEL_FILES.items():
         if suffix in sample.files:
-            yield name, colour_channel(name, decode_array(suffix, sample.files[suffix]))
+            yield name, _colour_channel(name, decode_array(suffix, sample.files[suffix]))
 
 
 def _describe_objects(objects: Sequence[dict[str, Any]]) -> str:
@@ -141,7 +141,7 @@ def _make_page(name: str, num_samples: int, sections: Sequence[str]) -> str:
     )
 
 
-def draw_boxes(rgb: _Pixels, objects: Sequence[dict[str, Any]]) -> _Pixels:
+def _draw_boxes(rgb: _Pixels, objects: Sequence[dict[str, Any]]) -> _Pixels:
     """Picture with the box of each object, in the colour that the object has in `ids`."""
     picture = rgb.copy()
     height, width = picture.shape[:2]
@@ -154,7 +154,7 @@ def draw_boxes(rgb: _Pixels, objects: Sequence[dict[str, Any]]) -> _Pixels:
     return picture
 
 
-def colour_channel(name: str, array: npt.NDArray[Any]) -> _Pixels:
+def _colour_channel(name: str, array: npt.NDArray[Any]) -> _Pixels:
     """(h, w, 3) picture of a channel; black where there is nothing."""
     match name:
         case "range":

@@ -26,7 +26,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.commands_drive import Drive
+from catoptra_protocol.usarsim.commands import Drive
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.world_file import MAX_LENGTH_M
@@ -165,7 +165,7 @@ class PoseSource:
     def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
         world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
         generator = random_source(self._recipe, "pose").generator(place.index)
-        pose = draw_free_pose(world, camera, poses, generator)
+        pose = _draw_free_pose(world, camera, poses, generator)
         motion = random_source(self._recipe, "motion").generator(place.index)
         speed, rate = poses.speed_m_s.draw(motion), poses.yaw_rate_rad_s.draw(motion)
         return RobotMotion(0.0, _stand(camera, pose), _planar_twist(pose, speed, rate))
@@ -174,7 +174,7 @@ class PoseSource:
         """Motions of all samples of a drive, and of one more for the last one's flow."""
         world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
         recipe, sequence = self._recipe, place.sequence
-        start = draw_free_pose(
+        start = _draw_free_pose(
             world, camera, poses.start, random_source(recipe, "pose").generator(sequence)
         )
         robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
@@ -211,31 +211,31 @@ def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> 
     return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))
 
 
-class PoseNotFreeError(CatoptraError):
+class _PoseNotFreeError(CatoptraError):
     """A robot cannot stand at a pose; says why."""
 
 
-def require_free_pose(
+def _require_free_pose(
     world: RecipeWorld, camera: RecipeCamera, pose: PlanarPose, clearance_m: float = 0.0
 ) -> None:
     """Check that a robot can stand at a pose.
 
     Raises:
-        PoseNotFreeError: The robot touches an obstacle, has no floor, or is inside a solid.
+        _PoseNotFreeError: The robot touches an obstacle, has no floor, or is inside a solid.
     """
     place = np.array([[pose.x_m, pose.y_m]])
     is_free = world.obstacles.are_free(
         camera.robot, place, clearance_m, yaw_rad=pose.yaw_rad, robots=()
     )
     if not bool(is_free[0]):
-        raise PoseNotFreeError("the robot touches an obstacle")
+        raise _PoseNotFreeError("the robot touches an obstacle")
     if world.has_floor and not _has_floor(world, pose):
-        raise PoseNotFreeError("there is no floor below")
+        raise _PoseNotFreeError("there is no floor below")
     if _is_inside_solid(world, pose):
-        raise PoseNotFreeError("it is inside a solid")
+        raise _PoseNotFreeError("it is inside a solid")
 
 
-def draw_free_pose(
+def _draw_free_pose(
     world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
 ) -> PlanarPose:
     """Random pose in free space, uniform over the allowed area.
@@ -251,8 +251,8 @@ def draw_free_pose(
         # Three numbers a try, so that the next try does not depend on the reason of this one.
         pose = PlanarPose(*(values.draw(generator) for values in (x_m, y_m, poses.yaw_rad)))
         try:
-            require_free_pose(world, camera, pose, poses.clearance_m)
-        except PoseNotFreeError as error:
+            _require_free_pose(world, camera, pose, poses.clearance_m)
+        except _PoseNotFreeError as error:
             reason = str(error)
         else:
             return pose
@@ -285,8 +285,8 @@ def check_given_poses(stage: DatasetStage) -> None:
         checked.add(key)
         given, world = poses.poses[place.step], stage.world(place.world)
         try:
-            require_free_pose(world, camera, given.pose)
-        except PoseNotFreeError as error:
+            _require_free_pose(world, camera, given.pose)
+        except _PoseNotFreeError as error:
             x, y, yaw = given.pose.x_m, given.pose.y_m, given.pose.yaw_rad
             raise CatoptraError(
                 f"{given.where}: pose {place.step + 1} (X={x:g}, Y={y:g}, Yaw={yaw:g}) is not free "

@@ -227,8 +227,8 @@ def describe_sample_metadata(
         "robot": camera.robot.class_name,
         "size_px": [optics.width_px, optics.height_px],
         "camera_model": [list(p) for p in pairs_from_omni_camera(optics, height_m)],
-        "world_from_camera": describe_pose(state.world_from_mirror),
-        "world_from_robot": describe_pose(description.motion.world_from_robot),
+        "world_from_camera": _describe_pose(state.world_from_mirror),
+        "world_from_robot": _describe_pose(description.motion.world_from_robot),
         "linear_m_s": [float(one) for one in twist.linear_m_s],
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
         "brightness": description.brightness,
@@ -240,7 +240,7 @@ def describe_sample_metadata(
     }
 
 
-def describe_pose(pose: Pose) -> dict[str, list[float]]:
+def _describe_pose(pose: Pose) -> dict[str, list[float]]:
     """Position in metres, and unit quaternion x, y, z, w, of a frame in the world (SAE)."""
     return {
         "position_m": [float(one) for one in pose.translation],
@@ -287,7 +287,7 @@ def _finite(value: float | None) -> float | None:
 
 def encode_sample(sample: RenderedSample) -> dict[str, bytes]:
     """Content of a sample's files by suffix, sorted: the same bytes for the same sample."""
-    files = {PICTURE: encode_png(sample.rgb), METADATA: encode_json(sample.metadata)}
+    files = {PICTURE: encode_png(sample.rgb), METADATA: _encode_json(sample.metadata)}
     for name, array in sample.channels.items():
         files[CHANNEL_FILES[name]] = _encode_channel(name, array)
     return dict(sorted(files.items()))
@@ -303,7 +303,7 @@ def _encode_channel(name: str, array: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def encode_json(content: Any) -> bytes:
+def _encode_json(content: Any) -> bytes:
     """JSON with sorted keys and without spaces; floats as the shortest text that reads back.
 
     Raises:

@@ -128,7 +128,7 @@ class SampleRenderer:
 
     def _make_views(self, number: int, brightness: float) -> ViewCache:
         recipe, staged = self._stage.recipe, self._stage.world(number)
-        world = scale_lights(staged.world, brightness)
+        world = _scale_lights(staged.world, brightness)
         choice = choose_renderer(
             recipe.renderer,
             staged.scene,
@@ -165,10 +165,8 @@ def _close_labels(labels: LabelRenderer, renderer: TraceRenderer) -> None:
     renderer.close()
 
 
-def scale_lights(world: World, factor: float) -> World:
+def _scale_lights(world: World, factor: float) -> World:
     """World whose lights are brighter by a factor; luminous surfaces stay as they are."""
-    if factor == 1.0:
-        return world
     return replace(world, lights=tuple(_scale_light(light, factor) for light in world.lights))
 
 

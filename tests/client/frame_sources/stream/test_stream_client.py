@@ -411,21 +411,22 @@ def test_request_when_rejected_raises_with_the_reason() -> None:
             client.drive(1.0, 1.0)
 
 
-def test_request_when_unreadable_raises_with_the_reason() -> None:
-    def reply_unreadable(request: Request) -> list[list[bytes]]:
-        return [[bytes_from_message(Error(0, "no msgpack"))]]
+@pytest.mark.parametrize(
+    ("make_reply", "reason"),
+    [
+        (lambda request: Error(0, "no msgpack"), "cannot read the request: no msgpack"),
+        (lambda request: Ok(request.id), "replied with ok"),
+    ],
+    ids=["unreadable", "another kind"],
+)
+def test_request_when_misunderstood_raises_with_the_reason(
+    make_reply: Callable[[Request], Reply], reason: str
+) -> None:
+    def reply(request: Request) -> list[list[bytes]]:
+        return [[bytes_from_message(make_reply(request))]]
 
-    with serve_stream_script(reply_unreadable) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(RemoteProtocolError, match="cannot read the request: no msgpack"):
-            client.reset()
-
-
-def test_reply_when_of_another_kind_is_rejected() -> None:
-    def reply_with_wrong_kind(request: Request) -> list[list[bytes]]:
-        return [[bytes_from_message(Ok(request.id))]]
-
-    with serve_stream_script(reply_with_wrong_kind) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(RemoteProtocolError, match="replied with ok"):
+    with serve_stream_script(reply) as port, StreamClient(HOST, port) as client:
+        with pytest.raises(RemoteProtocolError, match=reason):
             client.get_status()
 
 
@@ -434,10 +435,19 @@ def test_connection_when_there_is_no_server_names_the_address() -> None:
         StreamClient.connect(HOST, 1, timeout_s=SHORT_S)
 
 
-def test_server_when_it_sends_nothing_is_lost() -> None:
-    with serve_stream_script(ignore_request) as port:
+@pytest.mark.parametrize(
+    ("sends_heartbeats", "error", "message"),
+    [
+        (False, ConnectionLostError, "no heartbeat"),
+        (True, DeadlineExceededError, "sends heartbeats but not a frame"),
+    ],
+)
+def test_server_when_it_sends_no_frame_is_lost_or_slow(
+    sends_heartbeats: bool, error: type[CatoptraError], message: str
+) -> None:
+    with serve_stream_script(ignore_request, sends_heartbeats=sends_heartbeats) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
-            with pytest.raises(ConnectionLostError, match="no heartbeat"):
+            with pytest.raises(error, match=message):
                 client.get_frame()
 
 
@@ -452,13 +462,6 @@ def test_camera_when_perspective_is_a_model_without_a_height() -> None:
         assert client.get_camera("Camera") == PerspectiveCamera(64, 48, 0.8)
         with pytest.raises(RemoteProtocolError, match="Mirror"):
             client.get_camera_and_height("Camera")
-
-
-def test_server_when_it_sends_heartbeats_and_no_frame_is_slow() -> None:
-    with serve_stream_script(ignore_request, sends_heartbeats=True) as port:
-        with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
-            with pytest.raises(DeadlineExceededError, match="sends heartbeats but not a frame"):
-                client.get_frame()
 
 
 def test_frames_when_the_server_restarts_continue() -> None:

@@ -24,7 +24,7 @@ from helpers.calibrated_cameras import (
 def test_file_is_read_and_projected_by_opencv(tmp_path: Path, camera: OmniCamera) -> None:
     text = assert_written_and_read(opencv_omnidir, camera, tmp_path)
     assert text.startswith("%YAML")
-    storage = cv2.FileStorage(str(tmp_path / opencv_omnidir.FILE_NAME), cv2.FILE_STORAGE_READ)
+    storage = cv2.FileStorage(str(tmp_path / opencv_omnidir.NAME), cv2.FILE_STORAGE_READ)
     k, d = storage.getNode("K").mat(), storage.getNode("D").mat()
     xi = storage.getNode("xi").real()
     points, expected, valid = flipped_points(camera)

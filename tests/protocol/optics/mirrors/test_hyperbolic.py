@@ -231,13 +231,13 @@ def test_t_when_of_any_radius_is_finite_and_below_the_limit(k: float, ratio: flo
     assert 0.0 <= t * mirror.kappa <= 1.0
 
 
-@pytest.mark.parametrize("k", [2.0, 1.0, -11.546, math.nan, math.inf])
-def test_k_when_no_mirror_is_rejected(k: float) -> None:
-    with pytest.raises(DomainError, match="k > 2"):
-        HyperbolicMirror(k, 1.0)
-
-
-@pytest.mark.parametrize("c_m", [0.0, -1.0, math.nan, math.inf])
-def test_c_when_no_mirror_is_rejected(c_m: float) -> None:
-    with pytest.raises(DomainError, match="c > 0"):
-        HyperbolicMirror(11.546, c_m)
+@pytest.mark.parametrize(
+    ("k", "c_m", "reason"),
+    [
+        *((k, 1.0, "k > 2") for k in (2.0, 1.0, -11.546, math.nan, math.inf)),
+        *((11.546, c_m, "c > 0") for c_m in (0.0, -1.0, math.nan, math.inf)),
+    ],
+)
+def test_parameters_when_of_no_mirror_are_rejected(k: float, c_m: float, reason: str) -> None:
+    with pytest.raises(DomainError, match=reason):
+        HyperbolicMirror(k, c_m)

@@ -181,16 +181,13 @@ def test_address_when_not_of_this_machine_is_a_fault_that_names_the_option() -> 
     assert "--host" in found.remedy
 
 
-def test_server_when_it_greets_is_found() -> None:
-    with serve_script(lambda connection: connection.sendall(b"NFO {Gametype x}\r\n")) as port:
+@pytest.mark.parametrize(
+    ("greeting", "level"), [(b"NFO {Gametype x}\r\n", Level.OK), (b"SSH-2.0\r\n", Level.FAULT)]
+)
+def test_server_is_found_by_its_greeting(greeting: bytes, level: Level) -> None:
+    with serve_script(lambda connection: connection.sendall(greeting)) as port:
         (found,) = check_running_server(HOST, {"control": port})
-    assert found.level is Level.OK
-
-
-def test_server_when_its_greeting_is_of_another_protocol_is_a_fault() -> None:
-    with serve_script(lambda connection: connection.sendall(b"SSH-2.0\r\n")) as port:
-        (found,) = check_running_server(HOST, {"control": port})
-    assert found.level is Level.FAULT
+    assert found.level is level
 
 
 def test_server_when_no_program_listens_is_a_fault() -> None:

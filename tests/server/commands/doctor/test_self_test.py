@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from catoptra_server.commands.doctor import self_test as module
 from catoptra_server.commands.doctor.machine import Level
 from catoptra_server.commands.doctor.self_test import (
     check_configurations,
-    max_error_px,
     run_self_test,
 )
 from catoptra_server.config.known_names import bundled_files
+from catoptra_server.render.renderer import Image, RenderedImage
+from catoptra_server.render.trace.trace_renderer import TraceView
 from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy, write_small_world
 from helpers.opengl import device_or_skip
 
@@ -31,32 +34,25 @@ def test_self_test_when_raster_renders_is_within_its_bound() -> None:
     assert 0.0 < values["error_px"] <= values["bound_px"] < 0.5
 
 
-def test_error_when_the_frame_is_shifted_is_the_shift() -> None:
-    directions = module._disc_directions()
-    rgb = render_discs()
-    shifted = np.roll(rgb, 2, axis=1)
-    assert max_error_px(shifted, module._CAMERA, directions) == pytest.approx(2.0, abs=0.3)
+@pytest.mark.parametrize(
+    ("change", "error_px"),
+    [
+        (lambda rgb: np.roll(rgb, 2, axis=1), pytest.approx(2.0, abs=0.3)),
+        (np.zeros_like, np.inf),
+    ],
+    ids=["shifted", "black"],
+)
+def test_error_when_the_frame_is_changed_is_the_displacement(
+    monkeypatch: pytest.MonkeyPatch, change: Callable[[Image], Image], error_px: float
+) -> None:
+    render = TraceView.render
 
+    def render_changed(*arguments: Any) -> RenderedImage:
+        image = render(*arguments)
+        return replace(image, rgb=change(image.rgb))
 
-def test_error_when_the_frame_is_black_is_infinite() -> None:
-    black = np.zeros((360, 360, 3), np.uint8)
-    assert max_error_px(black, module._CAMERA, module._disc_directions()) == np.inf
-
-
-def render_discs() -> np.ndarray:
-    """Frame of the self-test, rendered by trace."""
-    from catoptra_protocol.optics.transforms import Pose
-    from catoptra_server.frames.plan.plans import plan_from_settings
-    from catoptra_server.frames.renderers import choose_renderer
-    from catoptra_server.world.camera_state import CameraState
-    from catoptra_server.world.scene_mesh import build_scene
-
-    world = module._disc_world(module._disc_directions())
-    choice = choose_renderer("trace", build_scene(world), world, threads=1)
-    plan = plan_from_settings(
-        module._RENDER_SETTINGS, module._CAMERA, kind=choice.kind, reason="test"
-    )
-    return choice.renderer.prepare(module._CAMERA, plan).render(CameraState(Pose.identity())).rgb
+    monkeypatch.setattr(TraceView, "render", render_changed)
+    assert run_self_test("trace")["error_px"] == error_px
 
 
 def test_bundled_files_when_checked_have_no_problem() -> None:

@@ -13,16 +13,16 @@ import dataclasses
 import itertools
 import logging
 import time
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Concatenate, ParamSpec, Self, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
-from catoptra_client.frame import Frame, LabelledPixels, Pixels, rgb_from_image_bytes
+from catoptra_client.frame import Frame
+from catoptra_client.frame_sources.stream.frame_decoding import (
+    CameraModelCache,
+    frame_from_parts,
+    pose_from_transform,
+)
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.camera_conf import (
     Pairs,
@@ -30,9 +30,7 @@ from catoptra_protocol.camera_conf import (
     omni_camera_from_pairs,
 )
 from catoptra_protocol.errors import CatoptraError, DeadlineExceededError, RemoteProtocolError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, GroundTruth, LabelledObject
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -56,7 +54,6 @@ from catoptra_protocol.stream.replies import (
 )
 from catoptra_protocol.stream.requests import (
     ChannelEncoding,
-    ChannelRecord,
     DriveRequest,
     FrameVariant,
     GetCameraRequest,
@@ -68,8 +65,6 @@ from catoptra_protocol.stream.requests import (
     GetStateRequest,
     GetStatusRequest,
     ImageEncoding,
-    LabelsRecord,
-    ObjectRecord,
     PublishRequest,
     Request,
     ResetRequest,
@@ -77,10 +72,8 @@ from catoptra_protocol.stream.requests import (
     ShareControlRequest,
     SpawnRequest,
     StepRequest,
-    Transform,
 )
 from catoptra_protocol.usarsim.grammar import parse_message
-from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.reports import Report, report_from_message
 from catoptra_protocol.vectors import Vector3
 
@@ -88,6 +81,7 @@ _LOG = logging.getLogger(__name__)
 # A restarted server has lost the request. Repeating one with the same id is safe (SPEC.md 9.4).
 _RETRY_INTERVAL_S = 1.0
 _ReplyT = TypeVar("_ReplyT", bound=Reply)
+_P = ParamSpec("_P")
 _Parts = list[bytes]
 
 
@@ -157,9 +151,8 @@ class StreamClient:
             timeout_s: Timeout of each call.
             clock: Clock of the timeouts and of `Frame.received_s`, in seconds.
         """
-        self._exchange = _RequestExchange(
-            StreamSocket(host, port, clock=clock), timeout_s=timeout_s, clock=clock
-        )
+        self._socket = StreamSocket(host, port, clock=clock)
+        self._timeout_s = timeout_s
         self._clock = clock
         # From 1: 0 is the id of errors about unreadable messages.
         self._ids = itertools.count(1)
@@ -199,17 +192,12 @@ class StreamClient:
         To go on with another robot on the same connection call `reset` instead. May be called
         twice.
         """
-        self._exchange.close()
+        self._socket.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def get_status(self) -> StatusReply:
@@ -217,7 +205,7 @@ class StreamClient:
 
         The cheapest request, also without a robot: it shows whether the server replies.
         """
-        return self._exchange.call(GetStatusRequest(next(self._ids)), StatusReply)
+        return self._call(GetStatusRequest, StatusReply)
 
     def spawn(
         self,
@@ -254,9 +242,8 @@ class StreamClient:
             ```
         """
         # Arguments by keyword and defaults as in INIT; the message has every field.
-        id_ = next(self._ids)
-        request = SpawnRequest(id_, class_name, name, location_m, start_pose, rotation_rad)
-        return _parse_reports(self._exchange.call(request, SensorReports))
+        place = (name, location_m, start_pose, rotation_rad)
+        return _parse_reports(self._call(SpawnRequest, SensorReports, class_name, *place))
 
     def drive(
         self,
@@ -286,8 +273,7 @@ class StreamClient:
         Never repeated by the client, since a late drive would surprise. In lockstep nothing moves
         before `step`.
         """
-        request = DriveRequest(next(self._ids), left, right, normalized, robot, halt_after_s)
-        self._exchange.call(request, Ok)
+        self._call(DriveRequest, Ok, left, right, normalized, robot, halt_after_s)
 
     def share_control(self, shared: bool = True) -> None:
         """Let other clients drive this client's robot, or no longer; it halts then.
@@ -298,7 +284,7 @@ class StreamClient:
         Raises:
             CatoptraError: This client has no robot.
         """
-        self._exchange.call(ShareControlRequest(next(self._ids), shared), Ok)
+        self._call(ShareControlRequest, Ok, shared)
 
     def publish(self, name: str, note: Mapping[str, object]) -> None:
         """Publish a note about the robot, such as the belief of its localization, to all viewers.
@@ -321,7 +307,7 @@ class StreamClient:
             client.publish("belief", {"pose": belief.mean, "covariance": belief.covariance})
             ```
         """
-        self._exchange.call(PublishRequest(next(self._ids), name, text_from_note(name, note)), Ok)
+        self._call(PublishRequest, Ok, name, text_from_note(name, note))
 
     def get_state(self, robot: str = "") -> StateReply:
         """Poses of all robots, and the newest readings and notes of one.
@@ -332,7 +318,7 @@ class StreamClient:
         Args:
             robot: Exact name; empty = the robot that the image port displays.
         """
-        return self._exchange.call(GetStateRequest(next(self._ids), robot), StateReply)
+        return self._call(GetStateRequest, StateReply, robot)
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the full cycle of readings and the result.
@@ -356,9 +342,7 @@ class StreamClient:
                 frame = client.get_frame()
             ```
         """
-        return _parse_reports(
-            self._exchange.call(StepRequest(next(self._ids), time_s), SensorReports)
-        )
+        return _parse_reports(self._call(StepRequest, SensorReports, time_s))
 
     def reset(self) -> None:
         """Remove the robot from the world; another one may be spawned on this connection.
@@ -366,7 +350,7 @@ class StreamClient:
         Without a robot nothing happens. The clock goes on: for the same random numbers again spawn
         a robot of the same name, see `robot_episodes`.
         """
-        self._exchange.call(ResetRequest(next(self._ids)), Ok)
+        self._call(ResetRequest, Ok)
 
     def get_readings(self) -> list[Report]:
         """Newest reading of each sensor of the robot, without waiting for the next ones.
@@ -377,9 +361,7 @@ class StreamClient:
         Raises:
             CatoptraError: This client has no robot.
         """
-        return _parse_reports(
-            self._exchange.call(GetReadingsRequest(next(self._ids)), SensorReports)
-        )
+        return _parse_reports(self._call(GetReadingsRequest, SensorReports))
 
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.
@@ -424,7 +406,7 @@ class StreamClient:
         return reply.camera, model, pose_from_transform(reply.robot_from_mirror)
 
     def _request_camera(self, name: str) -> CameraReply:
-        return self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
+        return self._call(GetCameraRequest, CameraReply, name)
 
     def set_accuracy(
         self,
@@ -453,17 +435,14 @@ class StreamClient:
             plan = client.set_accuracy(max_error_px=0.5)
             ```
         """
-        return self._exchange.call(
-            SetAccuracyRequest(next(self._ids), camera, max_error_px, budget_ms), PlanReply
-        )
+        return self._call(SetAccuracyRequest, PlanReply, camera, max_error_px, budget_ms)
 
     def get_landmarks(self) -> tuple[Landmark, ...]:
         """True landmarks of the world, which never change: one request for a program's whole run is
         enough.
         """
-        return _landmarks_from_reply(
-            self._exchange.call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
-        )
+        reply = self._call(GetLandmarksRequest, LandmarksReply)
+        return tuple(map(_landmark_from_record, reply.landmarks))
 
     def get_landmark_projections(
         self, robot: str = "", camera: str = ""
@@ -477,15 +456,17 @@ class StreamClient:
         Raises:
             CatoptraError: There is no such camera.
         """
-        return _projections_from_reply(
-            self._exchange.call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
+        reply = self._call(GetLandmarksRequest, LandmarksReply, robot, camera)
+        # Only a reply without a camera has no time.
+        time_s = reply.time_s or 0.0
+        return tuple(
+            LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)
+            for one in reply.landmarks
         )
 
     def get_start_poses(self) -> tuple[StartPoseRecord, ...]:
         """Named start poses of the world, for `spawn`."""
-        return self._exchange.call(
-            GetStartPosesRequest(next(self._ids)), StartPosesReply
-        ).start_poses
+        return self._call(GetStartPosesRequest, StartPosesReply).start_poses
 
     def get_frame(
         self,
@@ -534,7 +515,9 @@ class StreamClient:
         request = GetFrameRequest(
             next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
         )
-        header, parts = self._exchange.request_frame(request)
+        header, parts = self._exchange(
+            request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S
+        )
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
@@ -558,9 +541,7 @@ class StreamClient:
         Raises:
             CatoptraError: There is no such camera.
         """
-        return self._exchange.call(
-            GetPixelRequest(next(self._ids), robot, camera, u_px, v_px), PixelReply
-        )
+        return self._call(GetPixelRequest, PixelReply, robot, camera, u_px, v_px)
 
     def iter_frames(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
@@ -592,52 +573,16 @@ class StreamClient:
         while True:
             yield self.get_frame(encoding=encoding, robot=robot, camera=camera)
 
-
-def _pairs_of(reply: CameraReply) -> Pairs:
-    return tuple(reply.camera_model.items())
-
-
-def _parse_reports(reply: SensorReports) -> list[Report]:
-    reports = (report_from_message(parse_message(line)) for line in reply.reports)
-    # None is a report of a newer server, which this client skips.
-    return [report for report in reports if report is not None]
-
-
-class _RequestExchange:
-    """Exchange of requests and replies over a socket, which closing ends."""
-
-    def __init__(
-        self, socket: StreamSocket, *, timeout_s: float, clock: Callable[[], float]
-    ) -> None:
-        """Exchange by a socket.
-
-        Args:
-            socket: Connection to the server, closed with the exchange.
-            timeout_s: Timeout of each request.
-            clock: Clock of the timeouts, in seconds.
-        """
-        self._socket = socket
-        self._timeout_s = timeout_s
-        self._clock = clock
-
-    def close(self) -> None:
-        """End the connection."""
-        self._socket.close()
-
-    def call(self, request: Request, reply_type: type[_ReplyT]) -> _ReplyT:
-        """Reply of a type to a request.
-
-        Raises:
-            ConnectionLostError: The server sends nothing for 1.5 s.
-            DeadlineExceededError: The server sends heartbeats but no reply in time.
-            CatoptraError: The request is rejected; the text is the server's reason.
-            RemoteProtocolError: The reply is of another type, or the request is unreadable.
-        """
+    def _call(
+        self,
+        request_type: Callable[Concatenate[int, _P], Request],
+        reply_type: type[_ReplyT],
+        *values: _P.args,
+        **fields: _P.kwargs,
+    ) -> _ReplyT:
+        """Reply of a type to a request with a new id and these fields; errors as of the class."""
+        request = request_type(next(self._ids), *values, **fields)
         return self._exchange(request, reply_type, f"a reply to {request.KIND}")[0]
-
-    def request_frame(self, request: GetFrameRequest) -> tuple[FrameHeader, _Parts]:
-        """Header and image of a frame; errors as of `call`."""
-        return self._exchange(request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S)
 
     def _exchange(
         self,
@@ -690,188 +635,14 @@ class _RequestExchange:
         return reply
 
 
-class CameraModelCache:
-    """The camera model of the last header.
-
-    The pairs stay the same from frame to frame, and comparing them is cheaper than parsing.
-    """
-
-    def __init__(self) -> None:
-        self._pairs: dict[str, str] | None = None
-        self._camera: OmniCamera | PerspectiveCamera | None = None
-
-    def get_camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
-        """Camera model of a header's pairs; None without pairs.
-
-        Raises:
-            RemoteProtocolError: A pair is missing or wrong; names the field.
-        """
-        if pairs != self._pairs:
-            self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
-            self._pairs = pairs
-        return self._camera
+def _pairs_of(reply: CameraReply) -> Pairs:
+    return tuple(reply.camera_model.items())
 
 
-def frame_from_parts(
-    header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
-) -> Frame:
-    """Decode a frame.
-
-    Args:
-        header: First part.
-        parts: Parts after the header.
-        camera_cache: Cache of this connection.
-        received_s: Arrival time by the client's clock.
-
-    Raises:
-        RemoteProtocolError: The image does not match the header.
-    """
-    image, labels = _split_parts(header, parts)
-    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, image)
-    difference_rgb = None
-    if header.difference is not None:
-        if header.width_px % 2:
-            raise RemoteProtocolError(f"{header}: a picture and its difference have equal widths")
-        rgb, difference_rgb = np.split(rgb, 2, axis=1)
-    return Frame(
-        rgb=rgb,
-        sequence=header.sequence,
-        received_s=received_s,
-        # PNG is lossless, so its frames count as RAW.
-        image_type=ImageType.GOOD if header.encoding is ImageEncoding.JPEG else ImageType.RAW,
-        robot_name=header.robot,
-        camera_name=header.camera,
-        time_s=header.time_s,
-        world_from_robot=pose_from_transform(header.world_from_robot),
-        camera=camera_cache.get_camera(header.camera_model),
-        robot_from_mirror=None if mirror is None else pose_from_transform(mirror),
-        stage_ms=header.stage_ms,
-        age_s=header.age_s,
-        missed_frames=header.missed_frames,
-        dropped_frames=header.dropped_frames,
-        plan=header.plan,
-        error_bound_px=header.error_bound_px,
-        error_bounds=header.error_bounds,
-        effects=header.effects,
-        predicted_ms=header.predicted_ms,
-        more_accurate=header.more_accurate,
-        faster=header.faster,
-        difference=header.difference,
-        difference_rgb=difference_rgb,
-        labels=labels,
-    )
-
-
-def _split_parts(header: FrameHeader, parts: list[bytes]) -> tuple[bytes, LabelledPixels | None]:
-    """The image's part, and the labels in the parts behind it."""
-    channels = header.labels.channels if header.labels is not None else ()
-    if len(parts) != 1 + len(channels):
-        raise RemoteProtocolError(
-            f"{header}: {len(parts)} parts after the header, expected {1 + len(channels)}"
-        )
-    if header.labels is None:
-        return parts[0], None
-    return parts[0], _labels_from_parts(
-        header.labels, parts[1:], (header.height_px, header.width_px)
-    )
-
-
-def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
-    shape = (header.height_px, header.width_px, 3)
-    if header.encoding is ImageEncoding.RAW:
-        # An int of a header may be negative, and two negative sides have a positive product.
-        if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
-            raise RemoteProtocolError(f"{header}: its image has {len(payload)} bytes")
-        # A read-only view of the received bytes: a raw frame is never copied.
-        rgb: Pixels = np.frombuffer(payload, np.uint8).reshape(shape)
-        return rgb
-    rgb = rgb_from_image_bytes(payload)
-    if rgb.shape != shape:
-        raise RemoteProtocolError(f"{header}: its image has the shape {rgb.shape}")
-    rgb.setflags(write=False)
-    return rgb
-
-
-def _labels_from_parts(
-    record: LabelsRecord, parts: list[bytes], size_px: tuple[int, int]
-) -> LabelledPixels:
-    """Decode the labels of a frame.
-
-    Args:
-        record: Labels in the header.
-        parts: One part a channel.
-        size_px: Height and width of the picture.
-
-    Raises:
-        RemoteProtocolError: A part does not match its record, or a channel is unknown.
-    """
-    channels = {
-        channel.name: _decode_channel(channel, part, size_px)
-        for channel, part in zip(record.channels, parts, strict=True)
-    }
-    return LabelledPixels(
-        GroundTruth(channels, tuple(_object_from_record(one) for one in record.objects)),
-        has_row_times=record.times == "rows",
-        is_displaced=record.is_displaced,
-        flow_to_time_s=record.flow_to_time_s,
-    )
-
-
-def _decode_channel(
-    record: ChannelRecord, part: bytes, size_px: tuple[int, int]
-) -> npt.NDArray[Any]:
-    known = LABEL_CHANNELS.get(record.name)
-    if known is None or (record.dtype, record.depth) != (known.dtype, known.depth):
-        raise RemoteProtocolError(f"{record}: this client knows no such channel: update it")
-    height_px, width_px = size_px
-    if min(size_px) < 0 or height_px * width_px > MAX_IMAGE_PIXELS:
-        raise RemoteProtocolError(f"{record}: an image of {width_px} x {height_px} px")
-    num_bytes = height_px * width_px * known.depth * np.dtype(known.dtype).itemsize
-    data = part if record.encoding is ChannelEncoding.RAW else _inflate(record, part, num_bytes)
-    if len(data) != num_bytes:
-        raise RemoteProtocolError(f"{record}: {len(data)} bytes, expected {num_bytes}")
-    # A read-only view of the received bytes.
-    return np.frombuffer(data, known.dtype).reshape(known.shape(height_px, width_px))
-
-
-def _inflate(record: ChannelRecord, part: bytes, num_bytes: int) -> bytes:
-    """Decompress at most one byte more than a channel has."""
-    try:
-        return zlib.decompressobj().decompress(part, num_bytes + 1)
-    except zlib.error as error:
-        raise RemoteProtocolError(f"{record}: {error}") from error
-
-
-def _object_from_record(record: ObjectRecord) -> LabelledObject:
-    return LabelledObject(
-        record.number,
-        record.name,
-        record.class_name,
-        record.class_number,
-        pose_from_transform(record.world_from_box),
-        np.array(record.half_size_m, dtype=np.float64),
-    )
-
-
-def pose_from_transform(transform: Transform) -> Pose:
-    """Pose of a transform in a message."""
-    rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
-    return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
-
-
-def _projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
-    """Projection of each landmark."""
-    # Only a reply without a camera has no time.
-    time_s = reply.time_s or 0.0
-    return tuple(
-        LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)
-        for one in reply.landmarks
-    )
-
-
-def _landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
-    """True landmarks of the world."""
-    return tuple(map(_landmark_from_record, reply.landmarks))
+def _parse_reports(reply: SensorReports) -> list[Report]:
+    reports = (report_from_message(parse_message(line)) for line in reply.reports)
+    # None is a report of a newer server, which this client skips.
+    return [report for report in reports if report is not None]
 
 
 def _landmark_from_record(record: LandmarkRecord) -> Landmark:

@@ -1,7 +1,7 @@
 """Formats of calibration files, one module each.
 
-To add a format: write `<name>.py` beside the others, with `NAME`, `FILE_NAME`, `CONVENTIONS`,
-`is_format`, `read` and `write` of `CalibrationFormat`, and add its line to `FORMATS`.
+To add a format: write `<name>.py` beside the others, with `NAME`, `CONVENTIONS`, `is_format`,
+`read` and `write` of `CalibrationFormat`, and add its line to `FORMATS`.
 """
 
 from catoptra_protocol.calibration.calibration_format import CalibrationFormat

@@ -22,7 +22,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialProjection
 
 NAME = "basalt"
-FILE_NAME = "basalt.json"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,

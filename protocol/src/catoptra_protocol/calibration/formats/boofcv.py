@@ -8,14 +8,18 @@ from __future__ import annotations
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.files import Fields, format_number, format_numbers, parse_yaml
+from catoptra_protocol.calibration.files import (
+    Fields,
+    file_error,
+    format_number,
+    format_numbers,
+    parse_yaml,
+)
 from catoptra_protocol.calibration.model_fits import unified_parameters
-from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "boofcv"
-FILE_NAME = "boofcv.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
@@ -35,7 +39,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     del camera  # a file has one
     document = parse_yaml(text, file)
     if not isinstance(document, dict):
-        raise ConfigError(SourceLocation(file), key="model", value="missing", expected=_MODEL)
+        raise file_error(file, "model", _MODEL, value="missing")
     fields = Fields(file, document)
     fields.get_choice("model", (_MODEL,))
     pinhole, distortion = fields.get_child("pinhole"), fields.get_child("radial_tangential")

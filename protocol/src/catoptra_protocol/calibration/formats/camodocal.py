@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.files import Fields, format_number, parse_yaml
+from catoptra_protocol.calibration.files import Fields, file_error, format_number, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "camodocal"
-FILE_NAME = "camodocal.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
@@ -33,7 +32,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     del camera  # a file has one
     document = parse_yaml(text, file)
     if not isinstance(document, dict):
-        raise ConfigError(SourceLocation(file), key="model_type", value="missing", expected="MEI")
+        raise file_error(file, "model_type", "MEI", value="missing")
     fields = Fields(file, document)
     fields.get_choice("model_type", ("MEI", "mei"))
     distortion = fields.get_child("distortion_parameters")

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.files import Fields, format_numbers, parse_yaml
+from catoptra_protocol.calibration.files import Fields, file_error, format_numbers, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
     EnhancedUnifiedLens,
@@ -24,7 +24,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialProjection
 
 NAME = "kalibr"
-FILE_NAME = "kalibr_camchain.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
@@ -50,7 +49,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     """
     document = parse_yaml(text, file)
     if not isinstance(document, dict):
-        raise ConfigError(SourceLocation(file), key="cam0", value="missing", expected="a camera")
+        raise file_error(file, "cam0", "a camera", value="missing")
     fields = Fields(file, document).get_child(camera or "cam0")
     model = fields.get_choice("camera_model", _MODELS)
     lens, matrix = _read_intrinsics(fields, model)

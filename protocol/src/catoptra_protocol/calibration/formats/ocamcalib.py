@@ -14,15 +14,14 @@ import numpy as np
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.files import Fields
-from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.calibration.files import Fields, file_error
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import OCamLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 
 NAME = "ocamcalib"
-FILE_NAME = "ocamcalib.txt"
 CONVENTIONS = Conventions(
     frame="x down, y right, z backward: a0 < 0",
     first_pixel=0.0,
@@ -57,12 +56,8 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     del camera  # a file has one
     lines = _number_lines(text)
     if len(lines) != 5:
-        raise ConfigError(
-            SourceLocation(file),
-            key="lines",
-            value=str(len(lines)),
-            expected="five lines of numbers: polynomial, inverse, centre, affine, size",
-        )
+        expected = "five lines of numbers: polynomial, inverse, centre, affine, size"
+        raise file_error(file, "lines", expected, value=str(len(lines)))
     names = ("polynomial", "inverse", "centre", "affine", "size")
     values = {
         name: [float(word) if _is_number(word) else word for word in line]

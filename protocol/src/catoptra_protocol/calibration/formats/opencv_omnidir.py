@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.files import Fields, format_number, parse_yaml
+from catoptra_protocol.calibration.files import Fields, file_error, format_number, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
-from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "opencv_omnidir"
-FILE_NAME = "opencv_omnidir.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
@@ -33,7 +31,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     del camera  # a file has one
     document = parse_yaml(text, file)
     if not isinstance(document, dict):
-        raise ConfigError(SourceLocation(file), key="K", value="missing", expected="a 3 x 3 matrix")
+        raise file_error(file, "K", "a 3 x 3 matrix", value="missing")
     fields = Fields(file, document)
     k = fields.get_child("K").get_numbers("data", 9)
     if k[3] != 0.0 or k[6:] != (0.0, 0.0, 1.0):

@@ -16,7 +16,6 @@ from catoptra_protocol.optics.lenses import WoodScapeLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 NAME = "woodscape"
-FILE_NAME = "woodscape.json"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,

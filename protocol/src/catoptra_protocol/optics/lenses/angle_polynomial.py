@@ -7,12 +7,18 @@ scheme without its constant term, so that no digit is lost next to the axis.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from functools import lru_cache
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -83,3 +89,46 @@ def half_angle_from_theta(theta: Floats) -> Floats:
     """t = tan(theta / 2); inf for inf."""
     within = theta <= math.pi
     return np.where(within, np.tan(0.5 * np.where(within, theta, 0.0)), math.inf)
+
+
+class PolynomialLens(CentredLens, ABC):
+    """Lens whose image radius is a polynomial of the angle: all but its coefficients."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        # Built here so that an impossible coefficient is found at once.
+        _ = self._polynomial
+
+    @property
+    def fold_rad(self) -> float:
+        """Angle at which the polynomial turns back; inf if it does not up to 180 degrees."""
+        return self._polynomial.fold_rad
+
+    @property
+    def t_limit(self) -> float:
+        """Half-angle tangent of the first fold; inf without one."""
+        return math.inf if math.isinf(self.fold_rad) else math.tan(0.5 * self.fold_rad)
+
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Image radius in units of the scale. Domain: t >= 0."""
+        require_angle(t, self.t_limit)
+        return self._polynomial.evaluate(2.0 * np.arctan(t))
+
+    @np.errstate(under="ignore")
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent of a radius, inf beyond the first fold. Domain: ratio >= 0."""
+        require_radius(ratio)
+        return half_angle_from_theta(self._polynomial.solve(ratio))
+
+    @np.errstate(under="ignore")
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Derivative of the image radius by the angle. Domain: t >= 0."""
+        require_angle(t, self.t_limit)
+        return self._polynomial.slope(2.0 * np.arctan(t))
+
+    @property
+    @abstractmethod
+    def _polynomial(self) -> AnglePolynomial:
+        """Image radius by the angle."""

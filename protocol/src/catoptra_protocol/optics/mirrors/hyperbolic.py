@@ -22,8 +22,8 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors.mirror import CentralMirror
 from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
-from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
@@ -33,7 +33,7 @@ def eq2_radius_ratio_from_t(t: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class HyperbolicMirror:
+class HyperbolicMirror(CentralMirror):
     """Hyperbolic mirror by the constants of Eq. 1."""
 
     k: float
@@ -84,21 +84,6 @@ class HyperbolicMirror:
     def vertex_height_m(self) -> float:
         """Distance from the viewpoint to the vertex of the mirror, towards the pinhole."""
         return 0.5 * self.c_m / (0.5 * self.k + 0.5 * self.s)
-
-    @property
-    def is_central(self) -> bool:
-        """True: the surface has a single effective viewpoint."""
-        return True
-
-    @property
-    def t_min(self) -> float:
-        """0: the image's centre shows the axis."""
-        return 0.0
-
-    @property
-    def fold_rad(self) -> float:
-        """Infinity: the image radius grows up to the limit."""
-        return NO_FOLD
 
     @property
     def t_limit(self) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_camera import RadialProjection
+from catoptra_protocol.optics.radial_camera import NO_FOLD, RadialProjection
 
 
 class Mirror(RadialProjection, Protocol):
@@ -27,3 +27,24 @@ class Mirror(RadialProjection, Protocol):
 
     def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
         """Mirror point (r, z), in metres, that reflects scene rays of half-angle tangent t."""
+
+
+class CentralMirror:
+    """Base of the mirrors with a single effective viewpoint."""
+
+    __slots__ = ()
+
+    @property
+    def is_central(self) -> bool:
+        """True: all scene rays meet in the viewpoint."""
+        return True
+
+    @property
+    def t_min(self) -> float:
+        """0: the image's centre shows the axis."""
+        return 0.0
+
+    @property
+    def fold_rad(self) -> float:
+        """Infinity: the image radius grows up to the limit."""
+        return NO_FOLD

@@ -11,13 +11,13 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors.mirror import CentralMirror
 from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
-from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class ParabolicMirror:
+class ParabolicMirror(CentralMirror):
     """Paraboloid, described by its radius at the horizon."""
 
     horizon_radius_m: float
@@ -28,21 +28,6 @@ class ParabolicMirror:
             raise DomainError(
                 f"a parabolic mirror needs a radius > 0, not {self.horizon_radius_m!r}"
             )
-
-    @property
-    def is_central(self) -> bool:
-        """True: the surface has a single effective viewpoint."""
-        return True
-
-    @property
-    def t_min(self) -> float:
-        """0: the image's centre shows the axis."""
-        return 0.0
-
-    @property
-    def fold_rad(self) -> float:
-        """Infinity: the image radius grows up to the limit."""
-        return NO_FOLD
 
     @property
     def t_limit(self) -> float:

@@ -16,16 +16,24 @@ from typing import Any
 from catoptra_protocol.errors import CatoptraError
 
 
-def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
-    """Run one check.
+def _main() -> int:
+    """Print the result; exit status 1 with the reason on stderr if the check could not run."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        print(json.dumps(_run_check(*sys.argv[1:])))
+    except (CatoptraError, OSError, ImportError) as error:
+        print(f"{error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run_check(check: str, *arguments: str) -> dict[str, Any]:
+    """Run one check; its result as JSON can carry it.
 
     Args:
         check: `egl-devices`, `self-test` or `configurations`.
         arguments: the renderer of the self-test; for configurations the number of robot files, the
             robot files, the world files.
-
-    Returns:
-        Values that JSON can carry.
     """
     # Imported in each case: a library that cannot be loaded fails one check only.
     match check:
@@ -40,23 +48,11 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
         case "configurations":
             from catoptra_server.commands.doctor.self_test import check_configurations
 
-            robots = [Path(w) for w in arguments[1 : 1 + int(arguments[0])]]
-            worlds = [Path(w) for w in arguments[1 + int(arguments[0]) :]]
-            return {"findings": [found.to_json() for found in check_configurations(robots, worlds)]}
+            num_robots, files = int(arguments[0]), [Path(word) for word in arguments[1:]]
+            found = check_configurations(files[:num_robots], files[num_robots:])
+            return {"findings": [finding.to_json() for finding in found]}
     raise SystemExit(f"no check is named {check!r}")
 
 
-def main() -> int:
-    """Print the result; exit status 1 with the reason on stderr if the check could not run."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    try:
-        values = run_check(sys.argv[1], sys.argv[2:])
-    except (CatoptraError, OSError, ImportError) as error:
-        print(f"{error}", file=sys.stderr)
-        return 1
-    print(json.dumps(values))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(_main())

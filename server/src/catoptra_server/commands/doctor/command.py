@@ -92,11 +92,13 @@ def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Itera
         robot_files, world_files = [*bundled_files("robots")], [*bundled_files("worlds")]
     # In a process of its own, since meshes and textures load trimesh and Pillow.
     arguments = map(str, (len(robot_files), *robot_files, *world_files))
-    result = run_in_subprocess("configurations", *arguments)
-    if result.error:
+    try:
+        yield from map(
+            Finding.from_json, run_in_subprocess("configurations", *arguments)["findings"]
+        )
+    except CatoptraError as error:
         remedy = "see the packages above"
-        yield fault("configurations", f"cannot be read: {result.error}", remedy=remedy)
-    yield from map(Finding.from_json, result.values.get("findings", ()))
+        yield fault("configurations", f"cannot be read: {error}", remedy=remedy)
 
 
 def _build_parser() -> argparse.ArgumentParser:

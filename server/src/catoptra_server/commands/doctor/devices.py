@@ -18,13 +18,12 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
 from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
@@ -51,59 +50,50 @@ _QUERY_DEVICES = ctypes.CFUNCTYPE(
 _QUERY_STRING = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
 
 
-@dataclass(frozen=True, slots=True)
-class CheckResult:
-    """Outcome of a check."""
-
-    values: dict[str, Any] = field(default_factory=dict)
-    """The printed object; empty after an error."""
-    error: str = ""
-    """Reason for the lack of a result, as a clause of a message; empty if there is a result."""
-
-
-_RunCheck = Callable[..., CheckResult]
+_RunCheck = Callable[..., dict[str, Any]]
 _MakeFinding = Callable[..., Finding]
 
 
-def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
-    """Run `python -m catoptra_server.commands.doctor` with these arguments.
+def run_in_subprocess(
+    *arguments: str, environment: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Run `python -m catoptra_server.commands.doctor` with these arguments; the printed object.
 
     Args:
         arguments: name of the check, and its arguments.
         environment: variables in addition to this process's.
+
+    Raises:
+        CatoptraError: There is no result; the reason as a clause of a message.
     """
-    command = [sys.executable, "-m", "catoptra_server.commands.doctor", *arguments]
-    return run_command(command, environment={**os.environ, **(environment or {})})
-
-
-def run_command(
-    command: Sequence[str],
-    *,
-    environment: Mapping[str, str] | None = None,
-    timeout_s: float = _TIMEOUT_S,
-) -> CheckResult:
-    """Run a command that prints a result; a failure of any kind becomes CheckResult.error."""
     try:
         process = subprocess.run(
-            command,
-            env=environment,
+            [sys.executable, "-m", "catoptra_server.commands.doctor", *arguments],
+            env={**os.environ, **(environment or {})},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             # Drivers print in encodings of their own.
             errors="replace",
-            timeout=timeout_s,
+            timeout=_TIMEOUT_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return CheckResult(error=f"no result within {timeout_s:g} s")
+        raise CatoptraError(f"no result within {_TIMEOUT_S:g} s") from None
     # A negative status is the signal that ended the process, SIGSEGV for most broken drivers.
     if process.returncode < 0:
-        return CheckResult(error=f"crashed ({_signal_name(-process.returncode)})")
-    # The last line of a traceback names the exception; `main` prints the reason alone.
+        raise CatoptraError(f"crashed ({_signal_name(-process.returncode)})")
+    # The last line of a traceback names the exception; `__main__` prints the reason alone.
     if process.returncode > 0:
-        return CheckResult(error=_last_line(process.stderr) or f"exit status {process.returncode}")
-    return _parse_result(_last_line(process.stdout))
+        raise CatoptraError(_last_line(process.stderr) or f"exit status {process.returncode}")
+    line = _last_line(process.stdout)
+    try:
+        values = json.loads(line)
+    except ValueError:
+        values = None
+    if not isinstance(values, dict):
+        raise CatoptraError(f"the output is no JSON object: {line[:80]!r}")
+    return values
 
 
 def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> Iterator[Finding]:
@@ -117,9 +107,8 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
     if renderer != "raster":
         # Without the package `auto` takes raster.
         make_finding = fault if renderer == "trace" or has_embreex() else warning
-        yield _make_self_test_finding(
-            "trace", "trace", run_check("self-test", "trace"), make_finding, _REINSTALL_REMEDY
-        )
+        run_self_test = partial(run_check, "self-test", "trace")
+        yield _try_self_test(run_self_test, "trace", "trace", make_finding, _REINSTALL_REMEDY)
     if renderer != "trace":
         # Without the package of trace raster is the only renderer.
         is_only = renderer == "raster" or not has_embreex()
@@ -128,28 +117,24 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
 
 def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:
     """Yield the devices of EGL, and the self-test of each. The server uses the first device."""
-    listed = run_check("egl-devices")
-    if listed.error:
-        message = f"raster cannot run: {listed.error}; {_describe_drivers()}"
-        yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
-        return
-    devices = listed.values["devices"]
-    if not devices:
-        message = f"raster cannot run: {_EGL_LIBRARY} lists no device; {_describe_drivers()}"
+    try:
+        devices = run_check("egl-devices")["devices"]
+        if not devices:
+            raise CatoptraError(f"{_EGL_LIBRARY} lists no device")
+    except CatoptraError as error:
+        message = f"raster cannot run: {error}; {_describe_drivers()}"
         yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
     for number, device in enumerate(devices):
         # glcontext, below moderngl, reads the variable. The server leaves the variable unset, which
         # is device 0: problems of the other devices are warnings.
-        result = run_check(
-            "self-test", "raster", environment={"GLCONTEXT_DEVICE_INDEX": f"{number}"}
-        )
+        environment = {"GLCONTEXT_DEVICE_INDEX": f"{number}"}
+        run_self_test = partial(run_check, "self-test", "raster", environment=environment)
         topic = f"raster on device {number} ({device})"
+        make = make_finding if number == 0 else warning
         remedy = f"update the driver, or {_INSTALL_REMEDY}"
-        yield _make_self_test_finding(
-            "raster", topic, result, make_finding if number == 0 else warning, remedy
-        )
+        yield _try_self_test(run_self_test, "raster", topic, make, remedy)
 
 
 def _describe_drivers() -> str:
@@ -162,33 +147,29 @@ def _describe_drivers() -> str:
     return f"drivers: {', '.join(names) or 'none'}"
 
 
-def _make_self_test_finding(
-    renderer: str, topic: str, result: CheckResult, make_finding: _MakeFinding, remedy: str
+def _try_self_test(
+    run_self_test: Callable[[], dict[str, Any]],
+    renderer: str,
+    topic: str,
+    make_finding: _MakeFinding,
+    remedy: str,
 ) -> Finding:
     """Finding of a self-test: an error, a displacement beyond the bound, or the measurement."""
-    if result.error:
-        message = f"the {renderer} renderer cannot run: {result.error}"
+    try:
+        values = run_self_test()
+    except CatoptraError as error:
+        message = f"the {renderer} renderer cannot run: {error}"
         return make_finding(topic, message, remedy=remedy)
-    error_px, bound_px = result.values["error_px"], result.values["bound_px"]
+    error_px, bound_px = values["error_px"], values["bound_px"]
     # The topic names the renderer already.
-    description = result.values["renderer"].removeprefix(f"{renderer}: ")
+    description = values["renderer"].removeprefix(f"{renderer}: ")
     measured = f"a disc is displaced by {error_px:.3f} px from the camera model"
     # Negated, so that the infinite error of a dark frame and NaN fail too.
     if not error_px <= bound_px:
         message = f"{description} renders wrongly: {measured}, the bound is {bound_px:.3f} px"
         return make_finding(topic, message, remedy=f"{remedy}; and report this as a bug")
-    duration_s = result.values["duration_s"]
-    return ok(topic, f"{description}: {measured} (bound {bound_px:.3f}) in {duration_s:.2f} s")
-
-
-def _parse_result(line: str) -> CheckResult:
-    try:
-        values = json.loads(line)
-    except ValueError:
-        values = None
-    if not isinstance(values, dict):
-        return CheckResult(error=f"the output is no JSON object: {line[:80]!r}")
-    return CheckResult(values)
+    measured += f" (bound {bound_px:.3f}) in {values['duration_s']:.2f} s"
+    return ok(topic, f"{description}: {measured}")
 
 
 def _last_line(text: str) -> str:

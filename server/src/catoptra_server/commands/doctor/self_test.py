@@ -109,7 +109,7 @@ def run_self_test(renderer: str) -> dict[str, Any]:
     duration_s = time.perf_counter() - begin_s
     values = {
         "renderer": choice.renderer.describe(),
-        "error_px": max_error_px(rgb, _CAMERA, directions),
+        "error_px": _max_error_px(rgb, _CAMERA, directions),
         "bound_px": error_bound(_CAMERA, plan).marker_error_px,
         "duration_s": duration_s,
     }
@@ -118,7 +118,7 @@ def run_self_test(renderer: str) -> dict[str, Any]:
     return values
 
 
-def max_error_px(rgb: Image, camera: OmniCamera, directions: Floats) -> float:
+def _max_error_px(rgb: Image, camera: OmniCamera, directions: Floats) -> float:
     """Largest displacement of a disc in the frame; infinite if a disc is not visible.
 
     Args:
