@@ -233,7 +233,7 @@ def test_sensors_are_specified_and_have_readings_and_vectors() -> None:
 
 
 def test_sensor_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    kind = SensorKind(int, lambda *parts: parts, {DUMMY: lambda item: item})  # type: ignore[arg-type, return-value]
+    kind = SensorKind(DUMMY, int, lambda *parts: parts, {DUMMY: lambda item: item})  # type: ignore[arg-type, return-value]
     assert sensors_without_reading((*SENSOR_KINDS, kind)) == [DUMMY]
     monkeypatch.setitem(READING_PARSERS, DUMMY, lambda message: DUMMY)  # type: ignore[arg-type, return-value]
     assert sensors_without_reading((*SENSOR_KINDS, kind)) == []
@@ -392,7 +392,7 @@ FAMILIES: dict[str, tuple[Path, set[str], set[str]]] = {
     "sensors": (
         SERVER / "simulation/sensors",
         {kind.description.__module__ for kind in SENSOR_KINDS},
-        {"mission_package", "omni_camera", "perspective_camera", "ray_patterns", "sensor"},
+        {"mission_package", "omni_camera", "perspective_camera", "sensor"},
     ),
     **{
         f"effects of the {folder}": (

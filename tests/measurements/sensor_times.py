@@ -52,14 +52,14 @@ def _measure(robot: RobotDescription, around: SensorEnvironment) -> None:
     moment = SensorContext(0.0, 1, Pose.from_rpy((0.0, 0.0, -0.1457)), around)
     sensors = build_sensors(robot.sensors, robot.drive, _make_generator)
     for sensor in sensors:
-        _print_time(sensor.type, partial(sensor.read, moment))
+        _print_time(sensor.type, partial(sensor.instrument.read, moment))
     sonars = [s for s in robot.sensors if isinstance(s, SonarDescription)]
     dense = [dataclasses.replace(sonar, num_cones=10, rays_per_cone=16) for sonar in sonars]
     _print_time(
         "Sonar, 10 x 16",
-        partial(build_sensors(dense, robot.drive, _make_generator)[0].read, moment),
+        partial(build_sensors(dense, robot.drive, _make_generator)[0].instrument.read, moment),
     )
-    _print_time("whole cycle", lambda: [sensor.read(moment) for sensor in sensors])
+    _print_time("whole cycle", lambda: [sensor.instrument.read(moment) for sensor in sensors])
 
 
 def _make_generator(name: str) -> RandomSource:

@@ -10,7 +10,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ from catoptra_server.simulation import (
     StopRequested,
 )
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import Sensor
+from catoptra_server.simulation.sensors.sensor import Instrument
 from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.loopback import DEADLINE_S
@@ -777,17 +777,17 @@ SENSORS = (
 )
 
 
-class _RaisingSensor:
-    """A sensor of which one method raises."""
+class _RaisingInstrument:
+    """An instrument of which one method raises."""
 
-    def __init__(self, sensor: Sensor, method: str) -> None:
-        self._sensor = sensor
+    def __init__(self, instrument: Instrument, method: str) -> None:
+        self._instrument = instrument
         self._method = method
 
     def __getattr__(self, name: str) -> object:
         if name == self._method:
             raise ZeroDivisionError(name)
-        return getattr(self._sensor, name)
+        return getattr(self._instrument, name)
 
 
 @pytest.mark.parametrize("method", ["read", "update"])
@@ -802,7 +802,8 @@ def test_robot_when_a_sensor_raises_is_removed_and_others_go_on(
     run_until_served(simulation)
     robot = simulation._fleet.find_robot(faulty)
     assert robot is not None
-    robot.sensors[0] = _RaisingSensor(robot.sensors[0], method)  # type: ignore[call-overload] # on purpose
+    raising: Any = _RaisingInstrument(robot.sensors[0].instrument, method)
+    robot.sensors[0] = dataclasses.replace(robot.sensors[0], instrument=raising)
     simulation._is_stopped = False
     post_command(simulation, faulty, StepCommand(0.4))
     post_command(simulation, other, StepCommand(0.4))

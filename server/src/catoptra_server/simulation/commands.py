@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import assert_never
+from typing import TypeVar, assert_never
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -217,25 +217,35 @@ def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [
-        s for s in robot.sensors if isinstance(s, OdometrySensor) and _matches_name(command, s.name)
+_InstrumentT = TypeVar("_InstrumentT", OdometrySensor, InsSensor, RangeScannerSensor)
+
+
+def _find_instruments(
+    robot: Robot, command: SetCommand, kind: type[_InstrumentT]
+) -> list[_InstrumentT]:
+    """Instruments of a kind: that of the command's name, or all."""
+    return [
+        sensor.instrument
+        for sensor in robot.sensors
+        if isinstance(sensor.instrument, kind) and _matches_name(command, sensor.name)
     ]
+
+
+def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
+    found = _find_instruments(robot, command, OdometrySensor)
     for sensor in found:
         sensor.reset()
     return [] if found else None
 
 
 def _reset_encoder(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    banks = [s for s in robot.sensors if isinstance(s, EncoderBank)]
+    banks = [s.instrument for s in robot.sensors if isinstance(s.instrument, EncoderBank)]
     # A list inside any(): every bank is reset, not only the first that has the name.
     return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
 def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [
-        s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
-    ]
+    found = _find_instruments(robot, command, InsSensor)
     numbers = command.numeric_params
     # x, y, z, roll, pitch, yaw; a part of a pose is no pose.
     if len(numbers) != 6:
@@ -247,10 +257,9 @@ def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> 
 
 
 def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
     # Beside the periodic scans, whose schedule does not change.
-    scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
-    return scans or None
+    found = _find_instruments(robot, command, RangeScannerSensor)
+    return [sensor.read(context) for sensor in found] or None
 
 
 def _set_max_error(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:

@@ -263,7 +263,7 @@ class Robot:
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)
         # Without power, too: the errors of a drifting sensor grow while the robot stands.
         for sensor in self.sensors:
-            sensor.update(motion)
+            sensor.instrument.update(motion)
 
     def sensor_context(
         self, time_s: float, environment: SensorEnvironment = EMPTY_ENVIRONMENT
@@ -294,7 +294,7 @@ class Robot:
             return []
         context = self.sensor_context(time_s, sense())
         due = [i for i in indices if i < len(self.sensors)]
-        reports: list[Report] = [self.sensors[i].read(context) for i in due]
+        reports: list[Report] = [self.sensors[i].instrument.read(context) for i in due]
         if len(due) < len(indices):
             reports += [*(p.status(time_s) for p in self.mission_packages), self._status(time_s)]
         for report in reports:

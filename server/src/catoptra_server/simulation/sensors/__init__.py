@@ -62,9 +62,12 @@ def build_sensors(
         # By exact class, in the order of the robot file: the order of the items in a shared line.
         alike = [each for each in descriptions if type(each) is kind.description]
         if alike and kind.shared_stream is not None:
-            sensors.append(kind.create(alike, base, random_source_of(kind.shared_stream)))
-        elif alike:
-            sensors.extend(kind.create(each, base, random_source_of(each.name)) for each in alike)
+            instrument = kind.create(alike, base, random_source_of(kind.shared_stream))
+            sensors.append(kind.assemble(kind.part_type, alike, instrument))
+            continue
+        for each in alike:
+            instrument = kind.create(each, base, random_source_of(each.name))
+            sensors.append(kind.assemble(each.name, [each], instrument))
     return sensors
 
 
