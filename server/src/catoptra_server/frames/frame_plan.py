@@ -168,6 +168,7 @@ class CameraPlan:
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
+        self.needs_radiance_only = needs_radiance_only(camera.effect_settings)
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
         # A perspective camera has no budget.
@@ -264,7 +265,7 @@ class FramePlanner:
         # Before a frame, not after: the frame's plan is the one that rendered it.
         self._replan_if_due(camera_plan)
         begin_s = self._clock()
-        effects = self._decide_effects(drawn, camera_state)
+        effects = self._decide_effects(camera_plan, camera_state)
         unlimited = apply_scene_effects(camera_state, effects)
         limited = unlimited
         if unlimited.shutter is not None:
@@ -351,13 +352,13 @@ class FramePlanner:
         self._last_drawn.put(camera, chosen)
         return chosen
 
-    def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
+    def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
-        settings = camera.effect_settings
+        camera, settings = camera_plan.camera, camera_plan.camera.effect_settings
         if not settings.settings:
             return NO_EFFECTS
         # Radiance bounds never change; a whole summary measures distances from the new pose.
-        if needs_radiance_only(settings):
+        if camera_plan.needs_radiance_only:
             summary = self._summarizer.summarize_radiance(camera_state)
         else:
             summary = self._summarizer.summarize(camera_state, camera.camera)
