@@ -325,7 +325,7 @@ def models_without_parameters(names: Iterable[str], table: Mapping[str, object])
 
 def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     """Mirrors that no robot file can name."""
-    section = text_of(SERVER / "config/mirror_camera.py")
+    section = text_of(SERVER / "config/mirror_camera.py").lower()
     return [name for name in names if f'"{name.replace("_", "")}mirror"' not in section]
 
 

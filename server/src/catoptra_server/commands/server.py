@@ -239,7 +239,7 @@ class ServerThreads:
         )
         # Render plan of each class's omnidirectional camera, as text; filled by the render thread.
         self.plans: dict[tuple[str, str], str] = {}
-        self.error_bounds = ErrorBoundTable()
+        self.error_bounds: ErrorBoundTable = {}
         is_realtime = options.clock is ClockMode.REALTIME
         # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
         # frames follow from commands alone, so that the same commands give the same bytes.

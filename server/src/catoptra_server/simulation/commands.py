@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TypeVar, assert_never
 
 from catoptra_protocol.errors import DomainError
@@ -262,15 +263,9 @@ def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> _Reading
     return [sensor.read(context) for sensor in found] or None
 
 
-def _set_max_error(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    return _set_accuracy_target(robot, command, "max_error_px")
-
-
-def _set_budget(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    return _set_accuracy_target(robot, command, "budget_ms")
-
-
-def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> _Readings:
+def _set_accuracy_target(
+    robot: Robot, command: SetCommand, context: SensorContext, *, field: str
+) -> _Readings:
     """Set one value of an accuracy target, of all omnidirectional cameras without a name."""
     omnis = [omni for omni in robot.omni_cameras if _matches_name(command, omni.name)]
     numbers = command.numeric_params
@@ -291,8 +286,8 @@ _HANDLERS: dict[tuple[str, str], Callable[[Robot, SetCommand, SensorContext], _R
     ("encoder", "reset"): _reset_encoder,
     ("ins", "pose"): _set_ins_pose,
     ("rangescanner", "scan"): _scan,
-    ("camera", "maxerror"): _set_max_error,
-    ("camera", "budget"): _set_budget,
+    ("camera", "maxerror"): partial(_set_accuracy_target, field="max_error_px"),
+    ("camera", "budget"): partial(_set_accuracy_target, field="budget_ms"),
 }
 
 

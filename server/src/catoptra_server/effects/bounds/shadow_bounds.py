@@ -72,7 +72,7 @@ class ShadowBounds:
             return NO_SHADOW_LOSS
         if not objects:
             return self._static_shadow
-        # Rounded, so that a moving object rarely changes the summary, by which decisions are cached.
+        # Rounded: a moving object rarely changes the summary, by which decisions are cached.
         nearest_m = round_outward.round_down(
             _min_distance_m(light, objects) for light in self._point_lights
         )

@@ -46,7 +46,7 @@ class _TachometerSensor:
 
     def update(self, motion: MotionStep) -> None:
         """Integrate the wheel travel of one tick."""
-        # One division, as `wheel_travel` is one product: half of 1.0 rad/s prints as 0.5000.
+        # One division, as the travel is one product: half of 1.0 rad/s prints as 0.5000.
         m_per_rad_s = self._wheel_radius_m * motion.duration_s
         left = motion.wheel_travel.left_m / m_per_rad_s
         right = motion.wheel_travel.right_m / m_per_rad_s
