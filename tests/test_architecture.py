@@ -35,8 +35,9 @@ from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS
-from catoptra_server.simulation import Fleet
-from catoptra_server.simulation.sensors import SENSOR_KINDS, SensorKind
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.sensors import SENSOR_KINDS
+from catoptra_server.simulation.sensors.sensor import SensorKind
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.effects.effect_cases import EFFECT_CASES
 from helpers.configs import REPOSITORY

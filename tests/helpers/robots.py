@@ -33,7 +33,7 @@ from catoptra_server.simulation.robot_description import (
     RobotDescription,
     SensorDescription,
 )
-from catoptra_server.simulation.sensors import Sensor, build_sensors
+from catoptra_server.simulation.sensors import build_sensors
 from catoptra_server.simulation.sensors.encoder import EncoderDescription
 from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
@@ -41,6 +41,7 @@ from catoptra_server.simulation.sensors.ins import InsDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.simulation.sensors.rfid import RfidDescription
+from catoptra_server.simulation.sensors.sensor import Sensor
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from catoptra_server.simulation.sensors.touch import TouchDescription
@@ -265,7 +266,7 @@ class FakeViewProvider:
 
 def render_channel(fleet: Fleet, views: Any = None, channel: Channel = IMAGE_PORT) -> Frame:
     """Render the present frame of a channel."""
-    composition = fleet.compose_frame(channel)
+    composition = fleet.cameras.compose_frame(channel)
     assert composition is not None
     request = FrameRequest(channel, 1, 0.0, 0.0, composition)
     # Not `or`: an empty view cache is false.

@@ -59,24 +59,22 @@ from catoptra_server.frames.frame import (
 )
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import render_frame
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,
-    ClockMode,
     CommandReceived,
     Fault,
-    Fleet,
     LandmarksRequested,
     ResetRequested,
-    Simulation,
     StepRequested,
     StepResult,
     StopRequested,
 )
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.fleet_cameras import FleetCameras
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors.sensor import Instrument
-from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.loopback import DEADLINE_S
 from helpers.robots import (
@@ -444,13 +442,13 @@ def test_frames_of_one_tick_are_composed_once_unless_a_command_comes_between(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     composed: list[Channel] = []
-    compose = Fleet.compose_frame
+    compose = FleetCameras.compose_frame
 
-    def count_compose(fleet: Fleet, channel: Channel) -> FrameComposition | None:
+    def count_compose(cameras: FleetCameras, channel: Channel) -> FrameComposition | None:
         composed.append(channel)
-        return compose(fleet, channel)
+        return compose(cameras, channel)
 
-    monkeypatch.setattr(Fleet, "compose_frame", count_compose)
+    monkeypatch.setattr(FleetCameras, "compose_frame", count_compose)
     view, client = FakeView(), FakeClient()
     frames = collect_frames(4, CommandReceived(client, INIT), FrameRequested(), view=view)
     assert (len(frames), len(composed)) == (4, 1)
@@ -678,18 +676,6 @@ class _FaultyFleet(Fleet):
         self._raise_for(event.client)
         return super().set_accuracy_target(event)
 
-    def compute_landmark_visibility(
-        self, channel: CameraChannel
-    ) -> tuple[LandmarkVisibility, ...] | None:
-        if channel.robot == "faulty":
-            raise ZeroDivisionError("landmarks")
-        return super().compute_landmark_visibility(channel)
-
-    def compose_frame(self, channel: Channel) -> FrameComposition | None:
-        if channel == CameraChannel("faulty", ""):
-            raise ZeroDivisionError("frame")
-        return super().compose_frame(channel)
-
     def _raise_for(self, client: Client) -> None:
         if client is self.faulty:
             raise ZeroDivisionError("command")
@@ -697,7 +683,15 @@ class _FaultyFleet(Fleet):
 
 def make_faulty_simulation(rejected: list[tuple[Channel, str]] | None = None) -> Simulation:
     world = make_walled_world()
-    fleet = _FaultyFleet([make_p2at()], world, build_scene(world), seed=1)
+    fleet: Any = _FaultyFleet([make_p2at()], world, build_scene(world), seed=1)
+    find = fleet.cameras.find
+
+    def find_or_raise(channel: CameraChannel) -> object:
+        if channel.robot == "faulty":
+            raise ZeroDivisionError("camera")
+        return find(channel)
+
+    fleet.cameras.find = find_or_raise
     return Simulation(
         fleet,
         clock=ClockMode.LOCKSTEP,
@@ -780,7 +774,7 @@ SENSORS = (
 class _RaisingInstrument:
     """An instrument of which one method raises."""
 
-    def __init__(self, instrument: Instrument, method: str) -> None:
+    def __init__(self, instrument: Any, method: str) -> None:
         self._instrument = instrument
         self._method = method
 

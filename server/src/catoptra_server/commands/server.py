@@ -71,7 +71,9 @@ from catoptra_server.serve.web.web_access import (
     WebAccess,
     create_web_access,
 )
-from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
+from catoptra_server.simulation.events import SimulationEvent, StopRequested
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.camera_state import CameraState
 

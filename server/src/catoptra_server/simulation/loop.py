@@ -108,7 +108,7 @@ class Simulation:
         self._time_ns = 0
         self._started_s = 0.0
         self._frame_capture = FrameCapture(
-            fleet.compose_frame,
+            fleet.cameras.compose_frame,
             render=render,
             reject=reject,
             # A limit of the load in real time; under lockstep each request has its frame.
@@ -236,10 +236,10 @@ class Simulation:
             case AccuracyTargetChanged():
                 event.reply(*self._fleet.set_accuracy_target(event))
             case LandmarksRequested(_, channel, landmarks_reply):
-                landmarks = self._fleet.compute_landmark_visibility(channel)
+                landmarks = self._fleet.cameras.compute_landmark_visibility(channel)
                 landmarks_reply(self._time_s, landmarks)
             case PixelRequested(_, channel, point_px, pixel_reply):
-                view = self._fleet.look_through_pixel(channel, point_px)
+                view = self._fleet.cameras.look_through_pixel(channel, point_px)
                 pixel_reply(self._time_s, view)
             case StateRequested(_, robot, state_reply):
                 state_reply(self._time_s, self._fleet.get_state(robot))

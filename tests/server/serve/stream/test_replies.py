@@ -58,7 +58,7 @@ from catoptra_server.serve.stream.replies import (
 )
 from catoptra_server.serve.stream.router import Outbox, SendResult
 from catoptra_server.serve.stream.session import PendingRequests, ReportLines, RobotSession
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
     LandmarksRequested,

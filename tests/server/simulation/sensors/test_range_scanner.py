@@ -15,9 +15,12 @@ from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.simulation.robot_description import (
     Mount,
 )
-from catoptra_server.simulation.sensors import SensorContext
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.simulation.sensors.sensor import (
+    EMPTY_ENVIRONMENT,
+    SensorContext,
+    SensorEnvironment,
+)
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import SCANNER, make_instrument, make_sensor
 from helpers.room_ray_caster import context_in_room, make_room_world, oriented_box_at

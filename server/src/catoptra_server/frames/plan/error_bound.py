@@ -232,7 +232,7 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
         angle_rad: Largest displacement by the scene's coordinates
             (`bounds/coordinate_rounding`).
     """
-    error = _scene_error(camera, angle_rad)
+    error = _angle_error(camera, angle_rad)
     reason = "float32 coordinates of corners and viewpoint"
     return replace(
         bound,
@@ -347,25 +347,12 @@ _CORNER_PX = math.sqrt(2.0) / 512.0
 def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Displacement by float32 directions and atlas coordinates."""
     if not plan.renderer.uses_faces:
-        return _direction_error(camera, _TRACE_ULPS)
+        return _angle_error(camera, _TRACE_ULPS * UNIT_ROUNDOFF)
     lookup = _atlas_coordinate_error(camera, plan.face_regions)
     # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
     if isinstance(plan.surface, PerPixel):
         return lookup
-    return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
-
-
-def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
-    """Displacement by the scene's coordinates.
-
-    Args:
-        angle_rad: As of `bounds/coordinate_rounding`.
-    """
-    return _angle_error(camera, angle_rad)
-
-
-def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
-    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
+    return sum_errors((_angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
 
 
 def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:

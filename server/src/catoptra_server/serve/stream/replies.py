@@ -53,7 +53,7 @@ from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.serve.stream.session import PendingRequest, Post, ReportLines, RobotSession
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
     LandmarksRequested,

@@ -18,13 +18,7 @@ from catoptra_server.simulation.sensors.ins import INS
 from catoptra_server.simulation.sensors.odometry import ODOMETRY
 from catoptra_server.simulation.sensors.range_scanner import RANGE_SCANNER
 from catoptra_server.simulation.sensors.rfid import RFID
-from catoptra_server.simulation.sensors.sensor import (
-    MotionStep,
-    Part,
-    Sensor,
-    SensorContext,
-    SensorKind,
-)
+from catoptra_server.simulation.sensors.sensor import Sensor, SensorKind
 from catoptra_server.simulation.sensors.sonar import SONAR
 from catoptra_server.simulation.sensors.tachometer import TACHOMETER
 from catoptra_server.simulation.sensors.touch import TOUCH
@@ -74,15 +68,3 @@ def build_sensors(
 def casts_rays(description: SensorDescription) -> bool:
     """Whether readings of a sensor measure the scene."""
     return any(kind.casts_rays for kind in SENSOR_KINDS if type(description) is kind.description)
-
-
-__all__ = [
-    "SENSOR_KINDS",
-    "MotionStep",
-    "Part",
-    "Sensor",
-    "SensorContext",
-    "SensorKind",
-    "build_sensors",
-    "casts_rays",
-]

@@ -32,7 +32,7 @@ from catoptra_server.world.world_description import GpsOrigin, RfidTag, Victim
 
 
 @dataclass(frozen=True, slots=True)
-class MountedPart:
+class _MountedPart:
     """A named part on a mount."""
 
     type: str
@@ -164,7 +164,7 @@ class Part(Protocol):
         """Reply to GETGEO."""
 
 
-class Instrument(Protocol):
+class _Instrument(Protocol):
     """The measuring part of a sensor."""
 
     def update(self, motion: MotionStep) -> None:
@@ -182,9 +182,9 @@ class Sensor:
     name: str
     interval_s: float
     """Simulation time between two reports."""
-    parts: tuple[MountedPart, ...]
+    parts: tuple[Part, ...]
     """Parts that reply to GETCONF and GETGEO."""
-    instrument: Instrument
+    instrument: _Instrument
 
 
 class _SensorKeys(Protocol):
@@ -246,7 +246,7 @@ class SensorKind:
     description: type
     """Class of the descriptions."""
     # Any: each kind takes its own description, or a sequence of them where they share a line.
-    create: Callable[[Any, Any, Any], Instrument]
+    create: Callable[[Any, Any, Any], _Instrument]
     """Makes the instrument of a description, the base and a random source; of a sequence of
     descriptions where `shared_stream` is set."""
     readers: Mapping[str, ReadDescription]
@@ -260,13 +260,13 @@ class SensorKind:
     """Whether readings measure the scene, which is then prepared before the server listens."""
 
     def assemble(
-        self, name: str, descriptions: Sequence[SensorDescription], instrument: Instrument
+        self, name: str, descriptions: Sequence[SensorDescription], instrument: _Instrument
     ) -> Sensor:
         """Sensor of some descriptions, whose readings are of one instrument."""
         # One line for all, as often as the fastest of them.
         interval_s = min(description.interval_s for description in descriptions)
         parts = tuple(
-            MountedPart(self.part_type, each.name, each.mount, self._configure(each))
+            _MountedPart(self.part_type, each.name, each.mount, self._configure(each))
             for each in descriptions
         )
         return Sensor(self.part_type, name, interval_s, parts, instrument)
