@@ -104,8 +104,9 @@ class Robot:
             lambda part: RandomSource.from_names(seed, name, _stream_name(part)),
         )
         self._body = RobotBody(description.drive, pose, WheelSpin())
-        self._world_from_robot = pose.at_height(description.drive.ride_height_m)
-        self.world_from_start = self._world_from_robot
+        self.world_from_robot = pose.at_height(description.drive.ride_height_m)
+        """Pose of the chassis frame."""
+        self.world_from_start = self.world_from_robot
         """Pose of the chassis frame at which the robot was spawned."""
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
         self._noise_sources = {
@@ -117,7 +118,8 @@ class Robot:
         self._schedule = _ReportSchedule([*intervals, description.status_interval_s], time_s)
         self._battery_empty_s = time_s + description.battery_s
         self._light = False
-        self._twist = AT_REST
+        self.twist = AT_REST
+        """Motion in the last tick, slip included, at the chassis origin in world axes."""
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
         self._notes: dict[str, PublishedNote] = {}
@@ -133,20 +135,10 @@ class Robot:
         return self.description.class_name
 
     @property
-    def world_from_robot(self) -> Pose:
-        """Pose of the chassis frame."""
-        return self._world_from_robot
-
-    @property
     def location_m(self) -> Vector3:
         """Origin of the chassis frame in the world."""
         x, y, z = self.world_from_robot.translation.tolist()
         return x, y, z
-
-    @property
-    def twist(self) -> Twist:
-        """Motion in the last tick, slip included, at the chassis origin in world axes."""
-        return self._twist
 
     @property
     def is_rolling(self) -> bool:
@@ -258,9 +250,9 @@ class Robot:
         # Once a tick: several reports and frames of a tick need the matrix.
         if self._body.pose != before:
             height_m = self.description.drive.ride_height_m
-            self._world_from_robot = self._body.pose.at_height(height_m)
+            self.world_from_robot = self._body.pose.at_height(height_m)
         # From poses, not from wheel travel: slip and obstacles are part of the motion blur.
-        self._twist = _mean_twist(before, self._body.pose, duration_s)
+        self.twist = _mean_twist(before, self._body.pose, duration_s)
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)
         # Without power, too: the errors of a drifting sensor grow while the robot stands.
         for sensor in self.sensors:
@@ -347,21 +339,20 @@ class FleetState:
 
 def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> FleetState:
     """State of robots, with readings and notes of one of them, if any."""
-    snapshots = tuple(map(_snapshot, robots))
+    snapshots = tuple(
+        RobotSnapshot(
+            robot.name,
+            robot.class_name,
+            robot.world_from_robot,
+            robot.world_from_start,
+            robot.wheel_speeds_rad_s,
+            robot.shares_control,
+        )
+        for robot in robots
+    )
     if detailed is None:
         return FleetState(snapshots)
     return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes)
-
-
-def _snapshot(robot: Robot) -> RobotSnapshot:
-    return RobotSnapshot(
-        robot.name,
-        robot.class_name,
-        robot.world_from_robot,
-        robot.world_from_start,
-        robot.wheel_speeds_rad_s,
-        robot.shares_control,
-    )
 
 
 # Two times closer than this are one tick: due times are sums of periods as floats.

@@ -230,10 +230,7 @@ class CostCache:
         # On demand: hashing a million triangles takes half a second.
         if not self._digest:
             self._digest = hash_scene(self._scene)
-        return self.make_key_of(renderer_description, self._digest, camera, surface)
-
-    def make_key_of(self, *facts: object) -> str:
-        """Key of some facts, this processor and this release."""
+        facts = (renderer_description, self._digest, camera, surface)
         parts = (_FORMAT_VERSION, __version__, _describe_processor(), *facts)
         # repr of frozen dataclasses names every field, so a new field changes the key.
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]

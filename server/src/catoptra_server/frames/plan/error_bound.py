@@ -63,8 +63,7 @@ from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.facet_error import (
     GeometricError,
     apply_floor,
-    facet_error,
-    facet_error_by_radius,
+    facet_errors,
     rim_gap,
     sum_errors,
 )
@@ -207,20 +206,20 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     """
     components = _additive_components(camera, plan)
     geometric = sum_errors(error for _, error, _ in components)
+    by_radius_px: tuple[float, ...] = ()
     if isinstance(plan.surface, Tessellation):
         gap = rim_gap(camera, plan.surface)
         geometric = apply_floor(geometric, gap)
         reason = f"{plan.surface.sectors} straight sides end within the rim"
         components = (*components, ("rim", gap, reason))
+        by_radius_px = facet_errors(camera, plan.surface)[1]
     named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
         geometric,
         _sampling_error(camera, plan),
         named,
         camera.rim_radius_px,
-        facet_error_by_radius(camera, plan.surface)
-        if isinstance(plan.surface, Tessellation)
-        else (),
+        by_radius_px,
     )
 
 
@@ -282,7 +281,7 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
 def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
     size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
     reason = f"{size}, {tessellation.interpolation.value} interpolated"
-    return "polygons", facet_error(camera, tessellation), reason
+    return "polygons", facet_errors(camera, tessellation)[0], reason
 
 
 def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
