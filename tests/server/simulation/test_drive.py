@@ -12,12 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.drive import (
-    RobotBody,
-    WheelSpin,
-    integrate_arc,
-    step_body,
-)
+from catoptra_server.simulation.drive import RobotBody, WheelSpin, integrate_arc, step_body
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
 from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,

@@ -9,14 +9,7 @@ import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.usarsim.commands import (
-    Command,
-    Drive,
-    GetConf,
-    GetGeo,
-    GetStartPoses,
-    Init,
-)
+from catoptra_protocol.usarsim.commands import Command, Drive, GetConf, GetGeo, GetStartPoses, Init
 from catoptra_protocol.usarsim.reports import (
     CameraConfiguration,
     Configuration,

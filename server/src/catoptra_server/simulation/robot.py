@@ -49,12 +49,8 @@ EnvironmentProvider = Callable[[], SensorEnvironment]
 _SLIP_STREAM = "slip"
 
 
-@dataclass(frozen=True, slots=True)
-class PublishedNote:
-    """A note and the simulation time of its arrival."""
-
-    note: Note
-    time_s: float
+# A note, and the simulation time of its arrival.
+_PublishedNote = tuple[Note, float]
 
 
 class Robot:
@@ -122,7 +118,7 @@ class Robot:
         """Motion in the last tick, slip included, at the chassis origin in world axes."""
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
-        self._notes: dict[str, PublishedNote] = {}
+        self._notes: dict[str, _PublishedNote] = {}
         self.shares_control = False
         """Whether other clients may drive the robot."""
         self.viewports = Viewports([camera.name for camera in self.all_cameras])
@@ -156,7 +152,7 @@ class Robot:
         return tuple(self._newest_reports.values())
 
     @property
-    def notes(self) -> tuple[PublishedNote, ...]:
+    def notes(self) -> tuple[_PublishedNote, ...]:
         """Newest note of each name, in the order of the names' first notes."""
         return tuple(self._notes.values())
 
@@ -167,7 +163,7 @@ class Robot:
             LocalProtocolError: The robot has notes of as many other names as it may.
         """
         check_note_count(self._notes, note.name)
-        self._notes[note.name] = PublishedNote(note, time_s)
+        self._notes[note.name] = (note, time_s)
 
     @property
     def bounding_box(self) -> OrientedBox:
@@ -334,7 +330,8 @@ class FleetState:
     """Robot of readings and notes; empty for none."""
     reports: tuple[Report, ...] = ()
     """Newest reading of each sensor, and the status."""
-    notes: tuple[PublishedNote, ...] = ()
+    notes: tuple[_PublishedNote, ...] = ()
+    """Notes with the simulation times of their arrival."""
 
 
 def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> FleetState:

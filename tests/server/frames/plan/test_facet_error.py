@@ -96,8 +96,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
 ) -> None:
     camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
     tessellation = Tessellation(sectors, rings, interpolation)
-    bound = facet_error(camera, tessellation)
-    bound_by_radius = facet_errors(camera, tessellation)[1]
+    bound, bound_by_radius = facet_errors(camera, tessellation)
     steps = module._grid_steps(len(module._distinct_triangles(camera, tessellation)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
@@ -105,7 +104,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
         module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
     )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
-    finer, finer_by_radius = module._facet_errors.__wrapped__(camera, tessellation)
+    finer, finer_by_radius = facet_errors.__wrapped__(camera, tessellation)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
     assert finer.max_deg / reserve <= bound.max_deg <= 1.1 * finer.max_deg
     assert bound.rms_px == pytest.approx(finer.rms_px, rel=0.01)

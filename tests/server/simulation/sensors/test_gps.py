@@ -9,9 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GpsReading
-from catoptra_server.simulation.robot_description import (
-    Mount,
-)
+from catoptra_server.simulation.robot_description import Mount
 from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.simulation.sensors.sensor import (
     EmptyScene,

@@ -12,9 +12,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.simulation.robot_description import (
-    Mount,
-)
+from catoptra_server.simulation.robot_description import Mount
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.simulation.sensors.sensor import (
     EMPTY_ENVIRONMENT,

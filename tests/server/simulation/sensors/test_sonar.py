@@ -10,9 +10,7 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.robot_description import (
-    Mount,
-)
+from catoptra_server.simulation.robot_description import Mount
 from catoptra_server.simulation.sensors.sensor import SensorEnvironment
 from catoptra_server.world.objects import OrientedBox
 from helpers.robots import SONAR, make_instrument, make_sensor

@@ -8,9 +8,7 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.robot_description import (
-    Mount,
-)
+from catoptra_server.simulation.robot_description import Mount
 from helpers.robots import TOUCH, make_instrument
 from helpers.room_ray_caster import context_in_room
 

@@ -402,10 +402,7 @@ def _state_reply(
         robots=tuple(map(_robot_state, state.robots)),
         robot=state.robot,
         reports=report_lines.get(state.reports),
-        notes=tuple(
-            NoteRecord(published.note.name, published.time_s, published.note.text)
-            for published in state.notes
-        ),
+        notes=tuple(NoteRecord(note.name, time_s, note.text) for note, time_s in state.notes),
     )
 
 
