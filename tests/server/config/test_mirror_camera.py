@@ -415,19 +415,8 @@ def test_impossible_mirror_without_a_viewpoint_is_rejected_at_its_key(
         read_from(tmp_path, class_name, *lines)
 
 
-PROFILE = """# millimetres, of a measuring machine
-radius, height
-0, 5.0
-10, 5.8
-
-20, 8.2
-30; 12.2
-40\t17.8
-"""
-
-
 def test_profile_of_a_file_is_that_of_the_keys(tmp_path: Path) -> None:
-    (tmp_path / "ball.csv").write_text(PROFILE)
+    (tmp_path / "ball.csv").write_text("0, 5.0\n10, 5.8\n20, 8.2\n30, 12.2\n40, 17.8\n")
     lines = ("Profile=ball.csv", "VertexDistance=200", "MetresPerUnit=0.001", "RimAngle=70")
     mirror, _ = read_from(tmp_path, "ProfileMirror", *lines)
     assert isinstance(mirror, ProfileMirror)
