@@ -216,7 +216,11 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
         geometric,
-        _sampling_error(camera, plan),
+        _SamplingError(
+            plan.samples,
+            math.sqrt(0.5) / plan.samples,
+            texel_footprint(camera, plan.face_regions) if plan.renderer.uses_faces else None,
+        ),
         named,
         camera.rim_radius_px,
         by_radius_px,
@@ -386,14 +390,4 @@ def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
     max_deg = math.degrees(max_px / min_px_per_rad)
     return GeometricError(
         max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg
-    )
-
-
-def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
-    """Error of a plan's samples in a camera's image."""
-    has_texels = plan.renderer.uses_faces
-    return _SamplingError(
-        samples=plan.samples,
-        edge_error_px=math.sqrt(0.5) / plan.samples,
-        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
     )

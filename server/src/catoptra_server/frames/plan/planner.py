@@ -104,17 +104,12 @@ class RenderPlanner:
 
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
         """Plan by explicit numbers, with a bound where the error has one."""
-        kind, reason = self._choose_renderer(camera)
-        others = [one for one in RendererKind if self.renderers.is_usable(one)]
-        return choose_by_settings(camera, kind, reason, usable=others)
-
-    def _choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
-        """Renderer of a camera without an accuracy target, and the reason."""
-        pool = self.renderers
-        requested = camera.render_settings.renderer
+        pool, requested = self.renderers, camera.render_settings.renderer
+        kind, reason = pool.default_kind, pool.reason
         if requested and pool.is_usable(RendererKind(requested)):
-            return RendererKind(requested), "as requested"
-        return pool.default_kind, pool.reason
+            kind, reason = RendererKind(requested), "as requested"
+        others = [one for one in RendererKind if pool.is_usable(one)]
+        return choose_by_settings(camera, kind, reason, usable=others)
 
     def _correct(
         self, camera: OmniCameraSpec, options: Iterable[PlanOption]
