@@ -45,7 +45,6 @@ from catoptra_server.simulation.events import (
     StepRequested,
     StepResult,
     StopRequested,
-    UrgentEvent,
     reply_fault,
 )
 from catoptra_server.simulation.fleet import Fleet
@@ -177,21 +176,18 @@ class Simulation:
 
     def _handle_urgent_events(self) -> None:
         for event in self._inbox.take_urgent():
-            self._handle_urgent(event)
-
-    def _handle_urgent(self, event: UrgentEvent) -> None:
-        match event:
-            case ClientDisconnected(client):
-                self._fleet.remote_control.halt_robots_driven_by(client, self._time_s)
-                self._remove_robot(client)
-                if client is self._stepping:
-                    self._stepping = None
-            case FrameRequested():
-                self._frame_capture.request_frame(event)
-            case StopRequested():
-                self._is_stopped = True
-            case _:
-                assert_never(event)
+            match event:
+                case ClientDisconnected(client):
+                    self._fleet.remote_control.halt_robots_driven_by(client, self._time_s)
+                    self._remove_robot(client)
+                    if client is self._stepping:
+                        self._stepping = None
+                case FrameRequested():
+                    self._frame_capture.request_frame(event)
+                case StopRequested():
+                    self._is_stopped = True
+                case _:
+                    assert_never(event)
 
     def _serve_waiting_work(self) -> None:
         """Serve the work that is waiting now: all under lockstep, else within the budget."""

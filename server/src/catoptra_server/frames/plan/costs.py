@@ -295,7 +295,10 @@ class CostCorrections:
 
     def correct(self, camera: OmniCameraSpec, kind: RendererKind, ms: float) -> float:
         """Milliseconds of a drawn frame, from the cost model's."""
-        return self.load_factor(kind) * ms + self._find_added_ms(camera, kind)
+        known = self._added_ms.get(_effects_key(camera), {})
+        # Until a renderer has drawn, what another one added; 0 before any frame.
+        added_ms = known.get(kind, next(iter(known.values()), 0.0))
+        return self.load_factor(kind) * ms + added_ms
 
     def update(
         self,
@@ -319,11 +322,6 @@ class CostCorrections:
         factor = (median_ms - added_ms) / model_ms
         self._factors[kind] = min(max(factor, 1.0 / _MAX_FACTOR), _MAX_FACTOR)
         self._added_ms.setdefault(_effects_key(camera), {})[kind] = added_ms
-
-    def _find_added_ms(self, camera: OmniCameraSpec, kind: RendererKind) -> float:
-        """Added time by a renderer; until it has drawn, by another one; 0 before any frame."""
-        known = self._added_ms.get(_effects_key(camera), {})
-        return known.get(kind, next(iter(known.values()), 0.0))
 
     def clear(self) -> None:
         """Forget the added times: cameras are planned anew."""
