@@ -1,6 +1,6 @@
 """All sensors that a robot can carry, in the order of UT2004's cycle.
 
-To add a sensor: write `<name>.py` beside the others, with description, reader, sensor and a
+To add a sensor: write `<name>.py` beside the others, with description, reader, instrument and a
 `SensorKind`, and add the kind to the table below. The report belongs to the protocol, in the module
 `usarsim/readings_*` of the most similar reports.
 """
