@@ -17,7 +17,7 @@ from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.simulation import Fleet
+from catoptra_server.simulation.fleet import Fleet
 from helpers.robots import FakeClient, render_channel
 
 CONFIGS = Path(__file__).parents[2] / "configs"

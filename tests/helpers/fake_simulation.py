@@ -25,7 +25,7 @@ from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.serve.port import ConnectionLimits, create_listener
 from catoptra_server.serve.stream.peer import StreamServer, serve_stream
 from catoptra_server.serve.stream.replies import CameraInfo, ServerInfo, StreamContext
-from catoptra_server.simulation import SimulationEvent
+from catoptra_server.simulation.events import SimulationEvent
 from helpers.loopback import HOST
 from helpers.robots import FakeViewProvider, make_p2at
 from helpers.stream_messages import CAMERA_MODEL

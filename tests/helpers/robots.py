@@ -24,13 +24,16 @@ from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot_description import (
     DriveBase,
     Mount,
     OmniCameraDescription,
     RobotDescription,
+    SensorDescription,
 )
+from catoptra_server.simulation.sensors import build_sensors
 from catoptra_server.simulation.sensors.encoder import EncoderDescription
 from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
@@ -38,6 +41,7 @@ from catoptra_server.simulation.sensors.ins import InsDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.simulation.sensors.rfid import RfidDescription
+from catoptra_server.simulation.sensors.sensor import Sensor
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from catoptra_server.simulation.sensors.touch import TouchDescription
@@ -74,6 +78,21 @@ TOUCH = TouchDescription("Touch", 0.2, FORWARD_MOUNT, diameter_m=0.01)
 RFID = RfidDescription("RFID", 0.2, FORWARD_MOUNT, max_range_m=2.0)
 VICTIMS = VictimSensorDescription("VictSensor", 0.2, FORWARD_MOUNT, fov_rad=1.0, max_range_m=5.0)
 GPS = GpsDescription("GPS", 0.2, FORWARD_MOUNT)
+
+
+def make_sensor(*descriptions: SensorDescription, seed: int = 1) -> Sensor:
+    """Sensor of a description, or of several that share a line, on the P2AT."""
+    (sensor,) = build_sensors(
+        descriptions, BASE, lambda stream: RandomSource.from_names(seed, "R", stream)
+    )
+    return sensor
+
+
+def make_instrument(*descriptions: SensorDescription, seed: int = 1) -> Any:
+    """The measuring part of such a sensor."""
+    return make_sensor(*descriptions, seed=seed).instrument
+
+
 CAMERA = OmniCameraDescription(
     name="OmniCam",
     camera=camera_with_inscribed_rim(
@@ -247,7 +266,7 @@ class FakeViewProvider:
 
 def render_channel(fleet: Fleet, views: Any = None, channel: Channel = IMAGE_PORT) -> Frame:
     """Render the present frame of a channel."""
-    composition = fleet.compose_frame(channel)
+    composition = fleet.cameras.compose_frame(channel)
     assert composition is not None
     request = FrameRequest(channel, 1, 0.0, 0.0, composition)
     # Not `or`: an empty view cache is false.

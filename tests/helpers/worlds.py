@@ -12,9 +12,10 @@ from PIL import Image
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import FaceRegion, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import (
@@ -133,3 +134,9 @@ def make_plan(
     """A plan of explicit numbers for the raster renderer; trace ignores the faces."""
     render_settings = RenderSettings(surface, samples, face_size_px, face_samples)
     return plan_from_settings(render_settings, camera, kind=RendererKind.RASTER, reason="test")
+
+
+def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
+    """Regions of all visible faces, with `size_px` texels for 90 degrees, for any camera."""
+    camera = make_omni_camera()
+    return face_regions(camera, max_incidence_rad, size_px=size_px, texels_per_px=1.0)

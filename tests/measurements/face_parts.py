@@ -16,7 +16,7 @@ import numpy as np
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.frames.plan.faces import face_regions, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
@@ -31,7 +31,7 @@ ROUNDS = 25
 def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
     """Face regions to be compared, by name; the first is the reference of the ratios."""
     shown = make_camera()
-    parts = {"one size, 672 px": regions_of_size(shown.rim_rad, 672)}
+    parts = {"one size, 672 px": face_regions(shown, shown.rim_rad, size_px=672, texels_per_px=1.0)}
     for texels in (1.0, 1.25, 1.5, 2.0):
         of_density = face_regions(shown, shown.rim_rad, size_px=0, texels_per_px=texels)
         parts[f"by density, {texels:g} texels a pixel"] = of_density

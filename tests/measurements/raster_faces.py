@@ -19,7 +19,7 @@ import moderngl
 import numpy as np
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
-from catoptra_server.frames.plan.faces import regions_of_size
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
@@ -120,7 +120,7 @@ def measure_frame(world: World) -> str:
 
 
 def make_atlas(size: int) -> Atlas:
-    parts = regions_of_size(make_camera().rim_rad, size)
+    parts = face_regions(make_camera(), make_camera().rim_rad, size_px=size, texels_per_px=1.0)
     return pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=16384)
 
 

@@ -23,8 +23,8 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import SensorContext, build_sensors
-from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors import build_sensors
+from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.scene_mesh import build_scene
@@ -52,14 +52,14 @@ def _measure(robot: RobotDescription, around: SensorEnvironment) -> None:
     moment = SensorContext(0.0, 1, Pose.from_rpy((0.0, 0.0, -0.1457)), around)
     sensors = build_sensors(robot.sensors, robot.drive, _make_generator)
     for sensor in sensors:
-        _print_time(sensor.type, partial(sensor.read, moment))
+        _print_time(sensor.type, partial(sensor.instrument.read, moment))
     sonars = [s for s in robot.sensors if isinstance(s, SonarDescription)]
     dense = [dataclasses.replace(sonar, num_cones=10, rays_per_cone=16) for sonar in sonars]
     _print_time(
         "Sonar, 10 x 16",
-        partial(build_sensors(dense, robot.drive, _make_generator)[0].read, moment),
+        partial(build_sensors(dense, robot.drive, _make_generator)[0].instrument.read, moment),
     )
-    _print_time("whole cycle", lambda: [sensor.read(moment) for sensor in sensors])
+    _print_time("whole cycle", lambda: [sensor.instrument.read(moment) for sensor in sensors])
 
 
 def _make_generator(name: str) -> RandomSource:

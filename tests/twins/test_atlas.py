@@ -10,11 +10,11 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.frames.plan.faces import face_regions, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
-from helpers.worlds import make_omni_camera
+from helpers.worlds import make_omni_camera, regions_of_size
 
 SIZE = 672
 

@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
 from catoptra_protocol.optics.transforms import rotation_from_rpy
-from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,
@@ -18,6 +17,7 @@ from catoptra_server.render.raster.device import (
     set_uniform,
     split_positions,
 )
+from helpers.worlds import regions_of_size
 
 ATLAS = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
 TURN = rotation_from_rpy(0.02, -0.03, 0.3)

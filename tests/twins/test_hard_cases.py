@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
+from helpers.worlds import regions_of_size
 from stability.catalogue import Case, load
 
 # The encoding's roots are fitted to a thousandth of a grey level, and drivers' roots add to it.

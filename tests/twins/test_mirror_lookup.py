@@ -19,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_server.frames.plan.faces import face_regions, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.render.projection.atlas import (
     GUARD_TEXELS,
     Atlas,
@@ -27,7 +27,7 @@ from catoptra_server.render.projection.atlas import (
     pack_atlas,
 )
 from helpers.shaders import evaluate_shader
-from helpers.worlds import make_omni_camera
+from helpers.worlds import make_omni_camera, regions_of_size
 
 TOLERANCE_PX = 1e-3
 MAX_TEXELS = 16384

@@ -26,7 +26,8 @@ from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.frames.renderers import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.worker_thread import ThreadFailedError
-from catoptra_server.simulation import ClockMode, CommandReceived, Simulation
+from catoptra_server.simulation.events import CommandReceived
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.deadline import Deadline
 from helpers.loopback import DEADLINE_S, HOST, run_scenario

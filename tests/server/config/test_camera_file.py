@@ -10,11 +10,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.config.camera_file import (
-    carry_camera,
-    read_camera_file,
-    read_camera_files,
-)
+from catoptra_server.config.camera_file import carry_camera, read_camera_file, read_camera_files
 from catoptra_server.config.known_names import bundled_files
 from helpers.configs import REPOSITORY
 

@@ -10,11 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.robot_file import (
-    find_unserved_robots,
-    read_robot,
-    read_robots,
-)
+from catoptra_server.config.robot_file import find_unserved_robots, read_robot, read_robots
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription

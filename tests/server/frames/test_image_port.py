@@ -22,7 +22,7 @@ from catoptra_server.frames.image_port import (
 )
 from catoptra_server.frames.multi_view import Tile, TileLayout, multi_view_layout
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.simulation import Fleet
+from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_description import (
     Mount,

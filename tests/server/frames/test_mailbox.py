@@ -27,7 +27,7 @@ from catoptra_server.frames.mailbox import (
     Mailboxes,
 )
 from catoptra_server.frames.plan.camera import CameraVariant
-from catoptra_server.simulation import SimulationEvent
+from catoptra_server.simulation.events import SimulationEvent
 from helpers.loopback import run_scenario
 
 NOW_S = 1000.0

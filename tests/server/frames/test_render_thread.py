@@ -27,11 +27,7 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.render_thread import (
-    PlanFailure,
-    RenderThread,
-    render_frame,
-)
+from catoptra_server.frames.render_thread import PlanFailure, RenderThread, render_frame
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState

@@ -20,9 +20,9 @@ from catoptra_server.render.renderer import (
     StageClock,
     advance,
     sample_shutter,
-    trajectory,
 )
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.trace_engine import camera_states
 from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.effect_measurement import DRIVING_STATE
@@ -93,13 +93,13 @@ def test_camera_state_advanced_by_no_time_is_unchanged() -> None:
 
 
 def test_trajectory_without_a_shutter_is_the_camera_state_itself() -> None:
-    assert trajectory(DRIVING_STATE) == (DRIVING_STATE,)
+    assert camera_states(DRIVING_STATE) == (DRIVING_STATE,)
 
 
 def test_trajectory_is_evenly_spaced_from_the_begin_of_an_exposure_to_its_end() -> None:
     # 114 degrees in a second: 4 poses for 0.04 s of exposure and readout.
     turning = driving_camera_state(DRIVING_STATE.world_from_mirror, 0.5, 114.0)
-    states = trajectory(replace(turning, shutter=Shutter(0.01, 0.03, 9.0)))
+    states = camera_states(replace(turning, shutter=Shutter(0.01, 0.03, 9.0)))
     assert len(states) == 4
     for state, time_s in zip(states, (-0.02, -0.02 / 3, 0.02 / 3, 0.02), strict=True):
         expected = camera_state_after(turning, time_s).world_from_mirror
@@ -108,7 +108,7 @@ def test_trajectory_is_evenly_spaced_from_the_begin_of_an_exposure_to_its_end() 
 
 def test_trajectory_of_a_minute_of_spinning_has_a_limited_number_of_poses() -> None:
     spinning = driving_camera_state(DRIVING_STATE.world_from_mirror, 0.0, 720.0)
-    assert len(trajectory(replace(spinning, shutter=Shutter(60.0, 0.0, 64.0)))) == 257
+    assert len(camera_states(replace(spinning, shutter=Shutter(60.0, 0.0, 64.0)))) == 257
 
 
 def test_size_of_a_region_is_window_times_density() -> None:

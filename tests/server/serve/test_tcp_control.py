@@ -21,7 +21,7 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.serve import tcp_control
 from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_control import serve_control
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     Client,
     ClientDisconnected,
     CommandReceived,

@@ -19,7 +19,7 @@ from catoptra_server.serve.limits import LoopAccount, LoopShare
 from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import TcpConnection, TcpServer
-from catoptra_server.simulation import SimulationEvent
+from catoptra_server.simulation.events import SimulationEvent
 from helpers.loopback import (
     HOST,
     abort,

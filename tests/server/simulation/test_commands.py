@@ -27,11 +27,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.render_settings import AccuracyTarget
-from catoptra_server.simulation.commands import (
-    execute_control,
-    execute_get_conf,
-    execute_get_geo,
-)
+from catoptra_server.simulation.commands import execute_control, execute_get_conf, execute_get_geo
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot import Robot

@@ -12,22 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.drive import (
-    RobotBody,
-    WheelSpin,
-    WheelTravel,
-    apply_slip,
-    integrate_arc,
-    step_body,
-    wheel_travel,
-)
-from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.drive import RobotBody, WheelSpin, integrate_arc, step_body
+from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
 from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,
     build_obstacle_grid,
     rectangle_intersects,
 )
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.robots import BASE, make_walled_world
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)
@@ -41,18 +34,6 @@ def test_spin_when_limited_saturates_each_side(
     left: float, right: float, expected: tuple[float, float]
 ) -> None:
     assert WheelSpin(left, right).limit_to(5.0) == WheelSpin(*expected)
-
-
-def test_travel_with_equal_spins_is_straight() -> None:
-    way = wheel_travel(BASE, WheelSpin(2.0, 2.0), 2.0)
-    assert way.distance_m == pytest.approx(0.52, abs=1e-15)
-    assert way.turn_rad(BASE) == 0.0
-
-
-def test_turn_when_left_is_faster_is_clockwise() -> None:
-    assert wheel_travel(BASE, WheelSpin(1.0, -1.0), 1.0).turn_rad(BASE) == pytest.approx(
-        0.26 / 0.4712
-    )
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1e-300, 1e-12, 1e-8, 1e-3, 1.0, math.pi, 6.0, -2.0])
@@ -90,37 +71,6 @@ def test_arc_when_driven_back_returns(distance: float, turn: float, yaw: float) 
     assert -math.pi < there.yaw_rad <= math.pi
 
 
-def test_slip_when_there_is_none_changes_nothing() -> None:
-    way = WheelTravel(0.3, -0.1)
-    assert apply_slip(BASE, way, np.random.default_rng(1)) == way
-
-
-def test_slip_when_turning_loses_its_fraction_and_no_distance() -> None:
-    base = dataclasses.replace(BASE, turn_slip=0.1)
-    way = WheelTravel(0.3, -0.1)
-    real = apply_slip(base, way, np.random.default_rng(1))
-    assert real.turn_rad(base) == pytest.approx(0.9 * way.turn_rad(base), rel=1e-14)
-    assert real.distance_m == pytest.approx(way.distance_m, rel=1e-14)
-
-
-@pytest.mark.parametrize("ticks", [10, 250])
-def test_slip_noise_when_cut_into_ticks_has_the_same_spread(ticks: int) -> None:
-    base = dataclasses.replace(BASE, slip_noise=0.02)
-    stream = RandomSource.from_names(1, "test")
-    ends = []
-    for run in range(400):
-        ways = [
-            apply_slip(
-                base, WheelTravel(1.0 / ticks, 1.0 / ticks), stream.generator(run * ticks + tick)
-            )
-            for tick in range(ticks)
-        ]
-        ends.append(sum(way.left_m for way in ways))
-    # 2 cm after 1 m; the spread of 400 runs is known to 3.5 % (one sigma), the mean to 1 mm.
-    assert np.std(ends) == pytest.approx(0.02, rel=0.12)
-    assert np.mean(ends) == pytest.approx(1.0, abs=0.004)
-
-
 STREAM = RandomSource.from_names(1, "slip")
 HALF_LENGTH_M = 0.5 * BASE.dimensions_m[0]
 TICK_S = 0.02
@@ -148,6 +98,48 @@ def touches(obstacles: ObstacleGrid, x_m: float, yaw_rad: float) -> bool:
     half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
     near = obstacles.triangles_near((x_m, 0.0), 1.0).tolist()
     return rectangle_intersects(near, (x_m, 0.0), yaw_rad, half_size_m=half)
+
+
+NOWHERE = build_obstacle_grid(build_scene(World("empty", ())), low_m=0.03, high_m=0.7)
+
+
+def drive_freely(base: DriveBase, left: float, right: float, *, ticks: int = 1) -> RobotBody:
+    body = RobotBody(base, ORIGIN, WheelSpin(left, right))
+    return drive_for(body, ticks, NOWHERE)
+
+
+def test_base_with_equal_spins_drives_straight() -> None:
+    pose = drive_freely(BASE, 2.0, 2.0, ticks=100).pose
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == (pytest.approx(0.52, abs=1e-14), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("turn_slip", [0.0, 0.1])
+def test_turn_when_left_is_faster_is_clockwise_but_for_the_slip(turn_slip: float) -> None:
+    base = dataclasses.replace(BASE, turn_slip=turn_slip)
+    body = RobotBody(base, ORIGIN, WheelSpin(2.0, -1.0))
+    after, travel = step_body(body, TICK_S, obstacles=NOWHERE, random_source=STREAM)
+    turn_rad = 3.0 * 0.13 * TICK_S / 0.4712
+    # Encoders measure what the wheels roll; slip loses a part of the turn and no distance.
+    assert travel.turn_rad(base) == pytest.approx(turn_rad, rel=1e-14)
+    assert after.pose.yaw_rad == pytest.approx((1.0 - turn_slip) * turn_rad, rel=1e-12)
+    assert math.hypot(after.pose.x_m, after.pose.y_m) == pytest.approx(0.065 * TICK_S, rel=1e-4)
+
+
+@pytest.mark.parametrize("ticks", [10, 250])
+def test_slip_noise_when_cut_into_ticks_has_the_same_spread(ticks: int) -> None:
+    base = dataclasses.replace(BASE, slip_noise=0.02)
+    spin = 1.0 / (ticks * 0.13 * TICK_S)
+    body = RobotBody(base, ORIGIN, WheelSpin(spin, spin))
+    poses = [
+        drive_for(dataclasses.replace(body, tick=run * ticks), ticks, NOWHERE).pose
+        for run in range(400)
+    ]
+    # 2 cm of each side after 1 m; the spread of 400 runs is known to 3.5 % (one sigma).
+    assert np.std([pose.yaw_rad for pose in poses]) == pytest.approx(
+        0.02 * math.sqrt(2.0) / 0.4712, rel=0.12
+    )
+    assert np.mean([pose.x_m for pose in poses]) == pytest.approx(1.0, abs=0.004)
+    assert np.std([pose.x_m for pose in poses]) == pytest.approx(0.02 / math.sqrt(2.0), rel=0.12)
 
 
 @pytest.mark.parametrize("spin", [0.1, 1.0, 5.385])

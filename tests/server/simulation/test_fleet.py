@@ -9,14 +9,7 @@ import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.usarsim.commands import (
-    Command,
-    Drive,
-    GetConf,
-    GetGeo,
-    GetStartPoses,
-    Init,
-)
+from catoptra_protocol.usarsim.commands import Command, Drive, GetConf, GetGeo, GetStartPoses, Init
 from catoptra_protocol.usarsim.reports import (
     CameraConfiguration,
     Configuration,
@@ -25,7 +18,6 @@ from catoptra_protocol.usarsim.reports import (
     OdometryReading,
     StartPoses,
     VehicleConfiguration,
-    VehicleGeometry,
     VehicleStatus,
     line_from_report,
 )
@@ -79,11 +71,6 @@ def test_init_when_accepted_has_a_whole_cycle_as_reply() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", ["USARBot.OmniP2AT", "usarbot.omnip2at", "OmniP2AT", "OMNIP2AT"])
-def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
-    assert spawn(make_fleet(), dataclasses.replace(INIT, class_name=name)).rejections == []
-
-
 @pytest.mark.parametrize(
     "init",
     [
@@ -112,12 +99,6 @@ def test_init_at_a_location_ignores_height_and_tilt() -> None:
     truth = read_ground_truth(spawn(make_fleet(), init))
     assert truth.location_m == pytest.approx((1.0, 2.0, -0.1457))
     assert truth.rotation_rad == pytest.approx((0.0, 0.0, 7.0 - 2.0 * np.pi))
-
-
-def test_init_at_a_start_in_any_case_has_the_start_pose() -> None:
-    truth = read_ground_truth(spawn(make_fleet(), Init("OmniP2AT", start="ASIDE")))
-    assert truth.location_m == pytest.approx((1.0, -2.0, -0.1457))
-    assert truth.rotation_rad == pytest.approx((0.0, 0.0, 1.5))
 
 
 def test_init_with_location_and_start_uses_the_location() -> None:
@@ -183,12 +164,6 @@ def test_getconf_of_the_camera_has_its_camera_model() -> None:
     camera, height_m = omni_camera_from_pairs(configuration.extra_pairs)
     assert camera.mirror == CAMERA.camera.mirror
     assert height_m == pytest.approx(0.6, abs=1e-12)
-
-
-def test_getgeo_of_the_robot_is_the_vehicle_s() -> None:
-    fleet = make_fleet()
-    (geometry,) = execute(fleet, spawn(fleet), GetGeo("Robot"))
-    assert isinstance(geometry, VehicleGeometry)
 
 
 def test_getgeo_when_of_a_sensor_lists_it() -> None:

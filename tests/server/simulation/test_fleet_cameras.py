@@ -20,10 +20,7 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, ReferenceKind
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.fleet_cameras import (
-    FleetCameras,
-    FleetEnvironment,
-)
+from catoptra_server.simulation.fleet_cameras import FleetCameras, FleetEnvironment
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
     Mount,

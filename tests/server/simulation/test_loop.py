@@ -10,7 +10,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -60,24 +60,22 @@ from catoptra_server.frames.frame import (
 )
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import render_frame
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,
-    ClockMode,
     CommandReceived,
     Fault,
-    Fleet,
     LandmarksRequested,
     ResetRequested,
-    Simulation,
     StepRequested,
     StepResult,
     StopRequested,
 )
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.fleet_cameras import FleetCameras
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import Sensor
-from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.loopback import DEADLINE_S
 from helpers.robots import (
@@ -464,13 +462,13 @@ def test_frames_of_one_tick_are_composed_once_unless_a_command_comes_between(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     composed: list[Channel] = []
-    compose = Fleet.compose_frame
+    compose = FleetCameras.compose_frame
 
-    def count_compose(fleet: Fleet, channel: Channel) -> FrameComposition | None:
+    def count_compose(cameras: FleetCameras, channel: Channel) -> FrameComposition | None:
         composed.append(channel)
-        return compose(fleet, channel)
+        return compose(cameras, channel)
 
-    monkeypatch.setattr(Fleet, "compose_frame", count_compose)
+    monkeypatch.setattr(FleetCameras, "compose_frame", count_compose)
     view, client = FakeView(), FakeClient()
     frames = collect_frames(4, CommandReceived(client, INIT), FrameRequested(), view=view)
     assert (len(frames), len(composed)) == (4, 1)
@@ -698,18 +696,6 @@ class _FaultyFleet(Fleet):
         self._raise_for(event.client)
         return super().set_accuracy_target(event)
 
-    def compute_landmark_visibility(
-        self, channel: CameraChannel
-    ) -> tuple[LandmarkVisibility, ...] | None:
-        if channel.robot == "faulty":
-            raise ZeroDivisionError("landmarks")
-        return super().compute_landmark_visibility(channel)
-
-    def compose_frame(self, channel: Channel) -> FrameComposition | None:
-        if channel == CameraChannel("faulty", ""):
-            raise ZeroDivisionError("frame")
-        return super().compose_frame(channel)
-
     def _raise_for(self, client: Client) -> None:
         if client is self.faulty:
             raise ZeroDivisionError("command")
@@ -717,7 +703,15 @@ class _FaultyFleet(Fleet):
 
 def make_faulty_simulation(rejected: list[tuple[Channel, str]] | None = None) -> Simulation:
     world = make_walled_world()
-    fleet = _FaultyFleet([make_p2at()], world, build_scene(world), seed=1)
+    fleet: Any = _FaultyFleet([make_p2at()], world, build_scene(world), seed=1)
+    find = fleet.cameras.find
+
+    def find_or_raise(channel: CameraChannel) -> object:
+        if channel.robot == "faulty":
+            raise ZeroDivisionError("camera")
+        return find(channel)
+
+    fleet.cameras.find = find_or_raise
     return Simulation(
         fleet,
         clock=ClockMode.LOCKSTEP,
@@ -797,17 +791,17 @@ SENSORS = (
 )
 
 
-class _RaisingSensor:
-    """A sensor of which one method raises."""
+class _RaisingInstrument:
+    """An instrument of which one method raises."""
 
-    def __init__(self, sensor: Sensor, method: str) -> None:
-        self._sensor = sensor
+    def __init__(self, instrument: Any, method: str) -> None:
+        self._instrument = instrument
         self._method = method
 
     def __getattr__(self, name: str) -> object:
         if name == self._method:
             raise ZeroDivisionError(name)
-        return getattr(self._sensor, name)
+        return getattr(self._instrument, name)
 
 
 @pytest.mark.parametrize("method", ["read", "update"])
@@ -822,7 +816,8 @@ def test_robot_when_a_sensor_raises_is_removed_and_others_go_on(
     run_until_served(simulation)
     robot = simulation._fleet.find_robot(faulty)
     assert robot is not None
-    robot.sensors[0] = _RaisingSensor(robot.sensors[0], method)  # type: ignore[call-overload] # on purpose
+    raising: Any = _RaisingInstrument(robot.sensors[0].instrument, method)
+    robot.sensors[0] = dataclasses.replace(robot.sensors[0], instrument=raising)
     simulation._is_stopped = False
     post_command(simulation, faulty, StepCommand(0.4))
     post_command(simulation, other, StepCommand(0.4))

@@ -49,7 +49,7 @@ from catoptra_server.runtime.options import (
     parse_tiles,
 )
 from catoptra_server.runtime.worker_thread import ThreadFailedError
-from catoptra_server.simulation import ClockMode
+from catoptra_server.simulation.loop import ClockMode
 
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")

@@ -71,7 +71,9 @@ from catoptra_server.serve.web.web_access import (
     WebAccess,
     create_web_access,
 )
-from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
+from catoptra_server.simulation.events import SimulationEvent, StopRequested
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.camera_state import CameraState
 
@@ -239,7 +241,7 @@ class ServerThreads:
         )
         # Render plan of each class's omnidirectional camera, as text; filled by the render thread.
         self.plans: dict[tuple[str, str], str] = {}
-        self.error_bounds = ErrorBoundTable()
+        self.error_bounds: ErrorBoundTable = {}
         is_realtime = options.clock is ClockMode.REALTIME
         # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
         # frames follow from commands alone, so that the same commands give the same bytes.

@@ -8,8 +8,6 @@ mirror and without; the latter reject effects of mirrors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
@@ -137,43 +135,34 @@ def reserve_view(file: IniFile, section: SectionReader, omni: OmniCameraDescript
     )
 
 
-def read_effect_settings(section: SectionReader, *, has_viewpoint: bool = True) -> EffectSettings:
-    """Settings of the effects that a capture camera's section gives a mode, in optical order.
+def read_effect_settings(
+    section: SectionReader, *, has_mirror: bool = True, has_viewpoint: bool = True
+) -> EffectSettings:
+    """Settings of the effects that a camera's section gives a mode, in optical order.
 
     Args:
-        section: the capture camera's section.
+        section: the section of the capture camera, or of a camera without a mirror.
+        has_mirror: whether the camera has a mirror.
         has_viewpoint: whether the mirror has a single viewpoint.
 
     Raises:
-        ConfigError: for an effect that a mirror without a viewpoint cannot have, a parameter
-            outside its range or an unknown mode.
+        ConfigError: for an effect that such a camera cannot have, a parameter outside its range or
+            an unknown mode.
     """
+    kinds = [kind for kind in EFFECT_TYPES if has_mirror or not kind.needs_mirror]
     for kind in EFFECT_TYPES:
-        if kind.needs_viewpoint and not has_viewpoint and section.has_key(kind.name):
+        if kind not in kinds:
+            known = ", ".join(one.name for one in kinds)
+            expected = f"an effect of a lens, which has no mirror: {known}"
+        elif has_mirror and kind.needs_viewpoint and not has_viewpoint:
             expected = (
                 "no such effect of a mirror without a single viewpoint: its virtual image is "
                 "astigmatic, which is not simulated"
             )
+        else:
+            continue
+        if section.has_key(kind.name):
             raise section.make_error(kind.name, expected=expected)
-    return _read_effect_settings(section, EFFECT_TYPES)
-
-
-def read_lens_effect_settings(section: SectionReader) -> EffectSettings:
-    """Settings of the effects that the section of a camera without a mirror gives a mode.
-
-    Raises:
-        ConfigError: for an effect of mirrors, a parameter out of range or an unknown mode.
-    """
-    kinds = [kind for kind in EFFECT_TYPES if not kind.needs_mirror]
-    for kind in EFFECT_TYPES:
-        if kind.needs_mirror and section.has_key(kind.name):
-            known = ", ".join(one.name for one in kinds)
-            expected = f"an effect of a lens, which has no mirror: {known}"
-            raise section.make_error(kind.name, expected=expected)
-    return _read_effect_settings(section, kinds)
-
-
-def _read_effect_settings(section: SectionReader, kinds: Sequence[EffectType]) -> EffectSettings:
     settings = [_read_effect_setting(section, kind) for kind in kinds]
     return EffectSettings(
         tuple(setting for setting in settings if setting is not None),

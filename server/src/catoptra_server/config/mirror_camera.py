@@ -203,11 +203,11 @@ def _read_mirror(item: SectionReader, settings: SectionReader) -> Mirror:
         )
     item.get_vector("Direction", (0.0, 0.0, 0.0))
     item.get_str("ItemName")
-    reader = _READERS.get(item.get_class_name("ItemClass"))
-    if reader is None:
-        names = ", ".join(f"Catoptra.{name}" for name in _CLASS_NAMES)
-        raise item.make_error("ItemClass", expected=f"a mirror with a section: {names}")
-    return reader(settings)
+    for name, reader in _READERS.items():
+        if item.get_class_name("ItemClass") == name.lower():
+            return reader(settings)
+    names = ", ".join(f"Catoptra.{name}" for name in _READERS)
+    raise item.make_error("ItemClass", expected=f"a mirror with a section: {names}")
 
 
 def _read_hyperbolic(settings: SectionReader) -> Mirror:
@@ -271,23 +271,14 @@ def _read_radial_table(settings: SectionReader) -> Mirror:
     )
 
 
-_CLASS_NAMES = (
-    "HyperbolicMirror",
-    "ParabolicMirror",
-    "SphericalMirror",
-    "ConicalMirror",
-    "EquiangularMirror",
-    "ProfileMirror",
-    "RadialTableMirror",
-)
 _READERS: dict[str, Callable[[SectionReader], Mirror]] = {
-    "hyperbolicmirror": _read_hyperbolic,
-    "parabolicmirror": _read_parabolic,
-    "sphericalmirror": _read_spherical,
-    "conicalmirror": _read_conical,
-    "equiangularmirror": _read_equiangular,
-    "profilemirror": _read_profile,
-    "radialtablemirror": _read_radial_table,
+    "HyperbolicMirror": _read_hyperbolic,
+    "ParabolicMirror": _read_parabolic,
+    "SphericalMirror": _read_spherical,
+    "ConicalMirror": _read_conical,
+    "EquiangularMirror": _read_equiangular,
+    "ProfileMirror": _read_profile,
+    "RadialTableMirror": _read_radial_table,
 }
 
 

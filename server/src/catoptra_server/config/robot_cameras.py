@@ -26,7 +26,7 @@ from catoptra_protocol.optics.radial_camera import Picture, RadialProjection, la
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR
 from catoptra_server.config.camera_sections import (
     MAX_SIDE_PX,
-    read_lens_effect_settings,
+    read_effect_settings,
     read_min_frame_interval_s,
     read_mount,
     read_picture,
@@ -87,7 +87,7 @@ def read_lens_camera(
         ),
         min_frame_interval_s=read_min_frame_interval_s(section),
         capture_fov_rad=2.0 * camera.rim_rad,
-        effects=read_lens_effect_settings(section),
+        effects=read_effect_settings(section, has_mirror=False),
         parent=mount.parent,
     )
     reserve_view(file, section, description)
@@ -129,7 +129,7 @@ def read_perspective_camera(
         ),
         min_fov_rad=min_fov_rad,
         max_fov_rad=max_fov_rad,
-        effects=read_lens_effect_settings(section),
+        effects=read_effect_settings(section, has_mirror=False),
     )
     camera = PerspectiveCamera(width_px, height_px, description.fov_rad)
     MemoryBudget(file.view_limit_bytes).reserve(
@@ -177,10 +177,9 @@ def _read_camera(section: SectionReader) -> OmniCamera:
     field_deg = section.get_float("FieldOfView", 0.0, min_value=0.1, max_value=360.0)
     rim_rad = math.radians(0.5 * field_deg)
     focal_length_px = section.get_float("FocalLength", 0.0, min_value=1e-6)
-    key = "FieldOfView"
+    key = "FieldOfView" if field_deg or focal_length_px else "FocalLength"
     try:
         if not focal_length_px:
-            key = "FieldOfView" if field_deg else "FocalLength"
             if not field_deg:
                 raise DomainError(
                     "a lens has a FocalLength in px, a FieldOfView in degrees or both"

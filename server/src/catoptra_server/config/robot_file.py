@@ -182,24 +182,24 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
     # values of USARSim's class of that name would silently describe another robot.
     known = None if section.has_key("SteeringType") else _find_known_base(section)
 
-    def read_length(key: str, default: float | None, min_m: float = 1e-3) -> float:
-        return section.get_float(key, default, min_value=min_m, max_value=10.0)
+    def of_class(field: str) -> float | None:
+        value: float | None = getattr(known, field, None)
+        return value
+
+    def read_length(key: str, field: str, min_m: float = 1e-3) -> float:
+        return section.get_float(key, of_class(field), min_value=min_m, max_value=10.0)
 
     return DriveBase(
-        wheel_radius_m=read_length("WheelRadius", known.wheel_radius_m if known else None),
-        wheel_separation_m=read_length(
-            "WheelSeparation", known.wheel_separation_m if known else None
-        ),
-        wheel_base_m=read_length("WheelBase", known.wheel_base_m if known else None),
+        wheel_radius_m=read_length("WheelRadius", "wheel_radius_m"),
+        wheel_separation_m=read_length("WheelSeparation", "wheel_separation_m"),
+        wheel_base_m=read_length("WheelBase", "wheel_base_m"),
         **_read_dimensions(section, known),
-        ride_height_m=read_length("RideHeight", known.ride_height_m if known else None, 0.0),
-        mass_kg=section.get_float("Mass", known.mass_kg if known else None, min_value=0.0),
+        ride_height_m=read_length("RideHeight", "ride_height_m", 0.0),
+        mass_kg=section.get_float("Mass", of_class("mass_kg"), min_value=0.0),
         max_speed_rad_s=section.get_float(
-            "MaxSpeed", known.max_speed_rad_s if known else None, min_value=0.0, max_value=1000.0
+            "MaxSpeed", of_class("max_speed_rad_s"), min_value=0.0, max_value=1000.0
         ),
-        max_torque=section.get_float(
-            "MaxTorque", known.max_torque if known else 60.0, min_value=0.0
-        ),
+        max_torque=section.get_float("MaxTorque", of_class("max_torque") or 60.0, min_value=0.0),
         # At 1 no turn would be left: a robot that cannot turn is taken for a typing error.
         turn_slip=section.get_float("TurnSlip", 0.0, min_value=0.0, max_value=0.9),
         slip_noise=section.get_float("SlipNoise", 0.0, min_value=0.0, max_value=0.5),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import field, replace
+from functools import cached_property
 from pathlib import Path
 
 from catoptra_protocol.optics.numerics import Floats
@@ -98,7 +99,7 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
                 f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
                 alternative="serve a robot without such sensors, such as --robot p2at_omni",
             )
-            return caster.build()
+            return caster.built
     return caster
 
 
@@ -156,28 +157,26 @@ class _LazyRayCaster:
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
-        self._caster: RayCaster | None = None
 
-    def build(self) -> RayCaster:
-        """The ray caster, built at the first call."""
-        if self._caster is None:
-            require_embreex(
-                "a ray in the scene", alternative="request neither landmarks nor pixels in view"
-            )
-            # Imported here, so that a server without such sensors runs without embree.
-            from catoptra_server.render.trace.ray_caster import commit_ray_caster
+    @cached_property
+    def built(self) -> RayCaster:
+        """The ray caster, built at the first use."""
+        require_embreex(
+            "a ray in the scene", alternative="request neither landmarks nor pixels in view"
+        )
+        # Imported here, so that a server without such sensors runs without embree.
+        from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
-            self._caster = commit_ray_caster(self._scene)
-        return self._caster
+        return commit_ray_caster(self._scene)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Distances (n,) along unit directions, metres; inf without a hit."""
-        return self.build().distances(origins, directions)
+        return self.built.distances(origins, directions)
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances (n,), metres, and normals (n, 3) of the closest hits."""
-        return self.build().closest_hits(origins, directions)
+        return self.built.closest_hits(origins, directions)
 
     def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
         """Distances (n,), metres, and indices (n,) of the closest triangles; else inf and -1."""
-        return self.build().closest_triangles(origins, directions)
+        return self.built.closest_triangles(origins, directions)

@@ -275,7 +275,9 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         and not struct.has_key("Texture")
     )
     material = None if has_own_material else _read_material(struct, folder)
-    unlit = _read_unlit(struct) if has_own_material else None
+    # None: as the mesh file says.
+    has_unlit = has_own_material and struct.has_key("Unlit")
+    unlit = struct.get_bool("Unlit", False) if has_unlit else None
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
     return Item(
         name,
@@ -287,11 +289,6 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         struct.where,
         class_name=struct.get_str("Class", ""),
     )
-
-
-def _read_unlit(struct: SectionReader) -> bool | None:
-    """Whether a mesh file with its own materials is unlit; None: as the file says."""
-    return struct.get_bool("Unlit", False) if struct.has_key("Unlit") else None
 
 
 def _read_material(struct: SectionReader, folder: Path) -> Material:

@@ -17,7 +17,6 @@ from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_sections import (
     read_effect_settings,
-    read_lens_effect_settings,
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import suggest_name
@@ -253,9 +252,7 @@ def _read_settings(
     texts = (*modes, *((key, repr(value)) for key, value in drawn.items()))
     entries = [Entry(key, text, "", overrides.where) for key, text in texts]
     section = SectionReader(_EFFECTS_SECTION, overrides.where, entries)
-    if has_mirror:
-        return read_effect_settings(section, has_viewpoint=has_viewpoint)
-    return read_lens_effect_settings(section)
+    return read_effect_settings(section, has_mirror=has_mirror, has_viewpoint=has_viewpoint)
 
 
 def _is_possible(kind: EffectType, *, has_mirror: bool, has_viewpoint: bool) -> bool:

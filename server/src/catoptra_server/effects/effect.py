@@ -24,7 +24,6 @@ import math
 from collections.abc import Callable
 from dataclasses import field
 from enum import Enum, StrEnum
-from functools import lru_cache
 from typing import Any, Protocol, TypeGuard, TypeVar
 
 import numpy as np
@@ -274,7 +273,6 @@ NO_EFFECT_SETTINGS = EffectSettings()
 _RADIANCE_FIELDS = frozenset({"max_radiance", "camera_key"})
 
 
-@lru_cache(maxsize=64)
 def needs_radiance_only(settings: EffectSettings) -> bool:
     """Whether the criteria of all named effects read nothing of a scene but its radiance.
 

@@ -24,7 +24,7 @@ import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from enum import Enum
 from typing import cast
 
@@ -133,24 +133,9 @@ class ViewState:
     """Median time of the last frames; None before 30 frames."""
 
 
-@dataclass(slots=True)
-class ErrorBoundTable:
-    """Error bounds of the planned cameras; any thread may read them."""
-
-    # Without a lock: one writer, and single operations of a dict are atomic.
-    _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
-
-    def get(self, camera: CameraSpec) -> ErrorBound | None:
-        """Error bound of a camera's frames; None before the first one, or without a bound."""
-        return self._bounds.get(camera)
-
-    def put(self, camera: CameraSpec, bound: ErrorBound | None) -> None:
-        """Publish the bound of a camera."""
-        self._bounds[camera] = bound
-
-    def remove(self, camera: CameraSpec) -> None:
-        """Remove the bound of a camera."""
-        self._bounds.pop(camera, None)
+# Error bounds of the planned cameras by camera, None for a plan without one; any thread may read
+# them. Without a lock: one writer, and single operations of a dict are atomic.
+ErrorBoundTable = dict[CameraSpec, ErrorBound | None]
 
 
 class CameraPlan:
@@ -168,6 +153,7 @@ class CameraPlan:
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
+        self.needs_radiance_only = needs_radiance_only(camera.effect_settings)
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
         # A perspective camera has no budget.
@@ -245,10 +231,10 @@ class FramePlanner:
         self._planner = planner
         self._summarizer = summarizer
         self._calibration_states = calibration_states
-        self._error_bounds = error_bounds or ErrorBoundTable()
+        self._error_bounds: ErrorBoundTable = {} if error_bounds is None else error_bounds
         # The ones used longest ago are forgotten.
         self._cameras: LruDict[CameraSpec, CameraPlan] = LruDict(
-            _MAX_CAMERAS, on_remove=self._error_bounds.remove
+            _MAX_CAMERAS, on_remove=lambda camera: self._error_bounds.pop(camera, None)
         )
         self._last_drawn: LruDict[OmniCameraSpec, OmniCameraSpec] = LruDict(_MAX_CAMERAS)
         """Of mirrors without a viewpoint, the camera that the last frame drew."""
@@ -264,7 +250,7 @@ class FramePlanner:
         # Before a frame, not after: the frame's plan is the one that rendered it.
         self._replan_if_due(camera_plan)
         begin_s = self._clock()
-        effects = self._decide_effects(drawn, camera_state)
+        effects = self._decide_effects(camera_plan, camera_state)
         unlimited = apply_scene_effects(camera_state, effects)
         limited = unlimited
         if unlimited.shutter is not None:
@@ -351,13 +337,13 @@ class FramePlanner:
         self._last_drawn.put(camera, chosen)
         return chosen
 
-    def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
+    def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
-        settings = camera.effect_settings
+        camera, settings = camera_plan.camera, camera_plan.camera.effect_settings
         if not settings.settings:
             return NO_EFFECTS
         # Radiance bounds never change; a whole summary measures distances from the new pose.
-        if needs_radiance_only(settings):
+        if camera_plan.needs_radiance_only:
             summary = self._summarizer.summarize_radiance(camera_state)
         else:
             summary = self._summarizer.summarize(camera_state, camera.camera)
@@ -370,13 +356,13 @@ class FramePlanner:
             return
         angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
         if camera_plan.bound_frame(angle_rad) and camera_plan.choice is not None:
-            self._error_bounds.put(camera_plan.camera, camera_plan.choice.bound)
+            self._error_bounds[camera_plan.camera] = camera_plan.choice.bound
 
     def _publish_bound(self, camera: CameraSpec, choice: PlanChoice | None) -> None:
         """Publish the bound of a camera whose frame another one's plan draws."""
         # Planned, so that its bound is removed with its plan.
         if choice is not None and self.plan_camera(camera).choice is not None:
-            self._error_bounds.put(camera, choice.bound)
+            self._error_bounds[camera] = choice.bound
 
     def _record_time(
         self, camera_plan: CameraPlan, frame_ms: float, stage_ms: Mapping[str, float]
@@ -436,7 +422,7 @@ class FramePlanner:
         camera = spec.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("error bound: %s", choice.bound or "none")
-        self._error_bounds.put(spec, choice.bound)
+        self._error_bounds[spec] = choice.bound
         return choice
 
 

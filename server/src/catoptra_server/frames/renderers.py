@@ -143,14 +143,10 @@ class RendererPool:
         self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
         self._factories = dict(choice.factories)
         self._may_replace = may_replace
-        self._default_kind = choice.kind
+        self.default_kind = choice.kind
+        """Kind of the renderer for cameras without an accuracy target."""
         self._replaced: dict[RendererKind, RendererKind] = {}
         self._tracer: Renderer | None = None
-
-    @property
-    def default_kind(self) -> RendererKind:
-        """Kind of the renderer for cameras without an accuracy target."""
-        return self._default_kind
 
     @property
     def reason(self) -> str:
@@ -232,13 +228,13 @@ class RendererPool:
     def replace(self, kind: RendererKind, other: RendererKind) -> None:
         """Use a renderer of another kind in place of a failed one."""
         self._replaced[kind] = other
-        self._default_kind = other if self._default_kind is kind else self._default_kind
+        self.default_kind = other if self.default_kind is kind else self.default_kind
 
     def restore(self, kind: RendererKind) -> None:
         """Undo a replacement."""
         self._replaced.pop(kind)
         if self._choice.kind not in self._replaced:
-            self._default_kind = self._choice.kind
+            self.default_kind = self._choice.kind
 
     def close(self) -> None:
         """Close all renderers."""

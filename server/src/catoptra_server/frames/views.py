@@ -68,6 +68,8 @@ _MAX_VIEWS = 64
 # beside 30 ms or more for the rays of so many bytes.
 _RELEASE_BYTES = 4 * 2**20
 
+_ResultT = TypeVar("_ResultT")
+_DecidedT = TypeVar("_DecidedT", CameraPlan, FramePlan)
 _LabelRequester = Callable[[LabelledImage, tuple[str, ...]], LabelRequest | None]
 
 
@@ -118,6 +120,7 @@ class ViewCache:
                 None for the server's frames.
             clock: Clock in seconds that frames are timed by.
         """
+        self._renderers = planner.renderers
         self._frames = FramePlanner(
             planner,
             summarizer,
@@ -126,19 +129,9 @@ class ViewCache:
             clock=clock,
         )
         self._clock = clock
-        self._views = _ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
-        self._labeller = _FrameLabeller(planner.renderers, summarizer)
+        self._views = _ViewStore(self._renderers, max_bytes=max_bytes, max_views=max_views)
+        self._labeller = _FrameLabeller(self._renderers, summarizer)
         self._request_labels = request_labels or self._labeller.request
-        self._recovery = _RendererRecovery(
-            planner.renderers,
-            close_views=self._close_views_of,
-            forget_plans=self._frames.forget_all,
-        )
-
-    def _close_views_of(self, kind: RendererKind) -> None:
-        """Close all views of one renderer, and the rays of labels, which may be of the same."""
-        self._labeller.close()
-        self._views.close_views_of(kind)
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -156,7 +149,7 @@ class ViewCache:
             self._views.trim()
             return camera_plan.plan_text
 
-        return self._recovery.work(partial(self._frames.plan_camera, camera), prepare_view)
+        return self._work(partial(self._frames.plan_camera, camera), prepare_view)
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view; the first frame of a camera includes the preparation.
@@ -165,7 +158,7 @@ class ViewCache:
             ViewFailedError: No renderer can draw the view, or its decision failed.
         """
         decide = partial(self._frames.decide, request.camera, request.camera_state)
-        return self._recovery.work(decide, partial(self._draw, request))
+        return self._work(decide, partial(self._draw, request))
 
     def _draw(self, request: ViewRequest, frame_plan: FramePlan) -> RenderedView:
         """Draw what is decided, and record it."""
@@ -188,6 +181,63 @@ class ViewCache:
         decisions = self._frames.record(frame_plan, image, 1e3 * (self._clock() - begin_s))
         self._views.trim()
         return RenderedView(image, frame_plan, decisions, request.label_channels, labels)
+
+    def _work(
+        self, decide: Callable[[], _DecidedT], draw: Callable[[_DecidedT], _ResultT]
+    ) -> _ResultT:
+        """Result of drawing what is decided, by a new or another renderer after a fault.
+
+        Raises:
+            ViewFailedError: No renderer can do it, or nothing could be decided.
+        """
+        decided = _decide(decide)
+        kind = decided.plan.renderer
+        try:
+            return draw(decided)
+        except Exception as error:
+            # A request that no renderer could satisfy is no fault of this one.
+            if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
+                raise ViewFailedError(str(error)) from error
+            log_fault(log, "%s failed to render a view and is made anew", kind.value)
+        self._renew_renderer(kind)
+        try:
+            return draw(_decide(decide))
+        except Exception:
+            log_fault(log, "%s failed again after it was made anew", kind.value)
+        # Whatever comes of this view, others find a renderer that works.
+        self._renew_renderer(kind)
+        return self._work_with_replacement(decide, draw, kind)
+
+    def _work_with_replacement(
+        self,
+        decide: Callable[[], _DecidedT],
+        draw: Callable[[_DecidedT], _ResultT],
+        failed: RendererKind,
+    ) -> _ResultT:
+        """Result of some work by another renderer, which stays in use if it succeeds."""
+        other = self._renderers.find_replacement(failed)
+        if other is None:
+            raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
+        self._renderers.replace(failed, other)
+        self._frames.forget_all()
+        try:
+            result = draw(_decide(decide))
+        except Exception as error:
+            log_fault(log, "%s failed in place of %s", other.value, failed.value)
+            self._renew_renderer(other)
+            self._renderers.restore(failed)
+            self._frames.forget_all()
+            raise ViewFailedError(
+                f"{failed.value} and {other.value} failed to render the view: see the server's log"
+            ) from error
+        log.warning("%s replaces %s, which failed twice", other.value, failed.value)
+        return result
+
+    def _renew_renderer(self, kind: RendererKind) -> None:
+        # The rays of labels may be of the same renderer.
+        self._labeller.close()
+        self._views.close_views_of(kind)
+        self._renderers.renew(kind)
 
     def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
         """Label the pixels of a rendered view, in the channels of its request.
@@ -226,8 +276,8 @@ class _ViewStore:
         self,
         renderers: RendererPool,
         *,
-        max_bytes: int = _MAX_VIEW_BYTES,
-        max_views: int = _MAX_VIEWS,
+        max_bytes: int,
+        max_views: int,
     ) -> None:
         """Create an empty store.
 
@@ -318,87 +368,6 @@ class _ViewStore:
         except Exception:
             # Of a renderer that failed: it is closed as a whole.
             log_fault(log, "a view could not be closed")
-
-
-_ResultT = TypeVar("_ResultT")
-_DecidedT = TypeVar("_DecidedT", CameraPlan, FramePlan)
-
-
-class _RendererRecovery:
-    """Renderers that are made anew after faults."""
-
-    def __init__(
-        self,
-        renderers: RendererPool,
-        *,
-        close_views: Callable[[RendererKind], None],
-        forget_plans: Callable[[], None],
-    ) -> None:
-        """Guard the work of some renderers.
-
-        Args:
-            renderers: The renderers.
-            close_views: Closes the prepared views of a renderer.
-            forget_plans: Has all cameras planned anew, with other renderers.
-        """
-        self._renderers = renderers
-        self._close_views = close_views
-        self._forget_plans = forget_plans
-
-    def work(
-        self, decide: Callable[[], _DecidedT], draw: Callable[[_DecidedT], _ResultT]
-    ) -> _ResultT:
-        """Result of drawing what is decided, by a new or another renderer after a fault.
-
-        Raises:
-            ViewFailedError: No renderer can do it, or nothing could be decided.
-        """
-        decided = _decide(decide)
-        kind = decided.plan.renderer
-        try:
-            return draw(decided)
-        except Exception as error:
-            # A request that no renderer could satisfy is no fault of this one.
-            if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
-                raise ViewFailedError(str(error)) from error
-            log_fault(log, "%s failed to render a view and is made anew", kind.value)
-        self._renew_renderer(kind)
-        try:
-            return draw(_decide(decide))
-        except Exception:
-            log_fault(log, "%s failed again after it was made anew", kind.value)
-        # Whatever comes of this view, others find a renderer that works.
-        self._renew_renderer(kind)
-        return self._work_with_replacement(decide, draw, kind)
-
-    def _work_with_replacement(
-        self,
-        decide: Callable[[], _DecidedT],
-        draw: Callable[[_DecidedT], _ResultT],
-        failed: RendererKind,
-    ) -> _ResultT:
-        """Result of some work by another renderer, which stays in use if it succeeds."""
-        other = self._renderers.find_replacement(failed)
-        if other is None:
-            raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
-        self._renderers.replace(failed, other)
-        self._forget_plans()
-        try:
-            result = draw(_decide(decide))
-        except Exception as error:
-            log_fault(log, "%s failed in place of %s", other.value, failed.value)
-            self._renew_renderer(other)
-            self._renderers.restore(failed)
-            self._forget_plans()
-            raise ViewFailedError(
-                f"{failed.value} and {other.value} failed to render the view: see the server's log"
-            ) from error
-        log.warning("%s replaces %s, which failed twice", other.value, failed.value)
-        return result
-
-    def _renew_renderer(self, kind: RendererKind) -> None:
-        self._close_views(kind)
-        self._renderers.renew(kind)
 
 
 def _decide(decide: Callable[[], _DecidedT]) -> _DecidedT:

@@ -9,9 +9,10 @@ To add a renderer, implement `Renderer` and `View` in a folder of its own and ad
 
 The two renderers blur motion differently. Raster and the float64 reference take the weighted mean,
 row by row, of sharp images at times a pixel of motion apart (`sample_shutter`). The kernel takes
-the poses of the whole exposure (`trajectory`) and chooses the instants of each part of the image.
-To spread one image along each pixel's displacement took 330 to 720 ms and was off by 1.3 to 2.3
-grey levels rms; time samples leave 0.1 to 0.7 (`tests/server/render/test_motion_agreement.py`).
+the poses of the whole exposure (`trace_engine.camera_states`) and chooses the instants of each part
+of the image. To spread one image along each pixel's displacement took 330 to 720 ms and was off by
+1.3 to 2.3 grey levels rms; time samples leave 0.1 to 0.7
+(`tests/server/render/test_motion_agreement.py`).
 """
 
 from __future__ import annotations
@@ -246,12 +247,6 @@ class StageClock:
         self._last = now
 
 
-# Between two rotations 2 degrees apart interpolated entries are a rotation's to 2e-4.
-_MAX_TURN_RAD = 0.035
-# A robot that spins for the longest exposure of a minute: coarser, but bounded.
-_MAX_TURNS = 256
-
-
 def sample_shutter(
     camera_state: CameraState, num_rows: int
 ) -> list[tuple[CameraState, RowWeights]]:
@@ -277,23 +272,6 @@ def sample_shutter(
         for time_s, row_weights in samples
         if row_weights.any()
     ]
-
-
-def trajectory(camera_state: CameraState) -> tuple[CameraState, ...]:
-    """Sharp camera states, evenly spaced from the begin to the end of an exposure.
-
-    Two, or as many as turns take for poses between two of them to be interpolated entry by entry.
-    Without a shutter the only state is the camera state itself.
-    """
-    shutter = camera_state.shutter
-    if shutter is None:
-        return (camera_state,)
-    total_s = shutter.exposure_s + shutter.readout_s
-    twists = (camera_state.twist, *(placed.twist for placed in camera_state.objects))
-    turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
-    steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
-    # Centred: the camera state is that of the middle of the exposure.
-    return tuple(advance(camera_state, (i / steps - 0.5) * total_s) for i in range(steps + 1))
 
 
 def advance(camera_state: CameraState, time_s: float) -> CameraState:

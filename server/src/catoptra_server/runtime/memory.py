@@ -134,7 +134,7 @@ class LruDict(Generic[_K, _V]):
     """Items by key, each made at its first use; no item is None."""
 
     def __init__(
-        self, max_items: int, *, on_remove: Callable[[_K], None] = lambda key: None
+        self, max_items: int, *, on_remove: Callable[[_K], object] = lambda key: None
     ) -> None:
         """Create an empty dictionary.
 

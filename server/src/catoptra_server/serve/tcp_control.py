@@ -23,7 +23,7 @@ from catoptra_protocol.vectors import Vector3
 from catoptra_server.serve.limits import LoopAccount, LoopCalls
 from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     ClientDisconnected,
     CommandReceived,
     ResetRequested,

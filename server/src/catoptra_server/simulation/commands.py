@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import assert_never
+from functools import partial
+from typing import TypeVar, assert_never
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -45,12 +46,12 @@ from catoptra_server.frames.plan.error_bound import ErrorBound
 from catoptra_server.simulation.events import Client, RejectedError
 from catoptra_server.simulation.robot import EnvironmentProvider, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import Part, SensorContext
 from catoptra_server.simulation.sensors.encoder import EncoderBank
 from catoptra_server.simulation.sensors.ins import InsSensor
 from catoptra_server.simulation.sensors.odometry import OdometrySensor
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
+from catoptra_server.simulation.sensors.sensor import Part, SensorContext
 
 ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
 # The others are executed without power, as in USARSim.
@@ -217,25 +218,35 @@ def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [
-        s for s in robot.sensors if isinstance(s, OdometrySensor) and _matches_name(command, s.name)
+_InstrumentT = TypeVar("_InstrumentT", OdometrySensor, InsSensor, RangeScannerSensor)
+
+
+def _find_instruments(
+    robot: Robot, command: SetCommand, kind: type[_InstrumentT]
+) -> list[_InstrumentT]:
+    """Instruments of a kind: that of the command's name, or all."""
+    return [
+        sensor.instrument
+        for sensor in robot.sensors
+        if isinstance(sensor.instrument, kind) and _matches_name(command, sensor.name)
     ]
+
+
+def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
+    found = _find_instruments(robot, command, OdometrySensor)
     for sensor in found:
         sensor.reset()
     return [] if found else None
 
 
 def _reset_encoder(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    banks = [s for s in robot.sensors if isinstance(s, EncoderBank)]
+    banks = [s.instrument for s in robot.sensors if isinstance(s.instrument, EncoderBank)]
     # A list inside any(): every bank is reset, not only the first that has the name.
     return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
 def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [
-        s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
-    ]
+    found = _find_instruments(robot, command, InsSensor)
     numbers = command.numeric_params
     # x, y, z, roll, pitch, yaw; a part of a pose is no pose.
     if len(numbers) != 6:
@@ -247,21 +258,14 @@ def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> 
 
 
 def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
     # Beside the periodic scans, whose schedule does not change.
-    scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
-    return scans or None
+    found = _find_instruments(robot, command, RangeScannerSensor)
+    return [sensor.read(context) for sensor in found] or None
 
 
-def _set_max_error(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    return _set_accuracy_target(robot, command, "max_error_px")
-
-
-def _set_budget(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    return _set_accuracy_target(robot, command, "budget_ms")
-
-
-def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> _Readings:
+def _set_accuracy_target(
+    robot: Robot, command: SetCommand, context: SensorContext, *, field: str
+) -> _Readings:
     """Set one value of an accuracy target, of all omnidirectional cameras without a name."""
     omnis = [omni for omni in robot.omni_cameras if _matches_name(command, omni.name)]
     numbers = command.numeric_params
@@ -282,8 +286,8 @@ _HANDLERS: dict[tuple[str, str], Callable[[Robot, SetCommand, SensorContext], _R
     ("encoder", "reset"): _reset_encoder,
     ("ins", "pose"): _set_ins_pose,
     ("rangescanner", "scan"): _scan,
-    ("camera", "maxerror"): _set_max_error,
-    ("camera", "budget"): _set_budget,
+    ("camera", "maxerror"): partial(_set_accuracy_target, field="max_error_px"),
+    ("camera", "budget"): partial(_set_accuracy_target, field="budget_ms"),
 }
 
 

@@ -90,25 +90,22 @@ def step_body(
         random_source: Source of the random slip.
 
     Returns:
-        The base after the tick, and the travel of the wheels before slip.
+        The base after the tick, and the travel of the wheels before slip, as encoders measure it.
     """
-    travel = wheel_travel(body.base, body.spin, duration_s)
+    # One product: the tachometer divides by the same one, and half of 1.0 prints as 0.5000.
+    m_per_rad_s = body.base.wheel_radius_m * duration_s
+    travel = WheelTravel(m_per_rad_s * body.spin.left_rad_s, m_per_rad_s * body.spin.right_rad_s)
     pose = body.pose
     if travel != NO_TRAVEL:
         # Random numbers by tick: a drive repeats itself whatever other robots do.
-        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
+        travel_on_floor = _apply_slip(body.base, travel, random_source.generator(body.tick))
         pose = _move_until_contact(body, travel_on_floor, obstacles)
     return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
 
 
-def wheel_travel(base: DriveBase, spin: WheelSpin, duration_s: float) -> WheelTravel:
-    """Travel of spinning wheels as encoders measure, before any slip."""
-    # One product: the tachometer divides by the same one, and half of 1.0 prints as 0.5000.
-    m_per_rad_s = base.wheel_radius_m * duration_s
-    return WheelTravel(m_per_rad_s * spin.left_rad_s, m_per_rad_s * spin.right_rad_s)
-
-
-def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Generator) -> WheelTravel:
+def _apply_slip(
+    base: DriveBase, travel: WheelTravel, generator: np.random.Generator
+) -> WheelTravel:
     """Travel over the floor: a fraction of the turn is lost, and each side slips at random."""
     left_noise, right_noise = generator.standard_normal(2)
     lost_m = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)

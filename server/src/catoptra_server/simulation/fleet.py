@@ -32,11 +32,6 @@ from catoptra_protocol.usarsim.commands import (
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report, StartPoses
-from catoptra_server.frames.frame import (
-    CameraChannel,
-    Channel,
-    FrameComposition,
-)
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
@@ -56,7 +51,6 @@ from catoptra_server.simulation.fleet_cameras import (
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
-from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
@@ -105,13 +99,14 @@ class Fleet:
         self._environment = FleetEnvironment(
             self._robots.values(), world, scene, ray_caster or EmptyScene(), self._collision_index
         )
-        self._cameras = FleetCameras(
+        self.cameras = FleetCameras(
             self._robots.values(),
             self._classes,
             self._environment,
             multi_view=multi_view,
             error_bound_of=error_bound_of,
         )
+        """Frames of channels, and what cameras see."""
         self.remote_control = RemoteControl(self._robots)
         """Who drives whose robot."""
 
@@ -125,7 +120,7 @@ class Fleet:
         if robot is None:
             return None
         self._collision_index.invalidate(robot)
-        self._cameras.release(robot)
+        self.cameras.release(robot)
         self.remote_control.release(client)
         # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
@@ -209,7 +204,7 @@ class Fleet:
             moved_to = robot.location_m
         client.confirm_spawn(name, moved_to)
         # Before the first CONF of the cameras, which names their tiles.
-        self._cameras.assign_tiles(robot)
+        self.cameras.assign_tiles(robot)
         # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from
         # CONF of the cameras which tile of the image is theirs.
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
@@ -263,7 +258,7 @@ class Fleet:
 
     def get_state(self, name: str) -> FleetState:
         """All robots; readings and notes of the robot of a name, empty for the displayed one."""
-        return collect_fleet_state(self._robots.values(), self._cameras.find_robot(name))
+        return collect_fleet_state(self._robots.values(), self.cameras.find_robot(name))
 
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""
@@ -314,19 +309,3 @@ class Fleet:
         """Clients whose robots raised since the last call; the caller removes the robots."""
         faulty, self._faulty = self._faulty, []
         return faulty
-
-    def compose_frame(self, channel: Channel) -> FrameComposition | None:
-        """Compose the frame of a channel; None without such a robot or camera."""
-        return self._cameras.compose_frame(channel)
-
-    def compute_landmark_visibility(
-        self, channel: CameraChannel
-    ) -> tuple[LandmarkVisibility, ...] | None:
-        """Landmarks in view of a camera; None without such a robot or camera."""
-        return self._cameras.compute_landmark_visibility(channel)
-
-    def look_through_pixel(
-        self, channel: CameraChannel, point_px: tuple[float, float]
-    ) -> PixelView | None:
-        """What a camera sees at a point of its image; None without such a robot or camera."""
-        return self._cameras.look_through_pixel(channel, point_px)

@@ -89,17 +89,14 @@ class Inbox:
                     self._urgent.append(event)
                 case _:
                     superseded = self._put_work(event)
-            if self._ends_wait(event):
+            # Each wake-up takes the interpreter from the renderer: between the end of a tick's
+            # budget and the next tick work wakes nobody.
+            if self._waits_for_work or not isinstance(event, ClientWork):
                 self._changed.notify()
             has_room = not isinstance(event, ClientWork) or self._has_room(event.client)
         if superseded is not None:
             superseded.reply(Fault("superseded by a newer request"), superseded.camera)
         return has_room
-
-    def _ends_wait(self, event: ClientWork | UrgentEvent) -> bool:
-        # Each wake-up takes the interpreter from the renderer: between the end of a tick's budget
-        # and the next tick work wakes nobody.
-        return self._waits_for_work or not isinstance(event, ClientWork)
 
     def _has_room(self, client: Client) -> bool:
         if self._work.count(client) < MAX_WAITING:

@@ -45,7 +45,6 @@ from catoptra_server.simulation.events import (
     StepRequested,
     StepResult,
     StopRequested,
-    UrgentEvent,
     reply_fault,
 )
 from catoptra_server.simulation.fleet import Fleet
@@ -108,7 +107,7 @@ class Simulation:
         self._time_ns = 0
         self._started_s = 0.0
         self._frame_capture = FrameCapture(
-            fleet.compose_frame,
+            fleet.cameras.compose_frame,
             render=render,
             reject=reject,
             # A limit of the load in real time; under lockstep each request has its frame.
@@ -177,21 +176,18 @@ class Simulation:
 
     def _handle_urgent_events(self) -> None:
         for event in self._inbox.take_urgent():
-            self._handle_urgent(event)
-
-    def _handle_urgent(self, event: UrgentEvent) -> None:
-        match event:
-            case ClientDisconnected(client):
-                self._fleet.remote_control.halt_robots_driven_by(client, self._time_s)
-                self._remove_robot(client)
-                if client is self._stepping:
-                    self._stepping = None
-            case FrameRequested():
-                self._frame_capture.request_frame(event)
-            case StopRequested():
-                self._is_stopped = True
-            case _:
-                assert_never(event)
+            match event:
+                case ClientDisconnected(client):
+                    self._fleet.remote_control.halt_robots_driven_by(client, self._time_s)
+                    self._remove_robot(client)
+                    if client is self._stepping:
+                        self._stepping = None
+                case FrameRequested():
+                    self._frame_capture.request_frame(event)
+                case StopRequested():
+                    self._is_stopped = True
+                case _:
+                    assert_never(event)
 
     def _serve_waiting_work(self) -> None:
         """Serve the work that is waiting now: all under lockstep, else within the budget."""
@@ -236,10 +232,10 @@ class Simulation:
             case AccuracyTargetChanged():
                 event.reply(*self._fleet.set_accuracy_target(event))
             case LandmarksRequested(_, channel, landmarks_reply):
-                landmarks = self._fleet.compute_landmark_visibility(channel)
+                landmarks = self._fleet.cameras.compute_landmark_visibility(channel)
                 landmarks_reply(self._time_s, landmarks)
             case PixelRequested(_, channel, point_px, pixel_reply):
-                view = self._fleet.look_through_pixel(channel, point_px)
+                view = self._fleet.cameras.look_through_pixel(channel, point_px)
                 pixel_reply(self._time_s, view)
             case StateRequested(_, robot, state_reply):
                 state_reply(self._time_s, self._fleet.get_state(robot))

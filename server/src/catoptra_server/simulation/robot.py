@@ -26,17 +26,18 @@ from catoptra_server.frames.multi_view import Viewports
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import RobotBody, WheelSpin, step_body
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
-from catoptra_server.simulation.sensors import (
+from catoptra_server.simulation.sensors import build_sensors
+from catoptra_server.simulation.sensors.mission_package import MissionPackage
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.sensors.sensor import (
+    EMPTY_ENVIRONMENT,
     MotionStep,
     Part,
     Sensor,
     SensorContext,
-    build_sensors,
+    SensorEnvironment,
 )
-from catoptra_server.simulation.sensors.mission_package import MissionPackage
-from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.obstacle_grid import ObstacleGrid
@@ -48,12 +49,8 @@ EnvironmentProvider = Callable[[], SensorEnvironment]
 _SLIP_STREAM = "slip"
 
 
-@dataclass(frozen=True, slots=True)
-class PublishedNote:
-    """A note and the simulation time of its arrival."""
-
-    note: Note
-    time_s: float
+# A note, and the simulation time of its arrival.
+_PublishedNote = tuple[Note, float]
 
 
 class Robot:
@@ -103,8 +100,9 @@ class Robot:
             lambda part: RandomSource.from_names(seed, name, _stream_name(part)),
         )
         self._body = RobotBody(description.drive, pose, WheelSpin())
-        self._world_from_robot = pose.at_height(description.drive.ride_height_m)
-        self.world_from_start = self._world_from_robot
+        self.world_from_robot = pose.at_height(description.drive.ride_height_m)
+        """Pose of the chassis frame."""
+        self.world_from_start = self.world_from_robot
         """Pose of the chassis frame at which the robot was spawned."""
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
         self._noise_sources = {
@@ -118,10 +116,11 @@ class Robot:
         self._light = False
         # Set by a command whose driver may fall silent.
         self._halt_at_s = math.inf
-        self._twist = AT_REST
+        self.twist = AT_REST
+        """Motion in the last tick, slip included, at the chassis origin in world axes."""
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
-        self._notes: dict[str, PublishedNote] = {}
+        self._notes: dict[str, _PublishedNote] = {}
         self.shares_control = False
         """Whether other clients may drive the robot."""
         self.viewports = Viewports([camera.name for camera in self.all_cameras])
@@ -134,20 +133,10 @@ class Robot:
         return self.description.class_name
 
     @property
-    def world_from_robot(self) -> Pose:
-        """Pose of the chassis frame."""
-        return self._world_from_robot
-
-    @property
     def location_m(self) -> Vector3:
         """Origin of the chassis frame in the world."""
         x, y, z = self.world_from_robot.translation.tolist()
         return x, y, z
-
-    @property
-    def twist(self) -> Twist:
-        """Motion in the last tick, slip included, at the chassis origin in world axes."""
-        return self._twist
 
     @property
     def is_rolling(self) -> bool:
@@ -165,7 +154,7 @@ class Robot:
         return tuple(self._newest_reports.values())
 
     @property
-    def notes(self) -> tuple[PublishedNote, ...]:
+    def notes(self) -> tuple[_PublishedNote, ...]:
         """Newest note of each name, in the order of the names' first notes."""
         return tuple(self._notes.values())
 
@@ -176,7 +165,7 @@ class Robot:
             LocalProtocolError: The robot has notes of as many other names as it may.
         """
         check_note_count(self._notes, note.name)
-        self._notes[note.name] = PublishedNote(note, time_s)
+        self._notes[note.name] = (note, time_s)
 
     @property
     def bounding_box(self) -> OrientedBox:
@@ -265,13 +254,13 @@ class Robot:
         # Once a tick: several reports and frames of a tick need the matrix.
         if self._body.pose != before:
             height_m = self.description.drive.ride_height_m
-            self._world_from_robot = self._body.pose.at_height(height_m)
+            self.world_from_robot = self._body.pose.at_height(height_m)
         # From poses, not from wheel travel: slip and obstacles are part of the motion blur.
-        self._twist = _mean_twist(before, self._body.pose, duration_s)
+        self.twist = _mean_twist(before, self._body.pose, duration_s)
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)
         # Without power, too: the errors of a drifting sensor grow while the robot stands.
         for sensor in self.sensors:
-            sensor.update(motion)
+            sensor.instrument.update(motion)
 
     def sensor_context(
         self, time_s: float, environment: SensorEnvironment = EMPTY_ENVIRONMENT
@@ -302,7 +291,7 @@ class Robot:
             return []
         context = self.sensor_context(time_s, sense())
         due = [i for i in indices if i < len(self.sensors)]
-        reports: list[Report] = [self.sensors[i].read(context) for i in due]
+        reports: list[Report] = [self.sensors[i].instrument.read(context) for i in due]
         if len(due) < len(indices):
             reports += [*(p.status(time_s) for p in self.mission_packages), self._status(time_s)]
         for report in reports:
@@ -349,26 +338,26 @@ class FleetState:
     """Robot of readings and notes; empty for none."""
     reports: tuple[Report, ...] = ()
     """Newest reading of each sensor, and the status."""
-    notes: tuple[PublishedNote, ...] = ()
+    notes: tuple[_PublishedNote, ...] = ()
+    """Notes with the simulation times of their arrival."""
 
 
 def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> FleetState:
     """State of robots, with readings and notes of one of them, if any."""
-    snapshots = tuple(map(_snapshot, robots))
+    snapshots = tuple(
+        RobotSnapshot(
+            robot.name,
+            robot.class_name,
+            robot.world_from_robot,
+            robot.world_from_start,
+            robot.wheel_speeds_rad_s,
+            robot.shares_control,
+        )
+        for robot in robots
+    )
     if detailed is None:
         return FleetState(snapshots)
     return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes)
-
-
-def _snapshot(robot: Robot) -> RobotSnapshot:
-    return RobotSnapshot(
-        robot.name,
-        robot.class_name,
-        robot.world_from_robot,
-        robot.world_from_start,
-        robot.wheel_speeds_rad_s,
-        robot.shares_control,
-    )
 
 
 # Two times closer than this are one tick: due times are sums of periods as floats.

@@ -86,7 +86,9 @@ class RobotMeshes:
 
     def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
         # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
-        self._meshes = {d.class_name: _build_mesh(d) for d in descriptions}
+        self._meshes = {
+            d.class_name: build_robot_mesh(_dimensions(d), _tower(d)) for d in descriptions
+        }
         self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
 
     def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
@@ -202,10 +204,6 @@ def _search_offsets_m() -> Floats:
 
 
 _SEARCH_OFFSETS_M = _search_offsets_m()
-
-
-def _build_mesh(description: RobotDescription) -> ObjectMesh:
-    return build_robot_mesh(_dimensions(description), _tower(description))
 
 
 def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:

@@ -60,7 +60,9 @@ def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
     Domain: exposures of at most a fifth of a second, in which a moving object nears a lamp.
     """
     irradiance = _max_irradiance_of_any_facet(world)
-    for light in point_lights(world.lights):
+    for light in world.lights:
+        if not isinstance(light, PointLight):
+            continue
         towards = np.asarray(light.position_m) - dynamic_object.centre
         reach_m = dynamic_object.mesh.radius_m + _MAX_OFFSET_S * dynamic_object.twist.speed_m_s
         nearest_m = max(0.0, float(np.linalg.norm(towards)) - reach_m)

@@ -14,6 +14,8 @@ from catoptra_protocol.optics.camera_rays import near_limit_m, pixel_from_point,
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.stream.requests import FrameVariant
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
@@ -26,9 +28,6 @@ from catoptra_server.frames.plan.camera import (
     choose_viewpoint,
     describe_viewpoint,
     explain_viewpoint,
-    parse_effect_modes,
-    parse_reference,
-    parse_renderer,
     shows_ego_body,
 )
 from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
@@ -141,19 +140,31 @@ def test_impossible_variant_is_refused_with_the_reason(
         dataclasses.replace(CameraVariant(), **changes)  # type: ignore[arg-type] # by case
 
 
-def test_names_are_parsed_or_refused_with_the_known_ones() -> None:
-    assert parse_renderer("raster") is RendererKind.RASTER
-    assert parse_reference("exact") is ReferenceKind.EXACT
-    assert parse_effect_modes({"b": "auto", "a": "never"}) == (
-        ("a", EffectMode.NEVER),
-        ("b", EffectMode.AUTO),
+def test_variant_of_a_request_has_its_values() -> None:
+    request = FrameVariant(
+        1.0, 2.0, 64, 3, "raster", {"b": "auto", "a": "never"}, "exact", "flipped"
     )
-    with pytest.raises(DomainError, match="no renderer 'vulkan': expected one of trace, raster"):
-        parse_renderer("vulkan")
-    with pytest.raises(DomainError, match="no reference 'best'"):
-        parse_reference("best")
-    with pytest.raises(DomainError, match="no mode 'on'"):
-        parse_effect_modes({"a": "on"})
+    modes = (("a", EffectMode.NEVER), ("b", EffectMode.AUTO))
+    assert CameraVariant.from_request(request) == CameraVariant(
+        1.0, 2.0, 64, 3, RendererKind.RASTER, modes, ReferenceKind.EXACT, Picture.FLIPPED
+    )
+    assert CameraVariant.from_request(FrameVariant()) == CameraVariant()
+
+
+@pytest.mark.parametrize(
+    ("request_", "reason"),
+    [
+        (FrameVariant(renderer="vulkan"), "no renderer 'vulkan': expected one of trace, raster"),
+        (FrameVariant(reference="best"), "no reference 'best'"),
+        (FrameVariant(picture="x"), "no picture 'x'"),
+        (FrameVariant(effects={"a": "on"}), "no mode 'on'"),
+    ],
+)
+def test_unknown_name_in_a_request_is_refused_with_the_known_ones(
+    request_: FrameVariant, reason: str
+) -> None:
+    with pytest.raises(DomainError, match=reason):
+        CameraVariant.from_request(request_)
 
 
 BALL = make_camera(SphericalMirror(0.03, 0.2), 360)

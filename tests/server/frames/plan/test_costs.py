@@ -192,7 +192,10 @@ def test_processor_that_the_kernel_names_needs_no_process(
         (tmp_path / "cpuinfo").write_text(cpu_info)
     monkeypatch.setattr(cost_cache, "_CPU_INFO", tmp_path / "cpuinfo")
     monkeypatch.setattr(cost_cache.platform, "processor", run_a_process)
-    assert len(CostCache(None, build_scene(make_test_world())).make_key_of("fact")) == 32
+    assert (
+        len(CostCache(None, build_scene(make_test_world())).make_key("trace", CAMERA, PerPixel()))
+        == 32
+    )
 
 
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER

@@ -20,11 +20,7 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.frames.plan.error_bound import (
-    ErrorBound,
-    coordinate_errors,
-    error_bound,
-)
+from catoptra_server.frames.plan.error_bound import ErrorBound, coordinate_errors, error_bound
 from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, atlas_coordinates, pack_atlas

@@ -14,12 +14,7 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
@@ -29,11 +24,10 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_server.frames.plan.faces import (
     face_regions,
     max_face_size_px,
-    regions_of_size,
     texel_footprint,
 )
 from catoptra_server.render.renderer import FaceRegion, FaceWindow
-from helpers.worlds import make_omni_camera
+from helpers.worlds import make_omni_camera, regions_of_size
 
 CAMERA = make_omni_camera(width_px=360)
 MIRROR_CAMERAS = [

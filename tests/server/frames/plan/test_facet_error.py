@@ -13,12 +13,12 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.frames.plan import facet_error as module
 from catoptra_server.frames.plan.facet_error import (
     GeometricError,
     apply_floor,
-    facet_error,
-    facet_error_by_radius,
+    facet_errors,
     rim_gap,
     sum_errors,
 )
@@ -38,6 +38,10 @@ TABLE = [
     (64, 16, 0.1532, 0.0973, 0.4431, 0.2317, 0.737, 0.241),
     (128, 32, 0.0383, 0.0243, 0.1121, 0.0579, 0.193, 0.0603),
 ]
+
+
+def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
+    return facet_errors(camera, tessellation)[0]
 
 
 def position_tessellation(sectors: int, rings: int) -> Tessellation:
@@ -92,8 +96,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
 ) -> None:
     camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
     tessellation = Tessellation(sectors, rings, interpolation)
-    bound = facet_error(camera, tessellation)
-    bound_by_radius = facet_error_by_radius(camera, tessellation)
+    bound, bound_by_radius = facet_errors(camera, tessellation)
     steps = module._grid_steps(len(module._distinct_triangles(camera, tessellation)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
@@ -101,7 +104,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
         module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
     )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
-    finer, finer_by_radius = module._facet_errors.__wrapped__(camera, tessellation)
+    finer, finer_by_radius = facet_errors.__wrapped__(camera, tessellation)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
     assert finer.max_deg / reserve <= bound.max_deg <= 1.1 * finer.max_deg
     assert bound.rms_px == pytest.approx(finer.rms_px, rel=0.01)
@@ -144,7 +147,7 @@ def test_error_by_radius_bounds_every_ring_and_its_largest_is_the_whole(
     sectors: int, rings: int, interpolation: Interpolation
 ) -> None:
     tessellation = Tessellation(sectors, rings, interpolation)
-    by_radius = facet_error_by_radius(CAMERA, tessellation)
+    by_radius = facet_errors(CAMERA, tessellation)[1]
     assert len(by_radius) == module._NUM_RADII
     # Straight outer sides end within the rim: only there a ring may hold no facet.
     assert min(by_radius[: len(by_radius) // 2]) > 0.0
@@ -152,7 +155,7 @@ def test_error_by_radius_bounds_every_ring_and_its_largest_is_the_whole(
 
 
 def test_error_by_radius_grows_towards_the_rim_of_a_fine_mesh() -> None:
-    by_radius = facet_error_by_radius(CAMERA, position_tessellation(64, 64))
+    by_radius = facet_errors(CAMERA, position_tessellation(64, 64))[1]
     assert by_radius[5] < 0.5 * by_radius[40]
 
 

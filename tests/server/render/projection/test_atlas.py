@@ -18,7 +18,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.frames.plan.faces import face_regions, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.render.projection.atlas import (
     OUTSIDE_MIRROR,
     Atlas,
@@ -26,7 +26,7 @@ from catoptra_server.render.projection.atlas import (
     compute_lookup_map,
     pack_atlas,
 )
-from helpers.worlds import make_omni_camera
+from helpers.worlds import make_omni_camera, regions_of_size
 
 
 def pack_uniform(limit_deg: float, *, size: int = 64, max_texels: int = 16384) -> Atlas:

@@ -10,7 +10,6 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
@@ -21,7 +20,7 @@ from catoptra_server.world.world_description import Box, Item, Material, World, 
 from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import mask_away_from_edges
 from helpers.opengl import make_raster
-from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, regions_of_size
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.frames.plan.plans import max_incidence_rad
 from catoptra_server.render.projection.atlas import pack_atlas
 from catoptra_server.render.raster.device import GlDevice
@@ -29,7 +28,7 @@ from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 from catoptra_server.world.world_description import World
 from helpers.opengl import make_raster
-from helpers.worlds import make_omni_camera, make_plan
+from helpers.worlds import make_omni_camera, make_plan, regions_of_size
 
 # Off centre, not square, cut by the image: no part of the mirror may be left out.
 OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 40.0, 2.0, 0.4)

@@ -34,7 +34,7 @@ from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
 from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer, StreamServer
 from catoptra_server.serve.stream.session import RobotSession
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     ClientDisconnected,
     NotePublished,
     ResetRequested,

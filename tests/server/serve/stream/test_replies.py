@@ -58,7 +58,7 @@ from catoptra_server.serve.stream.replies import (
 )
 from catoptra_server.serve.stream.router import Outbox, SendResult
 from catoptra_server.serve.stream.session import PendingRequests, ReportLines, RobotSession
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
     LandmarksRequested,
@@ -66,7 +66,7 @@ from catoptra_server.simulation import (
     SimulationEvent,
     StateRequested,
 )
-from catoptra_server.simulation.robot import FleetState, PublishedNote, RobotSnapshot
+from catoptra_server.simulation.robot import FleetState, RobotSnapshot
 from catoptra_server.simulation.robot_description import PerspectiveCameraDescription
 from catoptra_server.simulation.sight import OUTSIDE, LandmarkVisibility, PixelView
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
@@ -329,7 +329,7 @@ STATE = FleetState(
     (RobotSnapshot("A", "USARBot.P2AT", POSE, START, (1.0, -1.0), True),),
     "A",
     (OdometryReading("Odometry", 1.0, 2.0, 0.5),),
-    (PublishedNote(Note("ekf", '{"pose":[1.0,2.0,0.5]}'), 1.25),),
+    ((Note("ekf", '{"pose":[1.0,2.0,0.5]}'), 1.25),),
 )
 
 
@@ -380,7 +380,7 @@ def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
         )
         scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
         text = '{"x":"' + 8184 * "\\" + '"}'
-        notes = tuple(PublishedNote(Note(f"{n}" * 64, text), 1.25) for n in range(8))
+        notes = tuple((Note(f"{n}" * 64, text), 1.25) for n in range(8))
         reply = await query_state(FleetState(robots, "r" * 256, (scan,) * 16, notes))
         assert reply_from_bytes(bytes_from_message(reply)) == reply
         assert reply_from_json(json_from_message(reply)) == reply

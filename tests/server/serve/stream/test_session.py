@@ -26,7 +26,7 @@ from catoptra_server.serve.stream.session import (
     ReportLines,
     RobotSession,
 )
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     ClientDisconnected,
     CommandReceived,
     NotePublished,

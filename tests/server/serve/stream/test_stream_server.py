@@ -29,7 +29,7 @@ from catoptra_server.frames.frame import Frame
 from catoptra_server.serve import port as port_module
 from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer
-from catoptra_server.simulation import ClientDisconnected
+from catoptra_server.simulation.events import ClientDisconnected
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario, wait_until
 from helpers.stream_messages import CAMERA_MODEL

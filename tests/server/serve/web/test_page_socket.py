@@ -41,7 +41,7 @@ from catoptra_server.serve.web.page_socket import (
     text_response,
 )
 from catoptra_server.serve.web.pages import WebResource
-from catoptra_server.simulation import ClientDisconnected, CommandReceived, SharedRobotDriven
+from catoptra_server.simulation.events import ClientDisconnected, CommandReceived, SharedRobotDriven
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
 from helpers.loopback import run_scenario, wait_until

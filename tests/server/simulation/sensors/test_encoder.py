@@ -9,12 +9,11 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.sensors import MotionStep, SensorContext
 from catoptra_server.simulation.sensors.encoder import EncoderBank, EncoderDescription
-from helpers.robots import BASE, ENCODER
+from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
+from helpers.robots import ENCODER, make_instrument
 
 RIGHT = dataclasses.replace(ENCODER, name="ECRight", shaft="right")
 PAN = dataclasses.replace(ENCODER, name="ECPan", shaft="CameraPan")
@@ -22,9 +21,8 @@ NOW = SensorContext(1.0, 0, Pose.identity())
 
 
 def make_bank(*encoders: EncoderDescription) -> EncoderBank:
-    return EncoderBank(
-        encoders or (ENCODER, RIGHT), BASE, RandomSource.from_names(1, "R", "encoders")
-    )
+    bank: EncoderBank = make_instrument(*(encoders or (ENCODER, RIGHT)))
+    return bank
 
 
 def roll(encoders: EncoderBank, left_m: float, right_m: float) -> EncoderBank:

@@ -9,15 +9,16 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GpsReading
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.robot_description import (
-    Mount,
+from catoptra_server.simulation.robot_description import Mount
+from catoptra_server.simulation.sensors.gps import GpsDescription
+from catoptra_server.simulation.sensors.sensor import (
+    EmptyScene,
+    RayCaster,
+    SensorContext,
+    SensorEnvironment,
 )
-from catoptra_server.simulation.sensors import SensorContext
-from catoptra_server.simulation.sensors.gps import GpsDescription, GpsSensor, geodetic_from_local
-from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.world.world_description import GpsOrigin
-from helpers.robots import BASE, GPS
+from helpers.robots import GPS, make_instrument
 from helpers.room_ray_caster import RoomRayCaster
 
 ORIGIN = GpsOrigin(39.1339, -77.2166)
@@ -30,19 +31,19 @@ def read(
     description: GpsDescription = AT_CHASSIS_ORIGIN,
     tick: int = 0,
 ) -> GpsReading:
-    sensor = GpsSensor(description, BASE, RandomSource.from_names(1, "GPS"))
     around = SensorEnvironment(scene, gps_origin=origin)
-    return sensor.read(SensorContext(0.0, tick, Pose.from_rpy((100.0, 50.0, 0.0)), around))
+    context = SensorContext(0.0, tick, Pose.from_rpy((1000.0, 1000.0, 0.0)), around)
+    reading: GpsReading = make_instrument(description).read(context)
+    return reading
 
 
 def test_fix_when_under_the_open_sky_is_of_all_satellites() -> None:
     reading = read(EmptyScene())
     assert (reading.has_fix, reading.num_satellites) == (True, 11)
-    assert (reading.latitude_deg, reading.longitude_deg) == geodetic_from_local(ORIGIN, 100.0, 50.0)
 
 
 def test_fix_when_under_a_roof_or_without_an_origin_is_none() -> None:
-    assert read(RoomRayCaster((200.0, 200.0, 2.0))) == GpsReading("GPS")
+    assert read(RoomRayCaster((2000.0, 2000.0, 2.0))) == GpsReading("GPS")
     assert read(EmptyScene(), None) == GpsReading("GPS")
 
 
@@ -54,9 +55,9 @@ def test_fix_when_under_a_roof_or_without_an_origin_is_none() -> None:
 def test_degrees_when_far_are_as_long_as_on_the_ellipsoid(
     latitude: float, metres_a_degree: float, east_metres_a_degree: float
 ) -> None:
-    north, east = geodetic_from_local(GpsOrigin(latitude, 0.0), 1000.0, 1000.0)
-    assert 1000.0 / (north - latitude) == pytest.approx(metres_a_degree, abs=1.0)
-    assert 1000.0 / east == pytest.approx(east_metres_a_degree, abs=1.0)
+    reading = read(EmptyScene(), GpsOrigin(latitude, 10.0))
+    assert 1000.0 / (reading.latitude_deg - latitude) == pytest.approx(metres_a_degree, abs=1.0)
+    assert 1000.0 / (reading.longitude_deg - 10.0) == pytest.approx(east_metres_a_degree, abs=1.0)
 
 
 def test_noise_when_configured_moves_the_position_by_its_spread() -> None:

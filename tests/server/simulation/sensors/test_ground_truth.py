@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import WheelTravel
-from catoptra_server.simulation.robot_description import (
-    Mount,
-    PlanarPose,
-)
-from catoptra_server.simulation.sensors import MotionStep, SensorContext
-from catoptra_server.simulation.sensors.ground_truth import (
-    GroundTruthDescription,
-    GroundTruthSensor,
-)
-from helpers.robots import BASE
+from catoptra_server.simulation.robot_description import Mount, PlanarPose
+from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
+from helpers.robots import make_instrument, make_sensor
 
-
-def make_sensor(decimals: int = 2) -> GroundTruthSensor:
-    description = GroundTruthDescription("GroundTruth", 0.2, decimals)
-    return GroundTruthSensor(description, BASE, RandomSource.from_names(1, "GroundTruth"))
+TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=2)
 
 
 def test_reading_is_the_true_pose_for_any_wheel_travel() -> None:
-    sensor = make_sensor()
+    sensor = make_instrument(TRUTH)
     sensor.update(MotionStep(WheelTravel(5.0, -5.0), 0, 0.02, PlanarPose(0.0, 0.0, 0.0)))
     reading = sensor.read(SensorContext(1.5, 0, Pose.from_rpy((1.0, 2.0, -0.3), (0.1, 0.2, -0.5))))
     assert (reading.time_s, reading.location_m) == (1.5, (1.0, 2.0, -0.3))
@@ -35,7 +27,7 @@ def test_reading_is_the_true_pose_for_any_wheel_travel() -> None:
 
 def test_line_when_sent_has_the_form_of_ut2004() -> None:
     pose = Pose.from_rpy((4.5, 1.9, 1.85), (0.0, 0.0, -0.001))
-    reading = make_sensor().read(SensorContext(395.3833, 0, pose))
+    reading = make_instrument(TRUTH).read(SensorContext(395.3833, 0, pose))
     assert line_from_report(reading) == (
         b"SEN {Time 395.3833} {Type GroundTruth} {Name GroundTruth} {Location 4.50,1.90,1.85} "
         b"{Orientation 0.00,0.00,6.28}\r\n"
@@ -43,12 +35,13 @@ def test_line_when_sent_has_the_form_of_ut2004() -> None:
 
 
 def test_reading_when_more_decimals_are_configured_shows_them() -> None:
-    reading = make_sensor(6).read(SensorContext(0.0, 0, Pose.from_rpy((1 / 3, 0, 0))))
+    fine = make_instrument(dataclasses.replace(TRUTH, decimals=6))
+    reading = fine.read(SensorContext(0.0, 0, Pose.from_rpy((1 / 3, 0, 0))))
     assert b"{Location 0.333333,0.000000,0.000000}" in line_from_report(reading)
 
 
 def test_configuration_has_its_period_as_captured() -> None:
-    (part,) = make_sensor().parts
+    (part,) = make_sensor(TRUTH).parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type GroundTruth} {Name GroundTruth} {ScanInterval 0.20}\r\n"
     )
@@ -57,7 +50,7 @@ def test_configuration_has_its_period_as_captured() -> None:
 def test_reading_when_not_of_the_robot_is_where_the_sensor_is() -> None:
     mount = Mount((0.0, 0.0, -0.5), (0.0, 0.0, 0.25))
     description = GroundTruthDescription("GroundTruth", 0.2, 2, mount, is_chassis_pose=False)
-    sensor = GroundTruthSensor(description, BASE, RandomSource.from_names(1, "GroundTruth"))
-    reading = sensor.read(SensorContext(0.0, 0, Pose.from_rpy((1.0, 2.0, -0.3), (0.0, 0.0, 0.5))))
+    pose = Pose.from_rpy((1.0, 2.0, -0.3), (0.0, 0.0, 0.5))
+    reading = make_instrument(description).read(SensorContext(0.0, 0, pose))
     assert reading.location_m == pytest.approx((1.0, 2.0, -0.8))
     assert reading.rotation_rad == pytest.approx((0.0, 0.0, 0.75))

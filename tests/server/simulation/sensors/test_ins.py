@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.sensors import MotionStep, SensorContext
-from catoptra_server.simulation.sensors.ins import InsDescription, InsSensor
-from helpers.robots import BASE, INS
+from catoptra_server.simulation.sensors.ins import InsSensor
+from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
+from helpers.robots import INS, make_instrument
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))
 
 
 def make_sensor(seed: int = 1, **changes: object) -> InsSensor:
-    description: InsDescription = dataclasses.replace(INS, **changes)  # type: ignore[arg-type] # a test's own
-    return InsSensor(description, BASE, RandomSource.from_names(seed, "R", "INS"))
+    sensor: InsSensor = make_instrument(dataclasses.replace(INS, **changes), seed=seed)  # type: ignore[arg-type] # a test's own
+    return sensor
 
 
 def error_after_standing(sensor: InsSensor, *, ticks: int, tick_s: float) -> tuple[float, ...]:

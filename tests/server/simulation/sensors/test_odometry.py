@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -10,20 +11,21 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.sensors import MotionStep, SensorContext
-from catoptra_server.simulation.sensors.odometry import OdometryDescription, OdometrySensor
-from helpers.robots import BASE
+from catoptra_server.simulation.sensors.odometry import OdometrySensor
+from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
+from helpers.robots import BASE, ODOMETRY, make_instrument
+from helpers.robots import make_sensor as build_sensor
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 TRACK_M = BASE.wheel_separation_m
 
 
 def make_sensor(*, seed: int = 1, **deviations: Any) -> OdometrySensor:
-    description = OdometryDescription("Odometry", 0.2, **deviations)
-    return OdometrySensor(description, BASE, RandomSource.from_names(seed, "Odometry"))
+    odometry = dataclasses.replace(ODOMETRY, **deviations)
+    sensor: OdometrySensor = make_instrument(odometry, seed=seed)
+    return sensor
 
 
 def integrate(sensor: OdometrySensor, *ways: WheelTravel) -> tuple[float, float, float]:
@@ -81,7 +83,7 @@ def test_noise_after_one_unit_has_its_spread_for_any_ticks(
 
 
 def test_configuration_has_its_period() -> None:
-    (part,) = make_sensor().parts
+    (part,) = build_sensor(ODOMETRY).parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Odometry} {Name Odometry} {ScanInterval 0.2000} {EncoderResolution 0.0000}\r\n"
     )

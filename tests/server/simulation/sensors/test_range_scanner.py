@@ -12,31 +12,22 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.robot_description import (
-    Mount,
+from catoptra_server.simulation.robot_description import Mount
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.sensor import (
+    EMPTY_ENVIRONMENT,
+    SensorContext,
+    SensorEnvironment,
 )
-from catoptra_server.simulation.sensors import SensorContext
-from catoptra_server.simulation.sensors.range_scanner import (
-    RangeScannerDescription,
-    RangeScannerSensor,
-)
-from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.world.scene_mesh import build_scene
-from helpers.robots import BASE, SCANNER
-from helpers.room_ray_caster import RoomRayCaster, context_in_room, make_room_world, oriented_box_at
+from helpers.robots import SCANNER, make_instrument, make_sensor
+from helpers.room_ray_caster import context_in_room, make_room_world, oriented_box_at
 
 POSE = Pose.from_rpy((1.0, -0.5, 0.2), (0.0, 0.0, 0.3))
 
 
-def make_scanner(
-    description: RangeScannerDescription = SCANNER, seed: int = 1
-) -> RangeScannerSensor:
-    return RangeScannerSensor(description, BASE, RandomSource.from_names(seed, "R", "Scanner1"))
-
-
-def scan(moment: SensorContext, sensor: RangeScannerSensor | None = None) -> Floats:
-    return np.array((sensor or make_scanner()).read(moment).ranges_m)
+def scan(moment: SensorContext, description: RangeScannerDescription = SCANNER) -> Floats:
+    return np.array(make_instrument(description).read(moment).ranges_m)
 
 
 def exact_ranges(pose: Pose) -> Floats:
@@ -75,35 +66,39 @@ def test_scan_when_touching_reads_the_minimum() -> None:
 def test_noise_when_configured_has_its_spread_and_follows_the_seed() -> None:
     noisy = dataclasses.replace(SCANNER, noise_m=0.02)
     errors = np.concatenate(
-        [
-            scan(context_in_room(pose=POSE, tick=t), make_scanner(noisy)) - exact_ranges(POSE)
-            for t in range(20)
-        ]
+        [scan(context_in_room(pose=POSE, tick=t), noisy) - exact_ranges(POSE) for t in range(20)]
     )
     # 3620 draws: the spread is known to 1.2 %.
     assert np.std(errors) == pytest.approx(0.02, rel=0.05)
-    again = make_scanner(noisy).read(context_in_room(pose=POSE, tick=3))
-    assert make_scanner(noisy).read(context_in_room(pose=POSE, tick=3)) == again
-    assert make_scanner(noisy, seed=2).read(context_in_room(pose=POSE, tick=3)) != again
+    again = make_instrument(noisy).read(context_in_room(pose=POSE, tick=3))
+    assert make_instrument(noisy).read(context_in_room(pose=POSE, tick=3)) == again
+    assert make_instrument(noisy, seed=2).read(context_in_room(pose=POSE, tick=3)) != again
 
 
 def test_line_when_sent_has_the_form_of_the_capture() -> None:
-    line = line_from_report(make_scanner().read(context_in_room(pose=POSE))).decode()
+    line = line_from_report(make_instrument(SCANNER).read(context_in_room(pose=POSE))).decode()
     head = "SEN {Time 1.00} {Type RangeScanner} {Name Scanner1} {Resolution 0.0174} {FOV 3.1415} "
     assert line.startswith(head + "{Range ")
     assert line.count(",") == 180
 
 
 def test_configuration_spells_paning_as_ut2004() -> None:
-    (part,) = make_scanner().parts
+    (part,) = make_sensor(SCANNER).parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type RangeScanner} {Name Scanner1} {MaxRange 20.0000} {MinRange 0.1000} "
         b"{Resolution 0.0174} {Fov 3.1415} {Paning True} {Tilting False}\r\n"
     )
 
 
-def test_scan_from_the_centre_of_a_room_has_its_width() -> None:
-    assert RoomRayCaster().distances(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))[0] == 4.0
+@pytest.mark.parametrize(
+    ("fov_rad", "resolution_rad", "count"),
+    [(3.14159, 0.01745, 181), (3.14, 0.157, 21), (4.189, 0.0184, 228), (0.0, 1.0, 1)],
+)
+def test_scan_of_a_real_scanner_has_its_beams(
+    fov_rad: float, resolution_rad: float, count: int
+) -> None:
+    real = dataclasses.replace(SCANNER, fov_rad=fov_rad, resolution_rad=resolution_rad)
+    assert len(scan(context_in_room(), real)) == count
 
 
 TILTING = dataclasses.replace(
@@ -113,16 +108,16 @@ TILTING = dataclasses.replace(
 
 def test_tilting_scan_goes_from_the_ceiling_to_the_floor() -> None:
     # 1 m above the centre of a room of 4 m in height and 8 m in length; z is down.
-    ranges = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), make_scanner(TILTING))
+    ranges = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), TILTING)
     expected = [1.0, math.sqrt(2.0), 4.0, 3.0 * math.sqrt(2.0), 3.0]
     np.testing.assert_allclose(ranges, expected, atol=1e-9)
 
 
 def test_scan_without_panning_and_tilting_is_forward_only() -> None:
     still = dataclasses.replace(TILTING, is_tilting=False)
-    assert set(scan(context_in_room(), make_scanner(still))) == {4.0}
+    assert set(scan(context_in_room(), still)) == {4.0}
 
 
 def test_configuration_of_a_tilting_scanner_reports_it() -> None:
-    (part,) = make_scanner(TILTING).parts
+    (part,) = make_sensor(TILTING).parts
     assert b"{Paning False} {Tilting True}" in line_from_report(part.configuration())

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.sensors import SensorContext
-from catoptra_server.simulation.sensors.rfid import RfidSensor
-from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
 from catoptra_server.world.world_description import RfidTag
-from helpers.robots import BASE, RFID
+from helpers.robots import RFID, make_instrument
 from helpers.room_ray_caster import RoomRayCaster
 
 TAGS = (
@@ -20,7 +17,8 @@ TAGS = (
 
 
 def test_tags_when_in_reach_are_listed_in_the_order_of_the_world() -> None:
-    sensor = RfidSensor(RFID, BASE, RandomSource.from_names(1, "RFID"))
     around = SensorEnvironment(RoomRayCaster((0.5, 0.5, 0.5)), rfid_tags=TAGS)
-    line = line_from_report(sensor.read(SensorContext(395.3833, 0, Pose.identity(), around)))
+    line = line_from_report(
+        make_instrument(RFID).read(SensorContext(395.3833, 0, Pose.identity(), around))
+    )
     assert line == b"SEN {Time 395.3833} {Type RFID} {Name RFID} {ID 1001} {ID 1010}\r\n"

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from catoptra_protocol.usarsim.reports import Configuration, GeometryItem
 from catoptra_server.simulation.robot_description import Mount
-from catoptra_server.simulation.sensors.sensor import (
-    EMPTY_ENVIRONMENT,
-    MountedPart,
-    SensorEnvironment,
-)
+from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
+from helpers.robots import RFID, make_sensor
 from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
 
 
 def test_part_replies_with_its_configuration_and_mount() -> None:
-    expected = Configuration("RFID", (("Name", "R"),))
-    part = MountedPart("RFID", "R", Mount((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt"), expected)
-    assert part.configuration() is expected
-    assert part.geometry() == GeometryItem("R", (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt")
+    mount = Mount((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt")
+    (part,) = make_sensor(dataclasses.replace(RFID, mount=mount)).parts
+    pairs = (("Name", "RFID"), ("MaxRange", "2.0000"))
+    assert part.configuration() == Configuration("RFID", pairs)
+    assert part.geometry() == GeometryItem("RFID", (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt")
 
 
 RAYS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -12,17 +12,9 @@ from catoptra_protocol.usarsim.reports import GeometryItem, Report, line_from_re
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount, SensorDescription
-from catoptra_server.simulation.sensors import (
-    SENSOR_KINDS,
-    MotionStep,
-    Part,
-    Sensor,
-    SensorContext,
-    SensorKind,
-    build_sensors,
-    casts_rays,
-)
+from catoptra_server.simulation.sensors import SENSOR_KINDS, build_sensors, casts_rays
 from catoptra_server.simulation.sensors.odometry import ODOMETRY
+from catoptra_server.simulation.sensors.sensor import MotionStep, Sensor, SensorContext, SensorKind
 from helpers.robots import BASE
 
 CONTEXT = SensorContext(1.0, 0, Pose.identity())
@@ -66,7 +58,7 @@ def test_sensor_when_built_replies_for_the_part_described(tmp_path: Path, kind: 
 @pytest.mark.parametrize("kind", SENSOR_KINDS, ids=lambda kind: kind.description.__name__)
 def test_reading_when_reported_has_type_and_name(tmp_path: Path, kind: SensorKind) -> None:
     (sensor,) = build(read_default(tmp_path, next(iter(kind.readers))))
-    line = line_from_report(sensor.read(CONTEXT)).decode()
+    line = line_from_report(sensor.instrument.read(CONTEXT)).decode()
     assert f"{{Type {sensor.type}}} {{Name S" in line
 
 
@@ -97,16 +89,10 @@ class _DummyDescription:
 
 
 class _DummySensor:
-    type = "Dummy"
-
     def __init__(
         self, description: _DummyDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name, self.interval_s = description.name, description.interval_s
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return ()
+        pass
 
     def update(self, motion: MotionStep) -> None:
         pass
@@ -116,7 +102,7 @@ class _DummySensor:
 
 
 def test_dummy_kind_when_added_to_the_table_is_read_and_built() -> None:
-    dummy = SensorKind(_DummyDescription, _DummySensor, {"dummy": lambda item: _DUMMY})
+    dummy = SensorKind("Dummy", _DummyDescription, _DummySensor, {"dummy": lambda item: _DUMMY})
     sensors = build_sensors(
         [_DUMMY], BASE, lambda name: RandomSource.from_names(1, name), (*SENSOR_KINDS, dummy)
     )

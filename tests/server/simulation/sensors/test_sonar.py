@@ -10,28 +10,27 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.robot_description import (
-    Mount,
-)
+from catoptra_server.simulation.robot_description import Mount
 from catoptra_server.simulation.sensors.sensor import SensorEnvironment
-from catoptra_server.simulation.sensors.sonar import SonarDescription, SonarRing
 from catoptra_server.world.objects import OrientedBox
-from helpers.robots import BASE, SONAR
+from helpers.robots import SONAR, make_instrument, make_sensor
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, oriented_box_at
 
 HALF_ANGLE = 0.5 * SONAR.beam_rad
 AT_CHASSIS_ORIGIN = dataclasses.replace(SONAR, mount=Mount())
 
 
-def make_ring(*sonars: SonarDescription) -> SonarRing:
-    return SonarRing(
-        sonars or (AT_CHASSIS_ORIGIN,), BASE, RandomSource.from_names(1, "R", "sonars")
-    )
-
-
 def test_range_when_facing_a_wall_is_to_the_wall() -> None:
-    assert make_ring().read(context_in_room()).items == (("F1", pytest.approx(4.0)),)
+    reading = make_instrument(AT_CHASSIS_ORIGIN).read(context_in_room())
+    assert reading.items == (("F1", pytest.approx(4.0)),)
+
+
+def test_sonar_without_cones_has_its_axis_alone() -> None:
+    aside = oriented_box_at(2.0, 0.2, size_m=(0.2, 0.2, 1.0))
+    for num_cones, range_m in ((0, 4.0), (1, 1.9)):
+        sonar = dataclasses.replace(AT_CHASSIS_ORIGIN, num_cones=num_cones)
+        ((_, measured_m),) = make_instrument(sonar).read(context_in_room(aside)).items
+        assert measured_m == pytest.approx(range_m, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -45,33 +44,33 @@ def test_box_off_axis_is_measured_within_half_the_beam_only(
     box = oriented_box_at(
         2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0)
     )
-    ((_, range_m),) = make_ring().read(context_in_room(box)).items
+    ((_, range_m),) = make_instrument(AT_CHASSIS_ORIGIN).read(context_in_room(box)).items
     assert (range_m < 2.1) == is_seen
 
 
 def test_range_when_too_far_reads_the_maximum() -> None:
     short = dataclasses.replace(AT_CHASSIS_ORIGIN, max_range_m=2.0)
-    assert make_ring(short).read(context_in_room()).items == (("F1", 2.0),)
+    assert make_instrument(short).read(context_in_room()).items == (("F1", 2.0),)
 
 
 def test_ring_of_two_reads_each_with_its_own_limits_in_one_line() -> None:
     behind = dataclasses.replace(
         AT_CHASSIS_ORIGIN, name="R1", mount=Mount((-1.0, 0.0, 0.0), (0.0, 0.0, math.pi))
     )
-    line = line_from_report(make_ring(AT_CHASSIS_ORIGIN, behind).read(context_in_room()))
+    line = line_from_report(make_instrument(AT_CHASSIS_ORIGIN, behind).read(context_in_room()))
     assert (
         line == b"SEN {Time 1.0000} {Type Sonar} {Name F1 Range 4.0000} {Name R1 Range 3.0000}\r\n"
     )
 
 
 def test_noise_when_configured_follows_the_tick_alone() -> None:
-    noisy = make_ring(dataclasses.replace(AT_CHASSIS_ORIGIN, noise_m=0.05))
+    noisy = make_instrument(dataclasses.replace(AT_CHASSIS_ORIGIN, noise_m=0.05))
     one, other = (noisy.read(context_in_room(tick=tick)) for tick in (1, 2))
     assert one == noisy.read(context_in_room(tick=1)) != other
 
 
 def test_parts_are_the_sonars() -> None:
-    (part,) = make_ring().parts
+    (part,) = make_sensor(AT_CHASSIS_ORIGIN).parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}\r\n"
     )
@@ -98,7 +97,7 @@ def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
         rays_per_cone=64,
         max_incidence_rad=limit_rad,
     )
-    ((_, measured_m),) = make_ring(sonar).read(context_in_room()).items
+    ((_, measured_m),) = make_instrument(sonar).read(context_in_room()).items
     # 30 rings and 64 rays sample the angle of incidence to a few milliradians.
     assert measured_m == pytest.approx(range_m, abs=2e-3)
 
@@ -108,13 +107,13 @@ def test_echo_of_an_oblique_box_is_lost() -> None:
     wide = dataclasses.replace(AT_CHASSIS_ORIGIN, beam_rad=0.6)
     strict = dataclasses.replace(wide, max_incidence_rad=0.2)
     ((_, all_m),), ((_, facing_m),) = (
-        make_ring(s).read(context_in_room(turned)).items for s in (wide, strict)
+        make_instrument(s).read(context_in_room(turned)).items for s in (wide, strict)
     )
     assert all_m < 2.0 < 3.9 < facing_m
 
 
 def test_configuration_of_udk_reports_the_limit() -> None:
-    (part,) = make_ring(
+    (part,) = make_sensor(
         dataclasses.replace(AT_CHASSIS_ORIGIN, max_incidence_rad=0.1745329252)
     ).parts
     line = line_from_report(part.configuration(), Dialect.UDK)
@@ -126,4 +125,4 @@ def test_range_over_a_floor_is_to_the_wall_beyond() -> None:
     moment = dataclasses.replace(
         context_in_room(), environment=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457)))
     )
-    assert make_ring().read(moment).items == (("F1", pytest.approx(4.0)),)
+    assert make_instrument(AT_CHASSIS_ORIGIN).read(moment).items == (("F1", pytest.approx(4.0)),)

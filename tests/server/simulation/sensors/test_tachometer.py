@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import pytest
 
-from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.sensors import MotionStep
-from catoptra_server.simulation.sensors.tachometer import TachometerSensor
-from helpers.robots import BASE, TACHOMETER
+from catoptra_server.simulation.sensors.sensor import MotionStep
+from helpers.robots import TACHOMETER, make_instrument
 from helpers.room_ray_caster import context_in_room
 
 
-def make_tachometer(wheels: int = 4) -> TachometerSensor:
-    description = dataclasses.replace(TACHOMETER, num_wheels=wheels)
-    return TachometerSensor(description, BASE, RandomSource.from_names(1, "R", "Tach"))
-
-
-def roll(sensor: TachometerSensor, left_m: float, right_m: float) -> None:
+def roll(sensor: Any, left_m: float, right_m: float) -> None:
     sensor.update(MotionStep(WheelTravel(left_m, right_m), 1, 0.02, PlanarPose(0.0, 0.0, 0.0)))
 
 
 def test_wheels_when_rolling_are_reported_right_and_left_alternating() -> None:
-    sensor = make_tachometer()
+    sensor = make_instrument(TACHOMETER)
     roll(sensor, 0.13 * 0.04, -0.13 * 0.01)
     reading = sensor.read(context_in_room())
     assert reading.velocities_rad_s == pytest.approx((-0.5, 2.0, -0.5, 2.0))
@@ -33,7 +27,7 @@ def test_wheels_when_rolling_are_reported_right_and_left_alternating() -> None:
 
 
 def test_positions_when_rolling_on_add_up_while_velocities_do_not() -> None:
-    sensor = make_tachometer(wheels=2)
+    sensor = make_instrument(dataclasses.replace(TACHOMETER, num_wheels=2))
     roll(sensor, 0.13, 0.13)
     roll(sensor, 0.0, 0.26)
     reading = sensor.read(context_in_room())
@@ -42,5 +36,5 @@ def test_positions_when_rolling_on_add_up_while_velocities_do_not() -> None:
 
 
 def test_reading_when_just_spawned_is_at_rest() -> None:
-    reading = make_tachometer().read(context_in_room())
+    reading = make_instrument(TACHOMETER).read(context_in_room())
     assert reading.velocities_rad_s == reading.positions_rad == (0.0,) * 4

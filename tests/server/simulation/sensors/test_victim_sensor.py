@@ -6,13 +6,10 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.sensors import SensorContext
-from catoptra_server.simulation.sensors.sensor import SensorEnvironment
-from catoptra_server.simulation.sensors.victim_sensor import VictimSensor
+from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.world_description import Victim
-from helpers.robots import BASE, VICTIMS
+from helpers.robots import VICTIMS, make_instrument
 from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
 
 
@@ -20,7 +17,7 @@ def report_line(place: tuple[float, float, float], *boxes: OrientedBox) -> bytes
     around = SensorEnvironment(
         RoomRayCaster((20.0, 20.0, 2.0)), boxes, victims=(Victim("Head", place),)
     )
-    sensor = VictimSensor(VICTIMS, BASE, RandomSource.from_names(1, "VictSensor"))
+    sensor = make_instrument(VICTIMS)
     return line_from_report(sensor.read(SensorContext(395.9927, 0, Pose.identity(), around)))
 
 

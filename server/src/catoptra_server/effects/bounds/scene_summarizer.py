@@ -169,7 +169,7 @@ def _max_distance_m(
     """Distance from a (3,) viewpoint beyond which there is no surface, rounded up."""
     of_scene = np.linalg.norm(np.maximum(viewpoint - scene.box_min, scene.box_max - viewpoint))
     # An empty scene has an inverted, infinite box.
-    farthest = float(of_scene) if len(scene) else 0.0
+    farthest = float(of_scene) if math.isfinite(of_scene) else 0.0
     for dynamic_object in objects:
         centre_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
         farthest = max(farthest, centre_m + dynamic_object.mesh.radius_m)

@@ -23,7 +23,7 @@ each other, so it is exact for the scene: some point of R is hidden or none.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
@@ -51,6 +51,8 @@ _MAX_TRIANGLES = 100_000
 _MAX_PAIRS = 1_500_000
 # A test of one triangle takes as long as this many pairs, however few there are.
 _PAIRS_PER_TEST = 1000
+# Distances of objects from the point lights, in cells.
+_CACHE_SIZE = 256
 
 
 class ShadowBounds:
@@ -59,7 +61,10 @@ class ShadowBounds:
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
         self._lights = shading.shadow_casting_lights(world.lights)
+        self._point_lights = shading.point_lights(world.lights)
         self._hemisphere_lights = shading.hemisphere_lights(world.lights)
+        # Per instance: a cache on the class would keep scenes alive.
+        self._find_darkest = lru_cache(maxsize=_CACHE_SIZE)(self._find_darkest_with_objects)
 
     def darkest_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
         """Largest visible loss by any shadow that the scene or dynamic objects could cast."""
@@ -67,7 +72,11 @@ class ShadowBounds:
             return NO_SHADOW_LOSS
         if not objects:
             return self._static_shadow
-        return max((self._full_shadow, self._object_shadow(objects)), key=grey_level_change)
+        # Rounded: a moving object rarely changes the summary, by which decisions are cached.
+        nearest_m = round_outward.round_down(
+            _min_distance_m(light, objects) for light in self._point_lights
+        )
+        return self._find_darkest(nearest_m)
 
     @cached_property
     def _static_shadow(self) -> ShadowLoss:
@@ -201,20 +210,20 @@ class ShadowBounds:
             can_be_darker=self._scene.has_varying_albedo(block),
         )
 
-    def _object_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
-        """Loss of white objects at any orientation."""
+    def _find_darkest_with_objects(self, nearest_m: tuple[float, ...]) -> ShadowLoss:
+        """Largest loss of the scene, or of white objects at any orientation.
+
+        Args:
+            nearest_m: Distance of the objects from each point light.
+        """
         remaining, lost = self._dimmest_sky(), np.zeros(3)
         for light in self._lights:
-            if isinstance(light, PointLight):
-                # Rounded, so that a moving object changes the summary, and the decisions cached by
-                # it, rarely.
-                nearest = round_outward.round_down([_min_distance_m(light, objects)])[0]
-                lost += (
-                    np.asarray(light.intensity) / max(nearest, shading.MIN_LIGHT_DISTANCE_M) ** 2
-                )
-            else:
+            if isinstance(light, DirectionalLight):
                 lost += np.asarray(light.irradiance)
-        return max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
+        for light, nearest in zip(self._point_lights, nearest_m, strict=True):
+            lost += np.asarray(light.intensity) / max(nearest, shading.MIN_LIGHT_DISTANCE_M) ** 2
+        of_objects = max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
+        return max((self._full_shadow, of_objects), key=grey_level_change)
 
 
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:

@@ -200,13 +200,12 @@ class LabelRenderer:
         if prepared is None:
             prepared = _PreparedRays(build_label_rays(source, samples), self._renderer)
         self._prepared[key] = prepared
-        while len(self._prepared) > 2 and self._memory_bytes > _MAX_RAY_BYTES:
+        while (
+            len(self._prepared) > 2
+            and sum(each.memory_bytes for each in self._prepared.values()) > _MAX_RAY_BYTES
+        ):
             self._prepared.pop(next(iter(self._prepared))).close()
         return prepared
-
-    @property
-    def _memory_bytes(self) -> int:
-        return sum(prepared.memory_bytes for prepared in self._prepared.values())
 
     def close(self) -> None:
         """Free all rays."""

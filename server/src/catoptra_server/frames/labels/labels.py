@@ -27,7 +27,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
-from catoptra_server.render.renderer import trajectory
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -39,6 +38,7 @@ from catoptra_server.render.trace.trace_engine import (
     MovingExposure,
     TracedExposure,
     assemble_grid,
+    camera_states,
 )
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
@@ -102,7 +102,7 @@ def label_exposure(camera_state: CameraState) -> TracedExposure:
     shutter = plain.shutter
     if shutter is None or shutter.readout_s == 0.0:
         return replace(plain, shutter=None)
-    return MovingExposure(trajectory(plain))
+    return MovingExposure(camera_states(plain))
 
 
 def find_valid_pixels(table: RayTable) -> Bools:

@@ -11,7 +11,6 @@ image errs by at most the allowed pixels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
@@ -23,6 +22,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.stream.requests import FrameVariant
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
 from catoptra_server.render.render_settings import (
     AccuracyTarget,
@@ -110,6 +110,33 @@ class CameraVariant:
         if len(self.effects) > _MAX_EFFECTS:
             raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
 
+    @classmethod
+    def from_request(cls, request: FrameVariant) -> CameraVariant:
+        """Variant that a client requests, modes of effects in the order of their names.
+
+        Raises:
+            DomainError: A name is unknown, or a number out of range.
+        """
+        return cls(
+            max_error_px=request.max_error_px,
+            budget_ms=request.budget_ms,
+            polygons=request.polygons,
+            samples=request.samples,
+            effects=tuple(
+                (name, _parse(EffectMode, mode, "mode"))
+                for name, mode in sorted((request.effects or {}).items())
+            ),
+            renderer=None
+            if request.renderer is None
+            else _parse(RendererKind, request.renderer, "renderer"),
+            reference=None
+            if request.reference is None
+            else _parse(ReferenceKind, request.reference, "reference"),
+            picture=None
+            if request.picture is None
+            else _parse(Picture, request.picture, "picture"),
+        )
+
     @property
     def changes_picture(self) -> bool:
         """Whether the picture may differ from the camera's own."""
@@ -177,48 +204,17 @@ class CameraVariant:
         return replace(settings, settings=tuple(changed)) if modes else settings
 
 
-def parse_renderer(name: str) -> RendererKind:
-    """Renderer of a name.
-
-    Raises:
-        DomainError: The name is unknown.
-    """
-    return _parse(RendererKind, name, "renderer")
-
-
-def parse_effect_modes(modes: Mapping[str, str]) -> tuple[tuple[str, EffectMode], ...]:
-    """Modes of effects by name, in the order of the names.
-
-    Raises:
-        DomainError: There is no such mode.
-    """
-    return tuple((name, _parse(EffectMode, modes[name], "mode")) for name in sorted(modes))
-
-
-def parse_reference(name: str) -> ReferenceKind:
-    """Reference of a name.
-
-    Raises:
-        DomainError: The name is unknown.
-    """
-    return _parse(ReferenceKind, name, "reference")
-
-
-def parse_picture(name: str) -> Picture:
-    """Hand of a name.
-
-    Raises:
-        DomainError: The name is unknown.
-    """
-    return _parse(Picture, name, "picture")
-
-
 def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
+    """Member of an enumeration, by the name that a client requests."""
     try:
         return enum(name)
     except ValueError:
         known = ", ".join(str(one.value) for one in enum)
         raise DomainError(f"no {noun} {name[:80]!r}: expected one of {known}") from None
+
+
+def _parse_optional(enum: type[_EnumT], name: str | None, noun: str) -> _EnumT | None:
+    return None if name is None else _parse(enum, name, noun)
 
 
 _SELF_VIEW = "SelfView"

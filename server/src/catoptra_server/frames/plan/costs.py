@@ -230,10 +230,7 @@ class CostCache:
         # On demand: hashing a million triangles takes half a second.
         if not self._digest:
             self._digest = hash_scene(self._scene)
-        return self.make_key_of(renderer_description, self._digest, camera, surface)
-
-    def make_key_of(self, *facts: object) -> str:
-        """Key of some facts, this processor and this release."""
+        facts = (renderer_description, self._digest, camera, surface)
         parts = (_FORMAT_VERSION, __version__, _describe_processor(), *facts)
         # repr of frozen dataclasses names every field, so a new field changes the key.
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
@@ -298,7 +295,10 @@ class CostCorrections:
 
     def correct(self, camera: OmniCameraSpec, kind: RendererKind, ms: float) -> float:
         """Milliseconds of a drawn frame, from the cost model's."""
-        return self.load_factor(kind) * ms + self._find_added_ms(camera, kind)
+        known = self._added_ms.get(_effects_key(camera), {})
+        # Until a renderer has drawn, what another one added; 0 before any frame.
+        added_ms = known.get(kind, next(iter(known.values()), 0.0))
+        return self.load_factor(kind) * ms + added_ms
 
     def update(
         self,
@@ -322,11 +322,6 @@ class CostCorrections:
         factor = (median_ms - added_ms) / model_ms
         self._factors[kind] = min(max(factor, 1.0 / _MAX_FACTOR), _MAX_FACTOR)
         self._added_ms.setdefault(_effects_key(camera), {})[kind] = added_ms
-
-    def _find_added_ms(self, camera: OmniCameraSpec, kind: RendererKind) -> float:
-        """Added time by a renderer; until it has drawn, by another one; 0 before any frame."""
-        known = self._added_ms.get(_effects_key(camera), {})
-        return known.get(kind, next(iter(known.values()), 0.0))
 
     def clear(self) -> None:
         """Forget the added times: cameras are planned anew."""

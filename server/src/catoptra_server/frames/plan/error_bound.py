@@ -63,8 +63,7 @@ from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.facet_error import (
     GeometricError,
     apply_floor,
-    facet_error,
-    facet_error_by_radius,
+    facet_errors,
     rim_gap,
     sum_errors,
 )
@@ -207,20 +206,24 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     """
     components = _additive_components(camera, plan)
     geometric = sum_errors(error for _, error, _ in components)
+    by_radius_px: tuple[float, ...] = ()
     if isinstance(plan.surface, Tessellation):
         gap = rim_gap(camera, plan.surface)
         geometric = apply_floor(geometric, gap)
         reason = f"{plan.surface.sectors} straight sides end within the rim"
         components = (*components, ("rim", gap, reason))
+        by_radius_px = facet_errors(camera, plan.surface)[1]
     named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
         geometric,
-        _sampling_error(camera, plan),
+        _SamplingError(
+            plan.samples,
+            math.sqrt(0.5) / plan.samples,
+            texel_footprint(camera, plan.face_regions) if plan.renderer.uses_faces else None,
+        ),
         named,
         camera.rim_radius_px,
-        facet_error_by_radius(camera, plan.surface)
-        if isinstance(plan.surface, Tessellation)
-        else (),
+        by_radius_px,
     )
 
 
@@ -232,7 +235,7 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
         angle_rad: Largest displacement by the scene's coordinates
             (`bounds/coordinate_rounding`).
     """
-    error = _scene_error(camera, angle_rad)
+    error = _angle_error(camera, angle_rad)
     reason = "float32 coordinates of corners and viewpoint"
     return replace(
         bound,
@@ -282,7 +285,7 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
 def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
     size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
     reason = f"{size}, {tessellation.interpolation.value} interpolated"
-    return "polygons", facet_error(camera, tessellation), reason
+    return "polygons", facet_errors(camera, tessellation)[0], reason
 
 
 def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
@@ -347,25 +350,12 @@ _CORNER_PX = math.sqrt(2.0) / 512.0
 def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Displacement by float32 directions and atlas coordinates."""
     if not plan.renderer.uses_faces:
-        return _direction_error(camera, _TRACE_ULPS)
+        return _angle_error(camera, _TRACE_ULPS * UNIT_ROUNDOFF)
     lookup = _atlas_coordinate_error(camera, plan.face_regions)
     # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
     if isinstance(plan.surface, PerPixel):
         return lookup
-    return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
-
-
-def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
-    """Displacement by the scene's coordinates.
-
-    Args:
-        angle_rad: As of `bounds/coordinate_rounding`.
-    """
-    return _angle_error(camera, angle_rad)
-
-
-def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
-    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
+    return sum_errors((_angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
 
 
 def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
@@ -400,14 +390,4 @@ def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
     max_deg = math.degrees(max_px / min_px_per_rad)
     return GeometricError(
         max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg
-    )
-
-
-def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
-    """Error of a plan's samples in a camera's image."""
-    has_texels = plan.renderer.uses_faces
-    return _SamplingError(
-        samples=plan.samples,
-        edge_error_px=math.sqrt(0.5) / plan.samples,
-        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
     )

@@ -58,7 +58,7 @@ def face_regions(
         texels_per_px: Lowest density in the image, for regions by density.
     """
     if size_px:
-        return regions_of_size(max_incidence_rad, size_px)
+        return _regions_of_size(max_incidence_rad, size_px)
     return _regions_by_density(camera, max_incidence_rad, texels_per_px=texels_per_px)
 
 
@@ -69,7 +69,7 @@ def max_face_size_px(regions: tuple[FaceRegion, ...]) -> int:
     )
 
 
-def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
+def _regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
     """Regions of all visible faces, with `size_px` texels for 90 degrees."""
     windows = {
         face: _visible_window(face, max_incidence_rad) for face in visible_faces(max_incidence_rad)
@@ -129,7 +129,7 @@ def _regions_by_density(
     or _MAX_SIDE_TEXELS: all are then coarser by one factor.
     """
     regions: list[FaceRegion] = []
-    for region in regions_of_size(max_incidence_rad, 2):
+    for region in _regions_of_size(max_incidence_rad, 2):
         if region.face in (Face.N, Face.C, Face.U):
             fitted = _fit_texel_density(camera, max_incidence_rad, region, texels_per_px)
         # Side faces are alike by the mirror's symmetry: N's density serves all four.

@@ -83,24 +83,6 @@ _ASYMPTOTE_FRACTION = 0.999
 _MAX_INCIDENCE_RAD = math.radians(178.0)
 
 
-def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Displacement over the pixels that the mesh covers.
-
-    Raises:
-        DomainError: An orthographic camera; a mesh is projected from a pinhole.
-    """
-    return _facet_errors(camera, tessellation)[0]
-
-
-def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tuple[float, ...]:
-    """Largest displacement in each of _NUM_RADII rings of equal width from centre to rim, pixels.
-
-    Raises:
-        DomainError: An orthographic camera; a mesh is projected from a pinhole.
-    """
-    return _facet_errors(camera, tessellation)[1]
-
-
 def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
     """Distance by which the mesh ends within the rim, largest at the centres of the outer edges."""
     radius_px = camera.rim_radius_px
@@ -113,10 +95,15 @@ def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
 
 
 @lru_cache(maxsize=256)
-def _facet_errors(
+def facet_errors(
     camera: OmniCamera, tessellation: Tessellation
 ) -> tuple[GeometricError, tuple[float, ...]]:
-    """Displacement over the image, and by ring."""
+    """Displacement over the pixels that the mesh covers, and the largest in each of _NUM_RADII
+    rings of equal width from centre to rim, pixels.
+
+    Raises:
+        DomainError: An orthographic camera; a mesh is projected from a pinhole.
+    """
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("a mirror mesh needs a capture camera with a pinhole")
     corners, directions = _distinct_triangles(camera, tessellation)

@@ -10,7 +10,7 @@ renderers.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -95,7 +95,13 @@ class RenderPlanner:
             choice = self._follow_settings(camera)
             reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
             return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
-        choice = choose_plan(camera.camera, pareto_front(self._correct(camera, options)), target)
+        correct = self._corrections.correct
+        # Corrected by drawn frames.
+        corrected = (
+            replace(one, predicted_ms=correct(camera, one.plan.renderer, one.predicted_ms))
+            for one in options
+        )
+        choice = choose_plan(camera.camera, pareto_front(corrected), target)
         note = self.renderers.replacement_note
         if note:
             plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
@@ -104,26 +110,12 @@ class RenderPlanner:
 
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
         """Plan by explicit numbers, with a bound where the error has one."""
-        kind, reason = self._choose_renderer(camera)
-        others = [one for one in RendererKind if self.renderers.is_usable(one)]
-        return choose_by_settings(camera, kind, reason, usable=others)
-
-    def _choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
-        """Renderer of a camera without an accuracy target, and the reason."""
-        pool = self.renderers
-        requested = camera.render_settings.renderer
+        pool, requested = self.renderers, camera.render_settings.renderer
+        kind, reason = pool.default_kind, pool.reason
         if requested and pool.is_usable(RendererKind(requested)):
-            return RendererKind(requested), "as requested"
-        return pool.default_kind, pool.reason
-
-    def _correct(
-        self, camera: OmniCameraSpec, options: Iterable[PlanOption]
-    ) -> Iterator[PlanOption]:
-        """Yield options with times that are corrected by drawn frames."""
-        correct = self._corrections.correct
-        for option in options:
-            ms = correct(camera, option.plan.renderer, option.predicted_ms)
-            yield replace(option, predicted_ms=ms)
+            kind, reason = RendererKind(requested), "as requested"
+        others = [one for one in RendererKind if pool.is_usable(one)]
+        return choose_by_settings(camera, kind, reason, usable=others)
 
     def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
         """Predicted milliseconds of a plan's frames, corrected; None without measured costs."""

@@ -13,6 +13,7 @@ projects the points of one exposure into the camera of another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import field
 from typing import Any, Protocol, runtime_checkable
@@ -26,7 +27,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ImageChanger
-from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, trajectory
+from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -232,9 +233,29 @@ def first_state(exposure: TracedExposure) -> CameraState:
     return exposure.states[0] if isinstance(exposure, MovingExposure) else exposure
 
 
+# Between two rotations 2 degrees apart interpolated entries are a rotation's to 2e-4.
+_MAX_TURN_RAD = 0.035
+# A robot that spins for the longest exposure of a minute: coarser, but bounded.
+_MAX_TURNS = 256
+
+
 def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
-    """States of an exposure, evenly spaced; one if nothing moves."""
-    return exposure.states if isinstance(exposure, MovingExposure) else trajectory(exposure)
+    """Sharp states of an exposure, evenly spaced from its begin to its end.
+
+    Of one state with a shutter two, or as many as turns take for poses between two of them to be
+    interpolated entry by entry; without a shutter the state itself.
+    """
+    if isinstance(exposure, MovingExposure):
+        return exposure.states
+    shutter = exposure.shutter
+    if shutter is None:
+        return (exposure,)
+    total_s = shutter.exposure_s + shutter.readout_s
+    twists = (exposure.twist, *(placed.twist for placed in exposure.objects))
+    turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
+    steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
+    # Centred: the camera state is that of the middle of the exposure.
+    return tuple(advance(exposure, (i / steps - 0.5) * total_s) for i in range(steps + 1))
 
 
 def find_ego_body(exposure: TracedExposure) -> int:

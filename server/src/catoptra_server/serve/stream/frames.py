@@ -21,7 +21,6 @@ from catoptra_protocol.stream.replies import DifferenceRecord, Error, FrameHeade
 from catoptra_protocol.stream.requests import (
     ChannelEncoding,
     ChannelRecord,
-    FrameVariant,
     GetFrameRequest,
     LabelsRecord,
     ObjectRecord,
@@ -39,10 +38,6 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.plan.camera import (
     CameraVariant,
-    parse_effect_modes,
-    parse_picture,
-    parse_reference,
-    parse_renderer,
 )
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.stream.replies import (
@@ -247,7 +242,7 @@ def select_channel(request: GetFrameRequest) -> Channel:
     Raises:
         DomainError: The request asks for a variant that cannot be.
     """
-    variant = None if request.variant is None else _make_variant(request.variant)
+    variant = None if request.variant is None else CameraVariant.from_request(request.variant)
     if request.channels:
         names = tuple(channel.name for channel in parse_channels(request.channels))
         variant = replace(variant or CameraVariant(), channels=names)
@@ -257,19 +252,6 @@ def select_channel(request: GetFrameRequest) -> Channel:
     # its own, with a frame and a share of the time: a client that changed the spelling with every
     # request left the others 0.7 of 78 frames per second.
     return CameraChannel(request.robot, request.camera.lower(), variant)
-
-
-def _make_variant(variant: FrameVariant) -> CameraVariant:
-    return CameraVariant(
-        max_error_px=variant.max_error_px,
-        budget_ms=variant.budget_ms,
-        polygons=variant.polygons,
-        samples=variant.samples,
-        renderer=None if variant.renderer is None else parse_renderer(variant.renderer),
-        effects=parse_effect_modes(variant.effects or {}),
-        reference=None if variant.reference is None else parse_reference(variant.reference),
-        picture=None if variant.picture is None else parse_picture(variant.picture),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

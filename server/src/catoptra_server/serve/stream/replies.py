@@ -53,7 +53,7 @@ from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.serve.stream.session import PendingRequest, Post, ReportLines, RobotSession
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
     LandmarksRequested,
@@ -402,10 +402,7 @@ def _state_reply(
         robots=tuple(map(_robot_state, state.robots)),
         robot=state.robot,
         reports=report_lines.get(state.reports),
-        notes=tuple(
-            NoteRecord(published.note.name, published.time_s, published.note.text)
-            for published in state.notes
-        ),
+        notes=tuple(NoteRecord(note.name, time_s, note.text) for note, time_s in state.notes),
     )
 
 

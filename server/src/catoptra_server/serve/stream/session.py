@@ -29,7 +29,7 @@ from catoptra_protocol.usarsim.reports import Report, line_from_report
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.simulation import (
+from catoptra_server.simulation.events import (
     ClientDisconnected,
     CommandReceived,
     NotePublished,

@@ -1,6 +1,6 @@
 """All sensors that a robot can carry, in the order of UT2004's cycle.
 
-To add a sensor: write `<name>.py` beside the others, with description, reader, sensor and a
+To add a sensor: write `<name>.py` beside the others, with description, reader, instrument and a
 `SensorKind`, and add the kind to the table below. The report belongs to the protocol, in the module
 `usarsim/readings_*` of the most similar reports.
 """
@@ -18,13 +18,7 @@ from catoptra_server.simulation.sensors.ins import INS
 from catoptra_server.simulation.sensors.odometry import ODOMETRY
 from catoptra_server.simulation.sensors.range_scanner import RANGE_SCANNER
 from catoptra_server.simulation.sensors.rfid import RFID
-from catoptra_server.simulation.sensors.sensor import (
-    MotionStep,
-    Part,
-    Sensor,
-    SensorContext,
-    SensorKind,
-)
+from catoptra_server.simulation.sensors.sensor import Sensor, SensorKind
 from catoptra_server.simulation.sensors.sonar import SONAR
 from catoptra_server.simulation.sensors.tachometer import TACHOMETER
 from catoptra_server.simulation.sensors.touch import TOUCH
@@ -62,24 +56,15 @@ def build_sensors(
         # By exact class, in the order of the robot file: the order of the items in a shared line.
         alike = [each for each in descriptions if type(each) is kind.description]
         if alike and kind.shared_stream is not None:
-            sensors.append(kind.create(alike, base, random_source_of(kind.shared_stream)))
-        elif alike:
-            sensors.extend(kind.create(each, base, random_source_of(each.name)) for each in alike)
+            instrument = kind.create(alike, base, random_source_of(kind.shared_stream))
+            sensors.append(kind.assemble(kind.part_type, alike, instrument))
+            continue
+        for each in alike:
+            instrument = kind.create(each, base, random_source_of(each.name))
+            sensors.append(kind.assemble(each.name, [each], instrument))
     return sensors
 
 
 def casts_rays(description: SensorDescription) -> bool:
     """Whether readings of a sensor measure the scene."""
     return any(kind.casts_rays for kind in SENSOR_KINDS if type(description) is kind.description)
-
-
-__all__ = [
-    "SENSOR_KINDS",
-    "MotionStep",
-    "Part",
-    "Sensor",
-    "SensorContext",
-    "SensorKind",
-    "build_sensors",
-    "casts_rays",
-]

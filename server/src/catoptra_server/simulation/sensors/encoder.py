@@ -13,8 +13,6 @@ from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -42,30 +40,17 @@ class EncoderDescription:
 class EncoderBank:
     """Rotation of each encoder's shaft since the last reset."""
 
-    type = "Encoder"
-
     def __init__(
         self,
         descriptions: Sequence[EncoderDescription],
         base: DriveBase,
         random_source: RandomSource,
     ) -> None:
-        self.name = self.type
-        # One line for all, as often as its fastest encoder.
-        self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._wheel_radius_m = base.wheel_radius_m
         self._random_source = random_source
         self._wheel_angles_rad = {_LEFT: 0.0, _RIGHT: 0.0}
         self._zero_angles_rad = {description.name: 0.0 for description in descriptions}
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The encoders."""
-        return tuple(
-            MountedPart(self.type, e.name, e.mount, EncoderConfiguration(e.name, e.resolution_rad))
-            for e in self._descriptions
-        )
 
     def update(self, motion: MotionStep) -> None:
         """Integrate the wheel travel of one tick; forward counts up."""
@@ -143,8 +128,10 @@ def _read_description(item: ConfiguredSensor) -> EncoderDescription:
 
 
 ENCODER = SensorKind(
+    "Encoder",
     EncoderDescription,
     EncoderBank,
     {"encodersensor": _read_description, "encoder": _read_description},
+    lambda encoder: EncoderConfiguration(encoder.name, encoder.resolution_rad),
     shared_stream="all encoders",
 )

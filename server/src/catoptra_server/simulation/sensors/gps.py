@@ -7,21 +7,17 @@ roof, there is no fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import GpsReading
-from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -62,25 +58,15 @@ class GpsDescription:
     """Whether UDK's readings, unlike UT2004's, carry a time."""
 
 
-class GpsSensor:
+class _GpsSensor:
     """Geodetic coordinates of the receiver."""
-
-    type = "GPS"
 
     def __init__(
         self, description: GpsDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._random_source = random_source
         self._robot_from_receiver = description.mount.parent_from_item()
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The receiver."""
-        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: a fix has one time."""
@@ -91,21 +77,24 @@ class GpsSensor:
         distances = context.environment.distances(receiver, _SATELLITE_DIRECTIONS)
         satellites = int(np.isinf(distances).sum())
         origin = context.environment.gps_origin
+        name = self._description.name
         time_s = context.time_s if self._description.has_timestamp else None
         if origin is None or satellites < _MIN_SATELLITES:
             # Without an origin no satellite counts: the world is nowhere on Earth.
-            return GpsReading(self.name, num_satellites=satellites if origin else 0, time_s=time_s)
+            return GpsReading(
+                self._description.name, num_satellites=satellites if origin else 0, time_s=time_s
+            )
         north_m, east_m = float(receiver[0]), float(receiver[1])
         # Noise in metres before the conversion: equal north and east at any latitude.
         if self._description.noise_m:
             generator = self._random_source.generator(context.tick)
             noise = self._description.noise_m * generator.standard_normal(2)
             north_m, east_m = north_m + float(noise[0]), east_m + float(noise[1])
-        latitude, longitude = geodetic_from_local(origin, north_m, east_m)
-        return GpsReading(self.name, latitude, longitude, True, satellites, time_s)
+        latitude, longitude = _geodetic_from_local(origin, north_m, east_m)
+        return GpsReading(name, latitude, longitude, True, satellites, time_s)
 
 
-def geodetic_from_local(origin: GpsOrigin, north_m: float, east_m: float) -> tuple[float, float]:
+def _geodetic_from_local(origin: GpsOrigin, north_m: float, east_m: float) -> tuple[float, float]:
     """Latitude and longitude in degrees of a point near the origin, on WGS 84.
 
     Linear in the radii of curvature at the origin, which suffices for worlds of kilometres.
@@ -133,8 +122,9 @@ def _read_description(item: ConfiguredSensor) -> GpsDescription:
 
 
 GPS = SensorKind(
+    "GPS",
     GpsDescription,
-    GpsSensor,
+    _GpsSensor,
     {"gpssensor": _read_description, "gps": _read_description},
     casts_rays=True,
 )

@@ -9,21 +9,17 @@ only; here also while the robot stands, as in a real instrument.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import InsReading
-from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount, PlanarPose
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -50,13 +46,9 @@ class InsDescription:
 class InsSensor:
     """True pose of the sensor plus errors of position and heading."""
 
-    type = "INS"
-
     def __init__(
         self, description: InsDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._random_source = random_source
         self._robot_from_ins = description.mount.parent_from_item()
@@ -66,12 +58,6 @@ class InsSensor:
         self._tilt_error_rad = (0.0, 0.0)  # roll, pitch
         self._bias = _sample_bias(description, random_source)  # m/m, m/m, rad/rad
         self._previous_pose: PlanarPose | None = None
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The sensor."""
-        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
         """Advance the errors of a drifting sensor by one tick."""
@@ -129,7 +115,7 @@ class InsSensor:
         # Errors along world axes; of z, roll and pitch they are constant between two SET POSE, as
         # the base stays on its floor.
         return InsReading(
-            self.name,
+            self._description.name,
             (x + error_x, y + error_y, z + self._height_error_m),
             (
                 wrap_angle(roll + error_roll),
@@ -175,5 +161,5 @@ def _read_description(item: ConfiguredSensor) -> InsDescription:
 
 
 INS = SensorKind(
-    InsDescription, InsSensor, {"inssensor": _read_description, "ins": _read_description}
+    "INS", InsDescription, InsSensor, {"inssensor": _read_description, "ins": _read_description}
 )

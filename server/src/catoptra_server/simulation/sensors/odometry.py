@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import field
 
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -15,8 +14,6 @@ from catoptra_server.simulation.robot_description import DriveBase, Mount, Plana
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -50,25 +47,13 @@ class OdometryDescription:
 class OdometrySensor:
     """Pose integrated from wheel travel, with the errors of the description."""
 
-    type = "Odometry"
-
     def __init__(
         self, description: OdometryDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._base = base
         self._random_source = random_source
         self._pose = PlanarPose(0.0, 0.0, 0.0)
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The sensor; its encoder resolution is 0, as travel is continuous."""
-        configuration = OdometryConfiguration(
-            self.name, self.interval_s, encoder_resolution_rad=0.0
-        )
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def reset(self) -> None:
         """Make the present pose the origin: SET RESET."""
@@ -98,7 +83,7 @@ class OdometrySensor:
     def read(self, context: SensorContext) -> OdometryReading:
         """Integrated pose."""
         pose, time_s = self._pose, context.time_s if self._description.has_timestamp else None
-        return OdometryReading(self.name, pose.x_m, pose.y_m, pose.yaw_rad, time_s)
+        return OdometryReading(self._description.name, pose.x_m, pose.y_m, pose.yaw_rad, time_s)
 
 
 def _read_description(item: ConfiguredSensor) -> OdometryDescription:
@@ -118,7 +103,12 @@ def _read_description(item: ConfiguredSensor) -> OdometryDescription:
 
 
 ODOMETRY = SensorKind(
+    "Odometry",
     OdometryDescription,
     OdometrySensor,
     {"odometrysensor": _read_description, "odometry": _read_description},
+    # Travel is continuous: no resolution.
+    lambda odometry: OdometryConfiguration(
+        odometry.name, odometry.interval_s, encoder_resolution_rad=0.0
+    ),
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+
+import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -10,20 +12,16 @@ from catoptra_protocol.usarsim.readings import RangeScanReading
 from catoptra_protocol.usarsim.reports import RangeScannerConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.ray_patterns import (
-    beam_directions,
-    clamp_ranges,
-    scan_angles,
-)
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     ReadDescription,
     SensorContext,
     SensorKind,
 )
+
+# Files round angles to few digits: 3.14159 / 0.01745 is 180.03 steps, 3.14 / 0.157 exactly 20.
+_STEP_COUNT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +47,9 @@ class RangeScannerDescription:
 class RangeScannerSensor:
     """Ranges of a fan of beams."""
 
-    type = "RangeScanner"
-
     def __init__(
         self, description: RangeScannerDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._random_source = random_source
         self._robot_from_scanner = description.mount.parent_from_item()
@@ -63,20 +57,6 @@ class RangeScannerSensor:
         self._beams_in_robot = self._robot_from_scanner.rotate_directions(
             _scan_directions(description)
         )
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The scanner."""
-        configuration = RangeScannerConfiguration(
-            name=self.name,
-            max_range_m=self._description.max_range_m,
-            min_range_m=self._description.min_range_m,
-            resolution_rad=self._description.resolution_rad,
-            fov_rad=self._description.fov_rad,
-            panning=self._description.is_panning,
-            tilting=self._description.is_tilting,
-        )
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: a scan has one time."""
@@ -92,24 +72,40 @@ class RangeScannerSensor:
             noise = self._random_source.generator(context.tick).standard_normal(len(ranges))
             ranges = ranges + scanner.noise_m * noise
         # Limits last: noise never moves a range beyond MaxRange, which clients use for no echo.
-        measured = clamp_ranges(ranges, min_m=scanner.min_range_m, max_m=scanner.max_range_m)
+        measured = np.clip(ranges, scanner.min_range_m, scanner.max_range_m)
         return RangeScanReading(
             time_s=context.time_s,
-            name=self.name,
+            name=scanner.name,
             resolution_rad=scanner.resolution_rad,
             fov_rad=scanner.fov_rad,
             ranges_m=tuple(measured.tolist()),
         )
 
 
-def _scan_directions(scanner: RangeScannerDescription) -> Floats:
-    """Beams (n, 3) in the frame of the mount; on a slant if panning and tilting. Source: UDK."""
-    angles = scan_angles(scanner.fov_rad, scanner.resolution_rad)
-    zeros = 0.0 * angles
-    return beam_directions(
-        yaw_rad=angles if scanner.is_panning else zeros,
-        pitch_rad=angles if scanner.is_tilting else zeros,
+def _configure(scanner: RangeScannerDescription) -> RangeScannerConfiguration:
+    return RangeScannerConfiguration(
+        name=scanner.name,
+        max_range_m=scanner.max_range_m,
+        min_range_m=scanner.min_range_m,
+        resolution_rad=scanner.resolution_rad,
+        fov_rad=scanner.fov_rad,
+        panning=scanner.is_panning,
+        tilting=scanner.is_tilting,
     )
+
+
+def _scan_directions(scanner: RangeScannerDescription) -> Floats:
+    """Unit beams (n, 3) in the frame of the mount, from +fov / 2, right or up, to -fov / 2.
+
+    Both ends are included: 180 degrees in steps of one are 181 beams. On a slant if panning and
+    tilting. Source: UDK.
+    """
+    count = math.floor(scanner.fov_rad / scanner.resolution_rad + _STEP_COUNT_TOLERANCE) + 1
+    # A product for each angle: repeated differences would accumulate rounding.
+    angles = 0.5 * scanner.fov_rad - scanner.resolution_rad * np.arange(count, dtype=np.float64)
+    yaw_rad, pitch_rad = angles * scanner.is_panning, angles * scanner.is_tilting
+    level = np.cos(pitch_rad)
+    return np.stack((level * np.cos(yaw_rad), level * np.sin(yaw_rad), -np.sin(pitch_rad)), axis=-1)
 
 
 def _reader_with_defaults(
@@ -143,6 +139,7 @@ def _reader_with_defaults(
 # Field of view, resolution and range of the models in DefaultUSAR.ini; 4.189 rad are 240 degrees.
 _read_lms200 = _reader_with_defaults(3.14159, 0.01745, 20.0)
 RANGE_SCANNER = SensorKind(
+    "RangeScanner",
     RangeScannerDescription,
     RangeScannerSensor,
     {
@@ -152,5 +149,6 @@ RANGE_SCANNER = SensorKind(
         "sick": _read_lms200,
         "hokuyourg04lx": _reader_with_defaults(4.189, 0.0184, 4.0),
     },
+    _configure,
     casts_rays=True,
 )

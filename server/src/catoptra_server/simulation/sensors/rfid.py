@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -15,8 +13,6 @@ from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -32,25 +28,14 @@ class RfidDescription:
     max_range_m: float
 
 
-class RfidSensor:
+class _RfidSensor:
     """Tags in range, in the order of the world file."""
-
-    type = "RFID"
 
     def __init__(
         self, description: RfidDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._robot_from_reader = description.mount.parent_from_item()
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The reader."""
-        max_range = format_fixed_point(self._description.max_range_m)
-        configuration = Configuration(self.type, (("Name", self.name), ("MaxRange", max_range)))
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: tags are found at one time."""
@@ -65,13 +50,22 @@ class RfidSensor:
             for tag in context.environment.rfid_tags
             if np.linalg.norm(reader - tag.position_m) <= self._description.max_range_m
         )
-        return RfidReading(context.time_s, self.name, ids)
+        return RfidReading(context.time_s, self._description.name, ids)
 
 
 def _read_description(item: ConfiguredSensor) -> RfidDescription:
     return RfidDescription(item.name, item.interval_s, item.mount, item.get_float("MaxRange", 6.0))
 
 
+def _configure(reader: RfidDescription) -> Configuration:
+    max_range = format_fixed_point(reader.max_range_m)
+    return Configuration("RFID", (("Name", reader.name), ("MaxRange", max_range)))
+
+
 RFID = SensorKind(
-    RfidDescription, RfidSensor, {"rfidsensor": _read_description, "rfid": _read_description}
+    "RFID",
+    RfidDescription,
+    _RfidSensor,
+    {"rfidsensor": _read_description, "rfid": _read_description},
+    _configure,
 )

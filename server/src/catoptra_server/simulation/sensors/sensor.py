@@ -23,6 +23,7 @@ from catoptra_protocol.usarsim.reports import (
     GeometryItem,
     MissionPackageGeometry,
     Report,
+    ScanIntervalConfiguration,
 )
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import Mount, PlanarPose, SensorDescription
@@ -31,7 +32,7 @@ from catoptra_server.world.world_description import GpsOrigin, RfidTag, Victim
 
 
 @dataclass(frozen=True, slots=True)
-class MountedPart:
+class _MountedPart:
     """A named part on a mount."""
 
     type: str
@@ -163,23 +164,27 @@ class Part(Protocol):
         """Reply to GETGEO."""
 
 
-class Sensor(Protocol):
-    """Source of one report: one part, or several that share a line, such as a ring of sonars."""
-
-    type: str
-    name: str
-    interval_s: float
-    """Simulation time between two reports."""
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """Parts that reply to GETCONF and GETGEO."""
+class _Instrument(Protocol):
+    """The measuring part of a sensor."""
 
     def update(self, motion: MotionStep) -> None:
         """Integrate the motion of one tick."""
 
     def read(self, context: SensorContext) -> Report:
         """Report at one time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """Source of one report: one part, or several that share a line, such as a ring of sonars."""
+
+    type: str
+    name: str
+    interval_s: float
+    """Simulation time between two reports."""
+    parts: tuple[Part, ...]
+    """Parts that reply to GETCONF and GETGEO."""
+    instrument: _Instrument
 
 
 class _SensorKeys(Protocol):
@@ -236,16 +241,37 @@ ReadDescription = Callable[[ConfiguredSensor], SensorDescription]
 class SensorKind:
     """One row of the table of sensors, defined at the end of the sensor's module."""
 
+    part_type: str
+    """Type by which the parts are requested, as USARSim spells it."""
     description: type
     """Class of the descriptions."""
     # Any: each kind takes its own description, or a sequence of them where they share a line.
-    create: Callable[[Any, Any, Any], Sensor]
-    """Makes the sensor of a description, the base and a random source; of a sequence of
+    create: Callable[[Any, Any, Any], _Instrument]
+    """Makes the instrument of a description, the base and a random source; of a sequence of
     descriptions where `shared_stream` is set."""
     readers: Mapping[str, ReadDescription]
     """Reader of an item's description by class name in lower case: UT2004's names and UDK's."""
+    configure: Callable[[Any], AnyConfiguration] | None = None
+    """Reply to GETCONF of a description; None for the interval alone."""
     shared_stream: str | None = None
     """Name of the random numbers, where all sensors of a robot report in one line as in USARSim;
     with a space, which no sensor's name has. None where each reports alone, under its own name."""
     casts_rays: bool = False
     """Whether readings measure the scene, which is then prepared before the server listens."""
+
+    def assemble(
+        self, name: str, descriptions: Sequence[SensorDescription], instrument: _Instrument
+    ) -> Sensor:
+        """Sensor of some descriptions, whose readings are of one instrument."""
+        # One line for all, as often as the fastest of them.
+        interval_s = min(description.interval_s for description in descriptions)
+        parts = tuple(
+            _MountedPart(self.part_type, each.name, each.mount, self._configure(each))
+            for each in descriptions
+        )
+        return Sensor(self.part_type, name, interval_s, parts, instrument)
+
+    def _configure(self, description: SensorDescription) -> AnyConfiguration:
+        if self.configure is not None:
+            return self.configure(description)
+        return ScanIntervalConfiguration(self.part_type, description.name, description.interval_s)

@@ -13,12 +13,9 @@ from catoptra_protocol.usarsim.readings import SonarReadings
 from catoptra_protocol.usarsim.reports import SonarConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.ray_patterns import clamp_ranges, cone_directions
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -48,17 +45,12 @@ class SonarDescription:
     """Largest angle between a ray off the axis and a surface normal that gives an echo."""
 
 
-class SonarRing:
+class _SonarRing:
     """All sonars of a robot, whose rays are cast together."""
-
-    type = "Sonar"
 
     def __init__(
         self, descriptions: Sequence[SonarDescription], base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = self.type
-        # One line for all, as often as its fastest sonar.
-        self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._random_source = random_source
         cones = [_cone_directions_in_robot(description) for description in descriptions]
@@ -76,11 +68,6 @@ class SonarRing:
         self._min_cosine = np.cos(np.minimum(limits, 0.5 * math.pi))
         self._min_cosine[limits >= 0.5 * math.pi] = -1.0
 
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The sonars."""
-        return tuple(_part(description) for description in self._descriptions)
-
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: a range has one time."""
 
@@ -91,10 +78,10 @@ class SonarRing:
         if self._noise_m.any():
             noise = self._random_source.generator(context.tick).standard_normal(len(ranges))
             ranges = ranges + self._noise_m * noise
-        measured = clamp_ranges(
+        measured = np.clip(
             ranges,
-            min_m=np.array([sonar.min_range_m for sonar in self._descriptions]),
-            max_m=np.array([sonar.max_range_m for sonar in self._descriptions]),
+            [sonar.min_range_m for sonar in self._descriptions],
+            [sonar.max_range_m for sonar in self._descriptions],
         )
         names = (sonar.name for sonar in self._descriptions)
         return SonarReadings(context.time_s, tuple(zip(names, measured.tolist(), strict=True)))
@@ -113,14 +100,24 @@ class SonarRing:
 
 
 def _cone_directions_in_robot(sonar: SonarDescription) -> Floats:
-    rays = cone_directions(
-        sonar.beam_rad, num_rings=sonar.num_cones, rays_per_ring=sonar.rays_per_cone
+    """Unit directions (1 + num_cones * rays_per_cone, 3) that sample a sonar's cone.
+
+    The axis comes first, then the rings from the inside out to half the angle.
+    """
+    ring = np.repeat(np.arange(sonar.num_cones), sonar.rays_per_cone)
+    off_axis = 0.5 * sonar.beam_rad * (ring + 1) / max(1, sonar.num_cones)
+    # Every other ring is turned by half a step: rays fill the gaps of the ring inside.
+    step = np.tile(np.arange(sonar.rays_per_cone), sonar.num_cones) + 0.5 * (ring % 2)
+    around = 2.0 * math.pi * step / sonar.rays_per_cone
+    sine = np.sin(off_axis)
+    rays = np.stack((np.cos(off_axis), sine * np.cos(around), sine * np.sin(around)), axis=-1)
+    return sonar.mount.parent_from_item().rotate_directions(
+        np.concatenate((((1.0, 0.0, 0.0),), rays))
     )
-    return sonar.mount.parent_from_item().rotate_directions(rays)
 
 
-def _part(sonar: SonarDescription) -> MountedPart:
-    configuration = SonarConfiguration(
+def _configure(sonar: SonarDescription) -> SonarConfiguration:
+    return SonarConfiguration(
         name=sonar.name,
         max_range_m=sonar.max_range_m,
         min_range_m=sonar.min_range_m,
@@ -130,7 +127,6 @@ def _part(sonar: SonarDescription) -> MountedPart:
         traces_per_cone=sonar.rays_per_cone,
         num_cones=sonar.num_cones,
     )
-    return MountedPart(SonarRing.type, sonar.name, sonar.mount, configuration)
 
 
 def _read_description(item: ConfiguredSensor) -> SonarDescription:
@@ -149,9 +145,11 @@ def _read_description(item: ConfiguredSensor) -> SonarDescription:
 
 
 SONAR = SensorKind(
+    "Sonar",
     SonarDescription,
-    SonarRing,
+    _SonarRing,
     {"sonarsensor": _read_description, "sonar": _read_description},
+    _configure,
     shared_stream="all sonars",
     casts_rays=True,
 )

@@ -6,18 +6,13 @@ not depend on the readings of other clients.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import TachometerReading
-from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -37,31 +32,21 @@ class TachometerDescription:
     """Number of driven wheels, right and left alternating from the front."""
 
 
-class TachometerSensor:
+class _TachometerSensor:
     """Spin in the last tick and rotation since the spawn, of the wheels of both sides."""
-
-    type = "Tachometer"
 
     def __init__(
         self, description: TachometerDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._wheel_radius_m = base.wheel_radius_m
         self._spins_rad_s = (0.0, 0.0)  # left, right
         # Two sides, not four wheels: the wheels of a side spin alike.
         self._angles_rad = (0.0, 0.0)
 
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The sensor."""
-        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
-
     def update(self, motion: MotionStep) -> None:
         """Integrate the wheel travel of one tick."""
-        # One division, as `wheel_travel` is one product: half of 1.0 rad/s prints as 0.5000.
+        # One division, as the travel is one product: half of 1.0 rad/s prints as 0.5000.
         m_per_rad_s = self._wheel_radius_m * motion.duration_s
         left = motion.wheel_travel.left_m / m_per_rad_s
         right = motion.wheel_travel.right_m / m_per_rad_s
@@ -76,7 +61,7 @@ class TachometerSensor:
         """Spin and angle of each wheel; forward is positive."""
         return TachometerReading(
             time_s=context.time_s,
-            name=self.name,
+            name=self._description.name,
             velocities_rad_s=self._expand_to_wheels(self._spins_rad_s),
             positions_rad=self._expand_to_wheels(self._angles_rad),
         )
@@ -91,4 +76,6 @@ def _read_description(item: ConfiguredSensor) -> TachometerDescription:
     return TachometerDescription(item.name, item.interval_s, item.mount, num_wheels)
 
 
-TACHOMETER = SensorKind(TachometerDescription, TachometerSensor, {"tachometer": _read_description})
+TACHOMETER = SensorKind(
+    "Tachometer", TachometerDescription, _TachometerSensor, {"tachometer": _read_description}
+)

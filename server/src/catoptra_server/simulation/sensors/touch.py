@@ -15,8 +15,6 @@ from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorKind,
 )
@@ -41,17 +39,12 @@ class TouchDescription:
     """Whether UDK's readings, unlike UT2004's, carry a time."""
 
 
-class TouchSensorBank:
+class _TouchSensorBank:
     """Contact of each switch, by five rays that start behind its face."""
-
-    type = "Touch"
 
     def __init__(
         self, descriptions: Sequence[TouchDescription], base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = self.type
-        # One line for all, as often as its fastest switch.
-        self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._ray_origins = np.concatenate(
             [_ray_origins_in_robot(description) for description in descriptions]
@@ -60,14 +53,6 @@ class TouchSensorBank:
         forward = [d.mount.parent_from_item().rotation[:, 0] for d in descriptions]
         self._forward = np.repeat(forward, _NUM_RAYS, axis=0)
         self._reach_m = np.repeat([d.diameter_m + _TRAVEL_M for d in descriptions], _NUM_RAYS)
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The switches."""
-        return tuple(
-            MountedPart(self.type, d.name, d.mount, TouchConfiguration(d.name, d.diameter_m))
-            for d in self._descriptions
-        )
 
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: a contact has one time."""
@@ -102,9 +87,11 @@ def _read_description(item: ConfiguredSensor) -> TouchDescription:
 
 
 TOUCH = SensorKind(
+    "Touch",
     TouchDescription,
-    TouchSensorBank,
+    _TouchSensorBank,
     {"touchsensor": _read_description, "touch": _read_description},
+    lambda switch: TouchConfiguration(switch.name, switch.diameter_m),
     shared_stream="all touch sensors",
     casts_rays=True,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,8 +17,6 @@ from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.sensor import (
     ConfiguredSensor,
     MotionStep,
-    MountedPart,
-    Part,
     SensorContext,
     SensorEnvironment,
     SensorKind,
@@ -42,28 +39,14 @@ class VictimSensorDescription:
     max_range_m: float
 
 
-class VictimSensor:
+class _VictimSensor:
     """Positions of the world file's victims in view."""
-
-    type = "VictSensor"
 
     def __init__(
         self, description: VictimSensorDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
-        self.name = description.name
-        self.interval_s = description.interval_s
         self._description = description
         self._robot_from_sensor = description.mount.parent_from_item()
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """The sensor."""
-        limits = (
-            ("MaxRange", format_fixed_point(self._description.max_range_m)),
-            ("Fov", format_fixed_point(self._description.fov_rad)),
-        )
-        configuration = Configuration(self.type, (("Name", self.name), *limits))
-        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
         """Nothing to integrate: victims are found at one time."""
@@ -78,7 +61,7 @@ class VictimSensor:
             is not None
         )
         status = "" if parts else "NoVictims"
-        return VictimReading(context.time_s, self.name, status, parts)
+        return VictimReading(context.time_s, self._description.name, status, parts)
 
     def _locate(
         self, victim: Victim, world_from_sensor: Pose, environment: SensorEnvironment
@@ -109,9 +92,19 @@ def _read_description(item: ConfiguredSensor) -> VictimSensorDescription:
     )
 
 
+def _configure(sensor: VictimSensorDescription) -> Configuration:
+    limits = (
+        ("MaxRange", format_fixed_point(sensor.max_range_m)),
+        ("Fov", format_fixed_point(sensor.fov_rad)),
+    )
+    return Configuration("VictSensor", (("Name", sensor.name), *limits))
+
+
 VICTIM_SENSOR = SensorKind(
+    "VictSensor",
     VictimSensorDescription,
-    VictimSensor,
+    _VictimSensor,
     {"victsensor": _read_description, "victimsensor": _read_description},
+    _configure,
     casts_rays=True,
 )

@@ -70,6 +70,7 @@ from catoptra_server.render.trace.trace_engine import (
     scene_centre,
 )
 from catoptra_server.world import shading
+from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 
@@ -113,11 +114,12 @@ class KernelRays:
         # Other threads encode a frame while the next one is rendered.
         if not request.is_linear:
             image.setflags(write=False)
-        counts, shutter = self.last_counts, first_state(exposure).shutter
+        counts, state = self.last_counts, first_state(exposure)
+        shutter = state.shutter
         is_blurred = shutter is not None and shutter.exposure_s > 0.0
         return TracedFrame(
             image,
-            _read_changes(exposure, counts, request.thresholds),
+            _read_changes(state, counts, request.thresholds),
             None if inverse is None else invert_ranges(inverse),
             {"MotionBlur": counts.blur_ms} if is_blurred else {},
             labels,
@@ -206,16 +208,15 @@ class KernelRays:
 
 
 def _read_changes(
-    exposure: TracedExposure, counts: FrameCounts, thresholds: Mapping[str, float]
+    state: CameraState, counts: FrameCounts, thresholds: Mapping[str, float]
 ) -> dict[str, float]:
     """Largest changes by the scene's effects that are drawn and have a threshold."""
-    state = first_state(exposure)
     changes = {}
     if state.has_shadows:
         changes["Shadows"] = counts.shadow_change
     if state.fog is not None:
         changes["Fog"] = counts.fog_change
-    if find_ego_body(exposure):
+    if find_ego_body(state):
         changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
     if state.shutter is not None and state.shutter.readout_s > 0.0:
         changes["RollingShutter"] = counts.rolling_change
@@ -352,9 +353,9 @@ class KernelEngine:
         flow: OwningStruct | None = None,
     ) -> FrameCounts:
         """Render an exposure into arrays: an image, hits, labels or flow."""
-        if first_state(exposure).has_shadows:
-            self._prepare_shadows()
         frame = exposure_arrays(exposure, self.centre, self._objects)
+        if frame.struct.has_shadows:
+            self._prepare_shadows()
         frame.struct.output = output
         frame.struct.measures_shadows = "Shadows" in thresholds
         frame.struct.shadow_threshold = thresholds.get("Shadows", 0.0)
