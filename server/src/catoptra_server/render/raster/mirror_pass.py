@@ -147,9 +147,11 @@ def render_lookup_texture(
     lookup_map = context.texture(_lookup_map_size(context, camera, samples), 2, dtype="f4")
     lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
     target = context.framebuffer([lookup_map])
-    spec = ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", atlas_definitions(atlas))
-    program = programs.get(spec)
-    set_atlas_uniforms(program, atlas)
+    # A definition instead of a uniform: without face U the shader has no comparison with U.
+    definitions = (("NUM_FACES", atlas.num_faces),)
+    program = programs.get(ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", definitions))
+    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
+    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))
     mesh = build_mirror_mesh(camera, tessellation)
     # Clip positions and directions in one buffer: freed after a single draw call.
     corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
@@ -193,15 +195,3 @@ def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
     clip_x = 2.0 * u / camera.width_px - w
     clip_y = 2.0 * v / camera.height_px - w
     return np.stack((clip_x, clip_y, np.zeros_like(w), w), axis=-1)
-
-
-def atlas_definitions(atlas: Atlas) -> Definitions:
-    """Preprocessor definitions of such a program."""
-    # A definition instead of a uniform: without face U the shader has no comparison with U.
-    return (("NUM_FACES", atlas.num_faces),)
-
-
-def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
-    """Set the atlas' transforms and size in a program."""
-    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
-    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))

@@ -76,7 +76,7 @@ class RasterRenderer:
     @property
     def object_buffer_bytes(self) -> int:
         """Size of the vertex buffer of dynamic objects: 0 until the first object."""
-        return self._scene.dynamic_objects.buffer_bytes
+        return self._scene.plain.dynamic_objects.buffer_bytes
 
     def describe(self) -> str:
         """One-line description for logs: device, scene size and what applies image effects."""
