@@ -11,7 +11,6 @@ from catoptra_server.effects.kernels.convolution import pair_multiplicities
 from catoptra_server.effects.medium.diffraction import (
     WAVELENGTHS_M,
     Diffraction,
-    airy_pattern,
     kernel_half_width_px,
     kernel_weights,
 )
@@ -35,7 +34,7 @@ def make_diffraction(f_number: float) -> Diffraction:
 
 def truncated_fraction(effect: Diffraction) -> Floats:
     """Fraction of each colour's light, (3,), outside the kernel."""
-    return 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(effect)
+    return 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ effect.airy_pattern()
 
 
 @pytest.mark.parametrize(("f_number", "diameter_px"), [(4.0, 0.725), (8.0, 1.450)])
@@ -61,7 +60,7 @@ def test_encircled_energy_of_the_pattern_is_that_of_rayleighs_formula() -> None:
     """At an f-number so large that pixels resolve the rings."""
     effect = make_diffraction(64.0)
     half_width = kernel_half_width_px(effect)
-    shares = airy_pattern(effect)[:, 1]
+    shares = effect.airy_pattern()[:, 1]
     sizes = pair_multiplicities(half_width)
     unit_px = 540e-9 * 64.0 / PITCH_M
     half_px = half_width + 0.5

@@ -92,6 +92,19 @@ class CircleOfConfusion:
         diameter: Floats = np.abs(self.infinity_diameter_px + self.near_term_px(range_m))
         return diameter
 
+    def max_diameter_change_px(self, min_distance_m: Floats) -> Floats:
+        """Largest change of a disc between infinity and the nearest distance.
+
+        The disc of a point behind the focus first shrinks, at most to a point, and then grows.
+        """
+        # The signed diameter passes every value between infinity and the nearest distance, so a
+        # disc behind the focus may change more before the end than at the end.
+        behind_focus = np.maximum(-self.infinity_diameter_px, 0.0)
+        shrinkage = np.minimum(self.near_term_px(min_distance_m), behind_focus)
+        growth = self.diameter_px(min_distance_m) - np.abs(self.infinity_diameter_px)
+        change: Floats = np.maximum(shrinkage, growth)
+        return change
+
 
 def circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
@@ -277,8 +290,13 @@ def _px_per_focus_coordinate(
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
         return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
+    return _thin_lens_px_m(aperture, camera, focus_coordinate)
+
+
+def _thin_lens_px_m(aperture: Aperture, camera: RadialCamera, inverse_focus_per_m: float) -> float:
+    """Disc diameter per difference of inverse depths, px m, of a lens with a pinhole."""
     focal_px = 1.0 / camera.inverse_focal_length
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus_coordinate)
+    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + inverse_focus_per_m)
     return focal_m / aperture.f_number * focal_px
 
 
@@ -287,9 +305,7 @@ def _thin_lens_circle_of_confusion(
 ) -> CircleOfConfusion:
     """Circle of confusion of a camera without a mirror."""
     focus = lens_focus_coordinate(aperture, camera)
-    focal_px = 1.0 / camera.inverse_focal_length
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus)
-    px_m = focal_m / aperture.f_number * focal_px
+    px_m = _thin_lens_px_m(aperture, camera, focus)
     ones = np.ones_like(np.asarray(radius_px, dtype=np.float64))
     inverse_cosine = ones
     if isinstance(camera, PerspectiveCamera):

@@ -63,17 +63,23 @@ class MirrorReflectance:
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of a mirror that reflects everything at grazing incidence."""
         # R <= 1 holds at all angles, so the camera need not be known here.
-        normal = float(
-            reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
-        )
+        normal = float(self.reflectance(np.array(0.0)))
         return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
+
+    def reflectance(self, incidence_rad: Floats) -> Floats:
+        """Reflectance for unpolarized light at angles between ray and normal."""
+        cosine = np.cos(incidence_rad)
+        # Snell's law in complex form: n - ik times the cosine of the refracted ray.
+        squared = complex(self.refractive_index, -self.extinction_coefficient) ** 2
+        inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
+        s_polarized = (cosine - inside) / (cosine + inside)
+        p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
+        mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
+        return mean
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
         incidence_rad = _mirror_incidence_rad(radius_fraction, camera)
-        index, extinction = self.refractive_index, self.extinction_coefficient
-        normal = reflectance(np.array(0.0), index, extinction)
-        relative: Floats = reflectance(incidence_rad, index, extinction) / normal
-        return relative
+        return self.reflectance(incidence_rad) / self.reflectance(np.array(0.0))
 
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
@@ -81,24 +87,6 @@ class MirrorReflectance:
         """Multiply the image by the relative reflectance."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return image * reflectance_map(self, camera).astype(image.dtype)
-
-
-def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
-    """Reflectance of a metal for unpolarized light.
-
-    Args:
-        incidence_rad: Angle between ray and normal.
-        n: Refractive index.
-        k: Extinction coefficient.
-    """
-    cosine = np.cos(incidence_rad)
-    # Snell's law in complex form: n - ik times the cosine of the refracted ray.
-    squared = complex(n, -k) ** 2
-    inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
-    s_polarized = (cosine - inside) / (cosine + inside)
-    p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
-    mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
-    return mean
 
 
 def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
