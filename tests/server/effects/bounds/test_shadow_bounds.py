@@ -17,9 +17,14 @@ from catoptra_server.effects.bounds.shadow_bounds import (
     shadow_candidates,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shading import (
+    facet_irradiance,
+    hemisphere_lights,
+    shadow_casting_lights,
+    unshadowed_irradiance,
+)
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (
     Box,
@@ -86,7 +91,7 @@ def find_hidden(world: World, scene: SceneMesh, light: Light, rng: np.random.Gen
     triangle, points = sample_points(scene, rng)
     dark, is_certain = reference_radiance(scene, alone, triangle, points)
     normals = scene.normals[triangle]
-    full = scene.albedo[triangle] * shading.unshadowed_irradiance(light, points, normals)
+    full = scene.albedo[triangle] * unshadowed_irradiance(light, points, normals)
     lost = ((full - dark).max(axis=-1) > 1e-9) & is_certain & ~scene.unlit[triangle]
     hidden: Bools = lost.reshape(-1, NUM_POINTS).any(axis=1)
     return hidden
@@ -98,13 +103,13 @@ def test_no_triangle_of_random_worlds_is_hidden_that_counts_as_lit(first: int) -
     for seed in range(first, first + 10):
         world, rng = make_random_world(seed), np.random.default_rng(seed + 1000)
         scene = build_scene(world)
-        for light in shading.shadow_casting_lights(world.lights):
+        for light in shadow_casting_lights(world.lights):
             shafts = LightShafts(scene, light)
             hidden = find_hidden(world, scene, light, rng)
             suspected = np.array([shafts.can_be_hidden(i) for i in range(len(scene))])
-            facing = shading.unshadowed_irradiance(
-                light, scene.corners.mean(axis=1), scene.normals
-            ).any(axis=-1)
+            facing = unshadowed_irradiance(light, scene.corners.mean(axis=1), scene.normals).any(
+                axis=-1
+            )
             assert not (hidden & ~suspected).any(), seed
             num_hidden += int(hidden.sum())
             num_suspected += int((suspected & facing & ~scene.unlit).sum())
@@ -120,11 +125,9 @@ def test_bound_of_random_worlds_is_never_below_the_largest_change(first: int) ->
         scene = build_scene(world)
         triangle, points = sample_points(scene, rng)
         dark, is_certain = reference_radiance(scene, world, triangle, points)
-        irradiance = shading.facet_irradiance(
-            shading.hemisphere_lights(world.lights), scene.normals[triangle]
-        )
-        for light in shading.shadow_casting_lights(world.lights):
-            irradiance += shading.unshadowed_irradiance(light, points, scene.normals[triangle])
+        irradiance = facet_irradiance(hemisphere_lights(world.lights), scene.normals[triangle])
+        for light in shadow_casting_lights(world.lights):
+            irradiance += unshadowed_irradiance(light, points, scene.normals[triangle])
         bright = scene.albedo[triangle] * np.where(scene.unlit[triangle, None], 1.0, irradiance)
         levels = [255.0 * srgb_from_linear(np.minimum(x, 1.0)) for x in (bright, dark)]
         change = np.where(is_certain[:, None], levels[0] - levels[1], 0.0).max()
@@ -155,7 +158,7 @@ def test_room_of_walls_with_backs_around_its_lamp_loses_nothing() -> None:
 def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
     world = make_world(floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))
     scene = build_scene(world)
-    light = shading.shadow_casting_lights(world.lights)[0]
+    light = shadow_casting_lights(world.lights)[0]
     shafts = LightShafts(scene, light)
     assert len(shafts) == len(scene)
     names = {scene.item_names[scene.item_index[i]] for i in range(14) if shafts.can_be_hidden(i)}

@@ -29,18 +29,23 @@ from itertools import product
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
     max_visible_loss,
     visible_losses,
 )
+from catoptra_server.effects.bounds.round_outward import round_down
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_facet_irradiance, max_point_irradiance
-from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.shading import (
+    MIN_LIGHT_DISTANCE_M,
+    ShadowCastingLight,
+    facet_irradiance,
+    hemisphere_lights,
+    shadow_casting_lights,
+)
 from catoptra_server.world.shapes import bounding_box
 from catoptra_server.world.triangles import row_blocks, select_rows
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
@@ -58,8 +63,8 @@ class ShadowBounds:
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
-        self._lights = shading.shadow_casting_lights(world.lights)
-        self._hemisphere_lights = shading.hemisphere_lights(world.lights)
+        self._lights = shadow_casting_lights(world.lights)
+        self._hemisphere_lights = hemisphere_lights(world.lights)
 
     def darkest_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
         """Largest visible loss by any shadow that the scene or dynamic objects could cast."""
@@ -149,7 +154,7 @@ class ShadowBounds:
 
     def _hemisphere_irradiance(self) -> Floats:
         """(n, 3) irradiance by hemisphere lights where the scene hides most of the sky."""
-        whole = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        whole = facet_irradiance(self._hemisphere_lights, self._scene.normals)
         factors = self._scene.smallest_sky_factors(slice(None))
         irradiance: Floats = factors[:, None] * whole
         return irradiance
@@ -166,7 +171,7 @@ class ShadowBounds:
     def _max_irradiance(self, light: ShadowCastingLight) -> Floats:
         """(n, 3) largest irradiance by a light on each triangle."""
         if isinstance(light, DirectionalLight):
-            return shading.facet_irradiance((light,), self._scene.normals)
+            return facet_irradiance((light,), self._scene.normals)
         return max_facet_irradiance(self._scene.corners, self._scene.normals, light)
 
     def _visible_losses(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> Floats:
@@ -208,10 +213,8 @@ class ShadowBounds:
             if isinstance(light, PointLight):
                 # Rounded, so that a moving object changes the summary, and the decisions cached by
                 # it, rarely.
-                nearest = round_outward.round_down([_min_distance_m(light, objects)])[0]
-                lost += (
-                    np.asarray(light.intensity) / max(nearest, shading.MIN_LIGHT_DISTANCE_M) ** 2
-                )
+                nearest = round_down([_min_distance_m(light, objects)])[0]
+                lost += np.asarray(light.intensity) / max(nearest, MIN_LIGHT_DISTANCE_M) ** 2
             else:
                 lost += np.asarray(light.irradiance)
         return max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
