@@ -261,16 +261,6 @@ def invert_ranges(inverse_range: Float32s) -> Float32s:
     return np.asarray(1.0 / inverse_range, dtype=np.float32)
 
 
-def pixel_ranges(rays: RayTable, hits: RayHits) -> Float32s:
-    """(h, w) distances of an image of one sample a pixel, metres; inf where nothing is met.
-
-    Args:
-        rays: Table of one sample a pixel.
-        hits: Hits of these rays.
-    """
-    return assemble_grid(rays, hits.range_m[..., None], fill=np.float32(np.inf))[..., 0]
-
-
 def assemble_grid(
     rays: RayTable, values: npt.NDArray[np.float32], *, fill: np.float32
 ) -> npt.NDArray[np.float32]:
