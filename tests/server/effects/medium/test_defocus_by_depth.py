@@ -24,7 +24,7 @@ from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.blur_measurement import inner_pixels, measure_blur_diameters_px
-from helpers.effect_measurement import CAPTURE_CONTEXT, assert_summary_bounds_effect
+from helpers.effect_measurement import CAPTURE_CONTEXT
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=160)
@@ -115,10 +115,6 @@ def test_change_when_the_focus_is_passed_counts_what_lies_between(
 ) -> None:
     circle = CircleOfConfusion(*(np.array(value) for value in (fixed_px, near_px, 1.0, 0.0)))
     assert circle.max_diameter_change_px(np.array(1.0)) == pytest.approx(expected)
-
-
-def test_summary_behind_the_lens_holds() -> None:
-    assert_summary_bounds_effect(DefocusByDepth(Aperture(1.0, 3e-5, 0.0)), 2.0)
 
 
 @pytest.mark.parametrize("fixed_mode", [EffectMode.AUTO, EffectMode.ALWAYS])

@@ -18,7 +18,6 @@ from helpers.blur_measurement import make_point_source
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
-    assert_summary_bounds_effect,
     max_grey_level_change,
 )
 
@@ -121,10 +120,6 @@ def test_light_of_a_point_is_kept_in_each_colour_and_red_is_widest() -> None:
     measured = spread_point(make_diffraction(8.0))
     np.testing.assert_allclose(measured.sum(axis=(0, 1)), 1.0, rtol=1e-12)
     assert measured[48, 48, 0] < measured[48, 48, 1] < measured[48, 48, 2]
-
-
-def test_summary_behind_the_lens_holds() -> None:
-    assert_summary_bounds_effect(make_diffraction(11.0), 2.0)
 
 
 @pytest.mark.parametrize("f_number", [1.0, 4.0, 16.0])
