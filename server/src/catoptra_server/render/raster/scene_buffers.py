@@ -140,8 +140,7 @@ class SceneBuffers:
         # Two lightings: objects move towards lights that are too weak for the static scene.
         lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
         self.background = world.background
-        low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
-        self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
+        self.origin = scene.centre
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
