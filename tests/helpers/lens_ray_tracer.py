@@ -28,7 +28,6 @@ from catoptra_server.render.trace.reference.meshes import (
     trace_scene,
 )
 from catoptra_server.render.trace.reference.pixels import Lighting, shade_hits
-from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 
@@ -131,7 +130,7 @@ def render_through_lens(
     Only every n-th pixel in both directions. Black where a ray misses the mirror within the rim.
     """
     scene = build_scene(world)
-    centre = scene_centre(scene)
+    centre = scene.centre
     mesh = trace_scene(scene, centre, world.lights)
     meshes = (PlacedMesh(mesh, interpolate_poses((Pose.identity(),), None)),)
     lighting = Lighting(centre, world.background, has_shadows=False)

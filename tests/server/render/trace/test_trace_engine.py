@@ -17,15 +17,11 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     assemble_tiles,
     camera_states,
-    scene_centre,
 )
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges
-from helpers.shadows import box_item, make_world
 from helpers.worlds import CAMERA_STATE
 
 
@@ -60,12 +56,6 @@ def test_states_of_an_exposure_are_its_own_or_the_one_itself() -> None:
     later = CameraState(Pose.from_rpy((1.0, 0.0, 0.0)))
     assert camera_states(CAMERA_STATE) == (CAMERA_STATE,)
     assert camera_states(MovingExposure((CAMERA_STATE, later))) == (CAMERA_STATE, later)
-
-
-def test_centre_of_a_scene_is_that_of_its_box_and_the_origin_without_triangles() -> None:
-    world = make_world(box_item(5.0, -3.0, 2.0, (0.2, 0.2, 0.4)))
-    np.testing.assert_allclose(scene_centre(build_scene(world)), (5.0, -3.0, 2.0), atol=1e-12)
-    assert scene_centre(build_scene(World("w", ()))).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_tiles_when_assembled_are_at_their_places_and_cut_at_the_image() -> None:

@@ -53,19 +53,13 @@ class CoordinateRounding:
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
+        self._centre = scene.centre
         self._objects: dict[ObjectMesh, NearTriangles] = {}
 
     @cached_property
     def _triangles(self) -> NearTriangles:
         # On demand: 0.1 s for a million triangles, which a camera without a bound does not need.
         return NearTriangles(self._scene.corners)
-
-    @cached_property
-    def _centre(self) -> Floats:
-        """(3,) origin of the renderers' coordinates."""
-        if not len(self._scene):
-            return np.zeros(3)
-        return np.asarray(0.5 * (self._scene.box_min + self._scene.box_max))
 
     def max_angle_rad(
         self, viewpoint: Floats, objects: tuple[DynamicObject, ...], errors: CoordinateErrors

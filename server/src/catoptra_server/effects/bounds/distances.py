@@ -277,7 +277,10 @@ class RingDistanceBvh:
         """
         nearest = np.full(NUM_RINGS, np.inf) if cutoff is None else cutoff / _REFINE_FRACTION
         found = np.full(NUM_RINGS, np.inf)
-        pending = [self._root_bounds(viewpoints, rings)] if self._levels else []
+        pending = []
+        if self._levels:
+            roots = np.arange(len(self._levels[-1].half_extent))
+            pending.append(self._bound_nodes(len(self._levels) - 1, roots, viewpoints, rings))
         while pending:
             group = pending.pop()
             is_needed = np.asarray(
@@ -293,7 +296,9 @@ class RingDistanceBvh:
             if len(others.nodes):
                 pending.append(others)
             if group.level > 0:
-                pending.append(self._child_bounds(nearest_group, viewpoints, rings))
+                level = group.level - 1
+                children = _child_indices(nearest_group.nodes, len(self._levels[level].centre))
+                pending.append(self._bound_nodes(level, children, viewpoints, rings))
                 continue
             positions = _child_indices(nearest_group.nodes, len(self._order))
             found = np.minimum(
@@ -303,18 +308,10 @@ class RingDistanceBvh:
             max_triangles -= len(positions)
         return found
 
-    def _root_bounds(self, viewpoints: ViewpointBox, rings: ImageRings) -> _NodeBounds:
-        nodes = np.arange(len(self._levels[-1].half_extent))
-        return _NodeBounds(
-            len(self._levels) - 1, nodes, self._levels[-1].bounds(nodes, viewpoints, rings)
-        )
-
-    def _child_bounds(
-        self, parents: _NodeBounds, viewpoints: ViewpointBox, rings: ImageRings
+    def _bound_nodes(
+        self, level: int, nodes: Indices, viewpoints: ViewpointBox, rings: ImageRings
     ) -> _NodeBounds:
-        boxes = self._levels[parents.level - 1]
-        nodes = _child_indices(parents.nodes, len(boxes.half_extent))
-        return _NodeBounds(parents.level - 1, nodes, boxes.bounds(nodes, viewpoints, rings))
+        return _NodeBounds(level, nodes, self._levels[level].bounds(nodes, viewpoints, rings))
 
     def _triangle_bounds(
         self, positions: Indices, viewpoints: ViewpointBox, rings: ImageRings

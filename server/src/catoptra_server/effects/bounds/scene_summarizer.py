@@ -328,10 +328,7 @@ class _DynamicObjectBounds:
         if mesh not in self._boxes:
             group = np.zeros(len(mesh), dtype=np.intp)
             clusters = make_clusters(mesh.corners, group, size=_TRIANGLES_PER_BOX)
-            self._boxes[mesh] = (
-                0.5 * (clusters.box_min + clusters.box_max),
-                0.5 * (clusters.box_max - clusters.box_min),
-            )
+            self._boxes[mesh] = clusters.centres, clusters.half_sizes
         return self._boxes[mesh]
 
 

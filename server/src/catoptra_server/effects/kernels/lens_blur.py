@@ -134,16 +134,11 @@ def circle_of_confusion(
 @lru_cache(maxsize=4)
 def circle_of_confusion_map(aperture: Aperture, camera: RadialCamera) -> CircleOfConfusion:
     """Circle of confusion at every pixel centre, (h, w) arrays."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    circle = circle_of_confusion(aperture, camera, np.hypot(u[None, :], v[:, None]))
-    for values in (
-        circle.infinity_diameter_px,
-        circle.near_px,
-        circle.power_per_m,
-        circle.offset,
-    ):
-        values.setflags(write=False)
+    circle = circle_of_confusion(aperture, camera, pixel_radii_px(camera))
+    circle.infinity_diameter_px.setflags(write=False)
+    circle.near_px.setflags(write=False)
+    circle.power_per_m.setflags(write=False)
+    circle.offset.setflags(write=False)
     return circle
 
 
@@ -226,6 +221,13 @@ _NUM_RADII = 257
 def sample_radii_px(camera: RadialCamera) -> Floats:
     """Image radii at which bounds are evaluated."""
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
+
+
+def pixel_radii_px(camera: RadialCamera) -> Floats:
+    """Image radius of each pixel centre, (h, w)."""
+    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
+    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
+    return np.asarray(np.hypot(u[None, :], v[:, None]))
 
 
 @lru_cache(maxsize=4)

@@ -32,6 +32,7 @@ from catoptra_server.effects.effect import (
     SceneSummary,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.kernels.lens_blur import pixel_radii_px
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201
@@ -102,9 +103,7 @@ def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats
 @lru_cache(maxsize=4)
 def reflectance_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    fraction = np.minimum(np.hypot(u[None, :], v[:, None]) / camera.rim_radius_px, 1.0)
+    fraction = np.minimum(pixel_radii_px(camera) / camera.rim_radius_px, 1.0)
     gains = effect._relative_reflectance(fraction, camera)[..., None]
     gains.setflags(write=False)
     return gains

@@ -29,7 +29,6 @@ from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, trajectory
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import SceneMesh
 
 PixelLabels = dict[str, npt.NDArray[Any]]
 """(h, w) or (h, w, k) channels of labels by name."""
@@ -245,14 +244,6 @@ def find_ego_body(exposure: TracedExposure) -> int:
         if state.ego_body is not None and placed.mesh is state.ego_body.mesh:
             return 1 + number
     return STATIC_SCENE
-
-
-def scene_centre(scene: SceneMesh) -> Floats:
-    """(3,) origin of an engine's float32 coordinates: precise in a world far from its origin.
-
-    The centre of the box around a scene; the world's origin for an empty one.
-    """
-    return np.zeros(3) if len(scene) == 0 else np.asarray(0.5 * (scene.box_min + scene.box_max))
 
 
 @np.errstate(divide="ignore")

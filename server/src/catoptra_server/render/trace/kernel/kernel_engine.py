@@ -67,7 +67,6 @@ from catoptra_server.render.trace.trace_engine import (
     find_ego_body,
     first_state,
     invert_ranges,
-    scene_centre,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights
@@ -258,7 +257,7 @@ class KernelEngine:
         self._mesh = scene
         self._world = world
         self._scene_lights = scene_lights
-        self.centre = scene_centre(scene)
+        self.centre = scene.centre
         """(3,) origin of Embree's coordinates in the world."""
         self._owners: list[object] = []
         self._meshes: list[int] = []

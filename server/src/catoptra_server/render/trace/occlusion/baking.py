@@ -286,9 +286,7 @@ def enclose_casters(corners: Floats) -> _CasterBoxes:
     # A floor shares no box with a crate on it.
     size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
     clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
-    return _CasterBoxes(
-        0.5 * (clusters.box_min + clusters.box_max), 0.5 * (clusters.box_max - clusters.box_min)
-    )
+    return _CasterBoxes(clusters.centres, clusters.half_sizes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,7 +320,7 @@ class _NearPairs:
         self, frames: _SurfaceFrames, num_nodes: npt.NDArray[np.int32]
     ) -> tuple[_Numbers, _Numbers]:
         """First node along side x within the radius of each box, and the one after the last."""
-        length = np.linalg.norm(frames.side_x, axis=-1)
+        length = _lengths(frames.side_x)
         axis = frames.side_x / length[:, None]
         centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
         half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
@@ -404,8 +402,13 @@ def sky_directions() -> Floats:
     """
     count = NUM_SETS * RAYS_PER_NODE
     # Half a cell off the borders: no ray along the surface, none along its normal.
-    across = (_van_der_corput(count) + 0.5 / count) % 1.0
-    around = 2.0 * np.pi * (_sobol_second(count) + 0.5 / count)
+    # The first dimension is van der Corput's sequence, the second that of the polynomial x + 1.
+    halves = [1 << bit for bit in range(15, -1, -1)]
+    columns = [1 << 15]
+    for _ in range(15):
+        columns.append(columns[-1] ^ columns[-1] >> 1)
+    across = (_digital_sequence(count, halves) + 0.5 / count) % 1.0
+    around = 2.0 * np.pi * (_digital_sequence(count, columns) + 0.5 / count)
     radius = np.sqrt(across)
     directions = np.stack(
         (radius * np.cos(around), radius * np.sin(around), np.sqrt(1.0 - across)), axis=-1
@@ -413,26 +416,12 @@ def sky_directions() -> Floats:
     return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
 
 
-def _van_der_corput(count: int) -> Floats:
-    """(count,) radical inverses in base 2."""
-    return _digital_sequence(count, [2**-bit for bit in range(1, 17)])
-
-
-def _sobol_second(count: int) -> Floats:
-    """(count,) second dimension of Sobol's sequence: the polynomial x + 1."""
-    columns, value = [], 1 << 15
-    for _ in range(16):
-        columns.append(value)
-        value ^= value >> 1
-    return _digital_sequence(count, [column / 65536.0 for column in columns])
-
-
-def _digital_sequence(count: int, columns: list[float]) -> Floats:
+def _digital_sequence(count: int, columns: list[int]) -> Floats:
     """(count,) exclusive sums of 16-bit columns, as fractions, by the bits of the index."""
     index = np.arange(count)
     total = np.zeros(count, dtype=np.int64)
     for bit, column in enumerate(columns):
-        total ^= np.where(index >> bit & 1, int(column * 65536.0), 0)
+        total ^= np.where(index >> bit & 1, column, 0)
     return total / 65536.0
 
 

@@ -158,17 +158,6 @@ def _find_occlusion(
     return is_occluded
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _LabelledRays:
-    """The rays of an image in a row, with their hits."""
-
-    origins: Floats
-    """(n, 3) world frame."""
-    directions: Floats
-    """(n, 3) unit, world frame."""
-    hits: RayHits
-
-
 def label_pixels(
     table: RayTable,
     hits: RayHits,

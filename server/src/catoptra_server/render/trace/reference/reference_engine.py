@@ -6,7 +6,7 @@ of sharp frames; effects are drawn everywhere and measured against a second fram
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -58,7 +58,6 @@ from catoptra_server.render.trace.trace_engine import (
     find_ego_body,
     first_state,
     invert_ranges,
-    scene_centre,
 )
 from catoptra_server.world.camera_state import CameraState, FogMedium
 from catoptra_server.world.objects import ObjectMesh
@@ -85,7 +84,7 @@ class ReferenceEngine:
         """
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trace")
         self._world = world
-        self._centre = scene_centre(scene)
+        self._centre = scene.centre
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
@@ -305,9 +304,11 @@ class _ReferenceRays:
         def work_on(tiles: slice) -> None:
             work(_read_batch(self._table, tiles))
 
+        step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * self._table.samples**2))
+        batches = [slice(n, n + step) for n in range(0, len(self._table.tiles), step)]
         # list() waits for all batches and raises the first error of any. Embree and NumPy release
         # the GIL.
-        list(self._pool.map(work_on, _split_tiles(self._table)))
+        list(self._pool.map(work_on, batches))
 
     def close(self) -> None:
         """Do nothing: threads and scene belong to the engine."""
@@ -330,13 +331,6 @@ class _RayBatch:
     for the rays of a block."""
     times: Floats | None
     """(n,) times within the exposure, if the table has times."""
-
-
-def _split_tiles(table: RayTable) -> Iterator[slice]:
-    """Yield all tiles of a table in parts of one batch each."""
-    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
-    for first in range(0, len(table.tiles), step):
-        yield slice(first, first + step)
 
 
 def _read_batch(table: RayTable, tiles: slice) -> _RayBatch:
