@@ -25,7 +25,6 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
-    lens_focus_coordinate,
 )
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -80,7 +79,7 @@ def _box(pose: Pose, number: int) -> Item:
 
 def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
     """Thin lens whose image distance is the image's scale."""
-    focal_px, sharp = 1.0 / camera.inverse_focal_length, lens_focus_coordinate(aperture, camera)
+    focal_px, sharp = 1.0 / camera.inverse_focal_length, aperture.focus_coordinate(camera)
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
     return pinhole_lens(
         camera, focal_px, aperture_m=focal_m / aperture.f_number, focus_m=1.0 / sharp
@@ -154,7 +153,7 @@ def test_telecentric_image_when_blurred_equals_that_of_traced_cones() -> None:
     rays = telecentric_lens(
         px_per_m,
         slope=0.5 * px_per_m * lens.pixel_pitch_m / lens.f_number,
-        focus_height_m=lens_focus_coordinate(lens, camera),
+        focus_height_m=lens.focus_coordinate(camera),
     )
     site = make_site("corridor", objects_near=False)
     pose = site.camera_state.world_from_mirror

@@ -26,7 +26,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.trace import TraceRenderer
@@ -60,7 +60,7 @@ def read_camera() -> OmniCamera:
 
 def render_lens(camera: OmniCamera, world: World, pose: Pose, f_number: float) -> Floats:
     aperture = Aperture(f_number, PITCH_M, 0.0)
-    focal_px, sharp = 1.0 / camera.inverse_focal_length, lens_focus_coordinate(aperture, camera)
+    focal_px, sharp = 1.0 / camera.inverse_focal_length, aperture.focus_coordinate(camera)
     focal_m = 1.0 / (1.0 / (focal_px * PITCH_M) + sharp)
     lens = pinhole_lens(camera, focal_px, aperture_m=focal_m / f_number, focus_m=1.0 / sharp)
     return render_through_lens(lens, camera, world, pose, stride_px=EVERY_PX)

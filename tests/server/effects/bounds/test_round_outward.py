@@ -9,6 +9,7 @@ import pytest
 
 from catoptra_server.effects.bounds.round_outward import (
     MIN_DISTANCE_M,
+    ViewpointCells,
     round_away_from_zero,
     round_down,
     round_twist,
@@ -48,3 +49,14 @@ def test_similar_twists_round_to_one() -> None:
     assert one.linear_m_s[0] >= 0.502
     assert one.angular_rad_s[2] <= -0.311
     assert round_twist(AT_REST) == AT_REST
+
+
+def test_viewpoints_of_a_cell_share_one_evaluation_and_others_have_their_own() -> None:
+    # No cell is allowed beyond x = 10, where each viewpoint is evaluated alone.
+    cells = ViewpointCells((0.5, 0.25), lambda c, s: (*c, *s) if c[0] < 10 or not s.any() else None)
+    found = {cells.find(np.array((x, 0.1, -0.6))) for x in (0.8, 1.0, 1.2)}
+    assert found == {(1.0, 0.0, -0.625, 0.5, 0.5, 0.0625)}
+    assert cells.num_evaluations == 1
+    alone = cells.find(np.array((20.1, 0.1, -0.6)))
+    assert alone == (20.1, 0.1, -0.6, 0.0, 0.0, 0.0)
+    assert cells.num_evaluations == 4

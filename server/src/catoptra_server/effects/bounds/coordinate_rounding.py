@@ -54,12 +54,12 @@ class CoordinateRounding:
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
         self._centre = scene.centre
-        self._objects: dict[ObjectMesh, NearTriangles] = {}
+        self._objects: dict[ObjectMesh, _NearTriangles] = {}
 
     @cached_property
-    def _triangles(self) -> NearTriangles:
+    def _triangles(self) -> _NearTriangles:
         # On demand: 0.1 s for a million triangles, which a camera without a bound does not need.
-        return NearTriangles(self._scene.corners)
+        return _NearTriangles(self._scene.corners)
 
     def max_angle_rad(
         self, viewpoint: Floats, objects: tuple[DynamicObject, ...], errors: CoordinateErrors
@@ -85,7 +85,7 @@ class CoordinateRounding:
     def min_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
         """Lower bound of the distance of all triangles from a (3,) viewpoint, metres.
 
-        Two fifths of the nearest one's at least, as in `NearTriangles`; inf without any.
+        Two fifths of the nearest one's at least, as in `_NearTriangles`; inf without any.
         """
         near = [self._triangles.proximity(viewpoint)]
         near += [self._object_proximity(one, viewpoint) for one in objects]
@@ -98,7 +98,7 @@ class CoordinateRounding:
         if distance_m > one.mesh.radius_m:
             return _Proximity(1.0 / distance_m, 2.0 * one.mesh.radius_m / distance_m)
         if one.mesh not in self._objects:
-            self._objects[one.mesh] = NearTriangles(one.mesh.corners)
+            self._objects[one.mesh] = _NearTriangles(one.mesh.corners)
         in_object = one.world_from_object.inverse().transform_points(viewpoint)
         return self._objects[one.mesh].proximity(in_object)
 
@@ -127,7 +127,7 @@ _TINY = 1e-30
 _MAX_BOX_RATIO = 8.0
 
 
-class NearTriangles:
+class _NearTriangles:
     """Triangles in groups, prepared for queries."""
 
     def __init__(self, corners: Floats) -> None:
@@ -142,11 +142,6 @@ class NearTriangles:
         self._corners = corners
         self._low, self._high, self._size = groups
         self._cells = ViewpointCells(_CELL_SIDES_M, self._proximity_in_cell)
-
-    @property
-    def num_evaluations(self) -> int:
-        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
-        return self._cells.num_evaluations
 
     def proximity(self, viewpoint: Floats) -> _Proximity:
         """Proximity of a (3,) viewpoint, no less than of any in its cell."""

@@ -192,7 +192,7 @@ def _rectangle_distance_bounds(
     return np.where(inside, direct, bounds)
 
 
-def plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
+def _plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
     """Distance within which each ring shows nothing that lies behind a plane.
 
     Args:
@@ -330,7 +330,7 @@ class RingDistanceBvh:
         # All corners lie on one side of a plane, and so does the triangle: this holds for any
         # normal, so a degenerate triangle's does no harm.
         cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
-        return np.maximum(to_box, plane_distance_bounds(distance, cosine, rings))
+        return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

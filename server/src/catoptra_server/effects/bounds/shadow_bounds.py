@@ -6,8 +6,8 @@ whose encoded colour would change most decides; a texture may darken a triangle 
 dynamic object can occlude any light from any surface, and counts as white: at most lit by all
 lights, at least by the dimmer half of the sky. Scenes of many triangles are bounded as a whole.
 
-`shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from a
-light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
+`_shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from
+a light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
 plane of some caster T has to separate the light from a corner of such an R. A floor, a single
 convex object, or a convex room around a point light do not meet all three. A scene of many corners
 counts with the corners of its box, which reaches farther.
@@ -84,7 +84,7 @@ class ShadowBounds:
         remaining = self._hemisphere_irradiance()
         for lost, light in zip(losses, self._lights, strict=True):
             irradiance = np.broadcast_to(self._max_irradiance(light), lost.shape)
-            can_be_lost = shadow_candidates(self._scene, light)[:, None]
+            can_be_lost = _shadow_candidates(self._scene, light)[:, None]
             lost += np.where(can_be_lost, irradiance, 0.0)
             if isinstance(light, DirectionalLight):
                 # A point light's irradiance is an upper bound, so only a directional light may
@@ -230,7 +230,7 @@ _MAX_PRODUCTS = 10**7
 _NUM_PROBED_TRIANGLES = 500
 
 
-def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
+def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     """(n,) triangles that the light faces and a surface of the scene might occlude."""
     none = np.zeros(len(scene), dtype=bool)
     # A copy of a million triangles takes a tenth of a second.

@@ -67,6 +67,17 @@ class Aperture:
     """Depth of sharp points from the pinhole; 0: the focus whose largest disc of infinity is
     smallest, which without a mirror is infinity itself."""
 
+    def focus_coordinate(self, camera: RadialCamera) -> float:
+        """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the
+        axis."""
+        if not _has_mirror(camera):
+            return 1.0 / self.focus_distance_m if self.focus_distance_m > 0.0 else 0.0
+        if self.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
+            return 1.0 / self.focus_distance_m
+        # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
+        coordinates = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
+        return 0.5 * float(coordinates.min() + coordinates.max())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircleOfConfusion:
@@ -113,7 +124,7 @@ def circle_of_confusion(
     if not _has_mirror(camera):
         return _thin_lens_circle_of_confusion(aperture, camera, radius_px)
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
-    focus = lens_focus_coordinate(aperture, camera)
+    focus = aperture.focus_coordinate(camera)
     gain = _px_per_focus_coordinate(aperture, camera, focus)
     # An object at D has its image nearer than infinity's by (cos(psi) / P) / (1 + P D);
     # 1/Z of both gives the same form with another offset, so one rational function serves both
@@ -159,17 +170,6 @@ def max_diameter_px(aperture: Aperture, camera: RadialCamera) -> float:
     return float(np.maximum(at_infinity, circle.diameter_px(rho_m)).max())
 
 
-def lens_focus_coordinate(aperture: Aperture, camera: RadialCamera) -> float:
-    """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
-    if not _has_mirror(camera):
-        return 1.0 / aperture.focus_distance_m if aperture.focus_distance_m > 0.0 else 0.0
-    if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
-        return 1.0 / aperture.focus_distance_m
-    # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
-    coordinates = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
-    return 0.5 * float(coordinates.min() + coordinates.max())
-
-
 def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
     """Depth along the axis, from the pinhole, of the virtual image of a point before the mirror.
 
@@ -193,7 +193,7 @@ def describe_lens(aperture: Aperture, camera: RadialCamera) -> str:
         return f"F/{aperture.f_number:g}, focused {focus}"
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
-    focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)
+    focus_mm = 1e3 / aperture.focus_coordinate(camera)
     return f"F/{aperture.f_number:g}, focused at {focus_mm:.0f} mm"
 
 
@@ -306,7 +306,7 @@ def _thin_lens_circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
 ) -> CircleOfConfusion:
     """Circle of confusion of a camera without a mirror."""
-    focus = lens_focus_coordinate(aperture, camera)
+    focus = aperture.focus_coordinate(camera)
     px_m = _thin_lens_px_m(aperture, camera, focus)
     ones = np.ones_like(np.asarray(radius_px, dtype=np.float64))
     inverse_cosine = ones

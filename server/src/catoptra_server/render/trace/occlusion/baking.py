@@ -99,8 +99,8 @@ def bake_occlusion(
 
 def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
     """Finest grids that are not too many nodes, and the nodes near casters."""
-    boxes = enclose_casters(scene.corners[scene.casts_shadows])
-    pairs = find_near_pairs(frames, boxes, RADIUS_M)
+    boxes = _enclose_casters(scene.corners[scene.casts_shadows])
+    pairs = _find_near_pairs(frames, boxes)
     distance_m = _MIN_NODE_DISTANCE_M
     while True:
         layout = lay_out(frames, distance_m)
@@ -280,7 +280,7 @@ class _CasterBoxes:
         return _CasterBoxes(self.centre[boxes], self.half[boxes])
 
 
-def enclose_casters(corners: Floats) -> _CasterBoxes:
+def _enclose_casters(corners: Floats) -> _CasterBoxes:
     """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
     longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
     # A floor shares no box with a crate on it.
@@ -299,8 +299,6 @@ class _NearPairs:
     """Coordinate system of that surface."""
     boxes: _CasterBoxes
     """The box of each pair."""
-    radius_m: float
-    """Farther nodes are not near."""
 
     def find_nodes(self, layout: _GridLayout) -> Bools:
         """(h, w) nodes of an atlas that have a box within the radius."""
@@ -323,7 +321,7 @@ class _NearPairs:
         length = _lengths(frames.side_x)
         axis = frames.side_x / length[:, None]
         centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
-        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
+        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + RADIUS_M
         # The sides of small triangles' grids enclose any angle.
         half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
         step = length / (num_nodes - 1)
@@ -333,11 +331,11 @@ class _NearPairs:
         return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
 
 
-def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float) -> _NearPairs:
+def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
     """Boxes that reach before the planes of surfaces and near their rectangles."""
     middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
     diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
-    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
+    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + RADIUS_M
     pairs = []
     # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
     for first in range(0, len(middle), _SURFACES_AT_ONCE):
@@ -347,11 +345,11 @@ def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float
         near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
         height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
         reach = np.abs(frames.normal[part]) @ boxes.half.T
-        near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < radius_m)
+        near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < RADIUS_M)
         surface, box = np.nonzero(near)
         pairs.append((surface + first, box))
     surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
-    return _NearPairs(surface, frames.take_rows(surface), boxes.take(box), radius_m)
+    return _NearPairs(surface, frames.take_rows(surface), boxes.take(box))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -390,11 +388,11 @@ def _turn_directions(frames: _SurfaceFrames) -> npt.NDArray[np.float32]:
     axis_x = frames.side_x / np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
     axis_y = np.cross(frames.normal, axis_x)
     axes = np.stack((axis_x, axis_y, frames.normal), axis=1).astype(np.float32)
-    directions = sky_directions().astype(np.float32)
+    directions = _sky_directions().astype(np.float32)
     return np.asarray(directions.reshape(1, -1, 3) @ axes).reshape(-1, *directions.shape)
 
 
-def sky_directions() -> Floats:
+def _sky_directions() -> Floats:
     """(NUM_SETS, RAYS_PER_NODE, 3) unit directions around z, distributed by the cosine.
 
     Sobol's first two dimensions: each block of a power of two points is stratified by itself, and
