@@ -162,6 +162,13 @@ def test_oblique_wall_is_as_far_as_its_plane() -> None:
     assert bounds[level] == pytest.approx(1.0, rel=1e-4)
 
 
+def test_viewpoints_on_both_sides_of_a_plane_are_no_distance_from_its_triangle() -> None:
+    corners = np.array([[[-50.0, -50.0, 0.02], [0.0, 90.0, 0.02], [50.0, -50.0, 0.02]]])
+    around = ViewpointBox(np.zeros(3), np.array((0.0, 0.0, 0.05)), np.eye(3))
+    bounds = RingDistanceBvh(corners, np.array([[0.0, 0.0, 1.0]])).bounds(around, RINGS)
+    assert bounds.tolist() == [0.0] * NUM_RINGS
+
+
 def test_triangle_without_area_has_its_own_distance() -> None:
     corners = np.array([[[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]]])
     bounds = RingDistanceBvh(corners, np.zeros((1, 3))).bounds(HERE, RINGS)

@@ -198,6 +198,18 @@ def test_box_in_place_of_many_corners_changes_no_bound(monkeypatch: pytest.Monke
     )
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", range(3))
+def test_box_in_place_of_many_corners_reaches_as_far_as_a_caster_on_any_side(
+    monkeypatch: pytest.MonkeyPatch, axis: int, sign: float
+) -> None:
+    monkeypatch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
+    x, y, z = (sign * np.eye(3)[axis]).tolist()
+    light = DirectionalLight((-x, -y, -z), (0.5, 0.5, 0.5))
+    items = box_item(0.0, 0.0, 0.0, (0.4, 0.4, 0.4)), box_item(x, y, z, (0.2, 0.2, 0.2))
+    assert bound(make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, light))) != NO_SHADOW_LOSS
+
+
 SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
 NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
 MESH = build_object_mesh([(box(Box((0.2, 0.2, 0.2))), GREY)])

@@ -75,7 +75,15 @@ def test_analytic_factor_at_the_foot_is_a_half() -> None:
 # Nearer than a node's distance the filter flattens the last step to the foot.
 @pytest.mark.parametrize(
     ("distance_m", "tolerance"),
-    [(0.01, 0.08), (0.05, 0.03), (0.1, 0.03), (0.2, 0.02), (0.4, 0.01), (0.7, 0.005)],
+    [
+        (0.01, 0.08),
+        (0.05, 0.03),
+        (0.1, 0.03),
+        (0.2, 0.02),
+        (0.35, 0.002),
+        (0.4, 0.01),
+        (0.7, 0.005),
+    ],
 )
 def test_factor_before_a_wall_is_the_analytic_one(distance_m: float, tolerance: float) -> None:
     factor = factors_on_floor(make_wall_world(), [(1.0 - distance_m, 0.0)])
