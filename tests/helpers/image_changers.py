@@ -7,14 +7,14 @@ from contextlib import ExitStack
 import pytest
 
 from catoptra_server.render.image_changer import ImageChanger
-from catoptra_server.render.trace.kernel.image import open_image_changer
+from catoptra_server.render.trace.kernel.image import KernelImageChanger
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
 
 def open_changer_or_skip(stack: ExitStack) -> ImageChanger:
     """Image effects by two threads of the kernel, which end with the stack."""
     try:
-        changer = open_image_changer(2)
+        changer = KernelImageChanger.open(2)
     except KernelUnavailableError as error:
         pytest.skip(error.reason)
     stack.callback(changer.close)

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer import Image
+from catoptra_server.world.world_description import srgb_from_linear
+
+
+def grey_levels(light: npt.NDArray[np.floating]) -> Floats:
+    """Encoded grey levels of linear light, not rounded."""
+    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
 
 
 def level_differences(one: Image, other: Image) -> npt.NDArray[np.int64]:

@@ -20,6 +20,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.render.trace.reference.meshes import (
     PlacedMesh,
     WorldRays,
@@ -28,7 +29,6 @@ from catoptra_server.render.trace.reference.meshes import (
     trace_scene,
 )
 from catoptra_server.render.trace.reference.pixels import Lighting, shade_hits
-from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 
@@ -90,10 +90,11 @@ class LensRays(Protocol):
         """(n, 3) origins and directions; (n, 2) px from the axis, aperture point in a unit disc."""
 
 
-def pinhole_lens(
-    camera: OmniCamera, focal_px: float, *, aperture_m: float, focus_m: float
-) -> LensRays:
-    """A thin lens around the pinhole, of an aperture's diameter, in focus at a depth."""
+def focus_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
+    """A thin lens around the pinhole whose image distance is the image's scale."""
+    focal_px, sharp_at = 1.0 / camera.inverse_focal_length, aperture.focus_coordinate(camera)
+    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp_at)
+    aperture_m, focus_m = focal_m / aperture.f_number, 1.0 / sharp_at
     pinhole = np.array((0.0, 0.0, camera.mirror.pinhole_distance_m))
 
     def rays(offset_px: Floats, aperture_point: Floats) -> tuple[Floats, Floats]:
@@ -131,7 +132,7 @@ def render_through_lens(
     Only every n-th pixel in both directions. Black where a ray misses the mirror within the rim.
     """
     scene = build_scene(world)
-    centre = scene_centre(scene)
+    centre = scene.centre
     mesh = trace_scene(scene, centre, world.lights)
     meshes = (PlacedMesh(mesh, interpolate_poses((Pose.identity(),), None)),)
     lighting = Lighting(centre, world.background, has_shadows=False)

@@ -57,8 +57,15 @@ def render_filled_and_traced(
     return filled, traced, share
 
 
+def fill_and_trace(
+    world: World, exposure: TracedExposure, table: RayTable
+) -> tuple[Image, Image, float]:
+    """The same of a world on a kernel of its own."""
+    with open_kernel(world) as engine:
+        return render_filled_and_traced(engine, engine.prepare(table), exposure)
+
+
 def count_differences(world: World, state: CameraState, table: RayTable) -> int:
     """Number of pixels that differ between filled and traced tiles."""
-    with open_kernel(world) as engine:
-        filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+    filled, traced, _ = fill_and_trace(world, state, table)
     return int(np.count_nonzero(level_differences(filled, traced)))

@@ -22,7 +22,7 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import compute_lookup_map, pack_atlas
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.device import GLSL_VERSION, load_source, set_uniform
-from catoptra_server.render.raster.mirror_pass import rim_polygon, set_atlas_uniforms
+from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.scene_mesh import build_scene
@@ -118,7 +118,8 @@ def make_renderer(samples: int, light: str, encoded: str) -> Callable[[], object
         target = context.framebuffer([context.renderbuffer((640, 640), 3)])
         if light is CAMERA_MODEL:
             set_camera_model(program)
-            set_atlas_uniforms(program, atlas)
+            set_uniform(program, "face_texel_transform", atlas.texel_transforms())
+            set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))
         else:
             size = (640 * samples, 640 * samples)
             table = compute_lookup_map(make_camera(), atlas, samples)

@@ -54,7 +54,7 @@ def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) 
     pose = CAMERA_STATE.world_from_mirror
     viewpoint = pose.translation - scene.origin
     depth = scene.depth_range_finder.find_range(viewpoint, max_depth_ratio=1.75)
-    scene.set_frame(viewpoint, depth.clip_z_from_w)
+    scene.plain.set_frame(viewpoint, depth.clip_z_from_w)
     target.clear(*scene.background, 1.0, depth=1.0)
     target.use()
     for cell in atlas.cells:
@@ -63,7 +63,7 @@ def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) 
         visible = scene.clusters.in_front_of_planes(
             np.stack((w + x, w - x, w + y, w - y, w)), viewpoint
         )
-        scene.draw(clip, visible)
+        scene.plain.batches.draw(clip, visible)
     target.viewport = (0, 0, atlas.width, atlas.height)
 
 

@@ -12,7 +12,6 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
 from helpers.worlds import make_omni_camera, regions_of_size
 
@@ -33,7 +32,7 @@ def shader_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -
             "face_texel_transform": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
-        define=atlas_definitions(atlas),
+        define=(("NUM_FACES", atlas.num_faces),),
     )
     return out[:, :2] * (atlas.width, atlas.height)
 

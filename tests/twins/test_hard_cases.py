@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
 from helpers.worlds import regions_of_size
 from stability.catalogue import Case, load
@@ -99,7 +98,7 @@ def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray
             "face_texel_transform": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
-        define=atlas_definitions(atlas),
+        define=(("NUM_FACES", atlas.num_faces),),
     )
     return out[:, :2] * (atlas.width, atlas.height)
 

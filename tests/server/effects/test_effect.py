@@ -26,6 +26,7 @@ from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
     IMAGE_EFFECTS,
     NOISE_SEED,
+    assert_summary_bounds_effect,
     make_any_effect,
     make_effect,
     make_test_pattern,
@@ -60,6 +61,27 @@ def test_effect_when_applied_leaves_its_image_alone_and_keeps_its_type(name: str
     assert after.dtype == np.float32
     assert after.shape == image.shape
     np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("ChromaticAberration", {"red_magnification": 1.02, "blue_magnification": 0.985}),
+        ("Defocus", {"f_number": 1.0, "pixel_pitch_m": 3e-5}),
+        ("DefocusByDepth", {"f_number": 1.0, "pixel_pitch_m": 3e-5}),
+        ("Diffraction", {"f_number": 11.0}),
+        ("Misalignment", {"x_m": 6e-4, "y_m": -4e-4, "axial_m": 1e-3, "roll_rad": 2e-3}),
+        ("MirrorDust", {}),
+        ("MirrorReflectance", {}),
+        ("MirrorReflectance", {"refractive_index": 2.8, "extinction_coefficient": 3.4}),
+        ("Vignetting", {}),
+    ],
+)
+def test_no_pixel_behind_an_effect_is_brighter_than_its_summary(
+    name: str, changes: dict[str, float]
+) -> None:
+    for max_radiance in (2.0, 3.0):
+        assert_summary_bounds_effect(make_effect(name, changes), max_radiance)
 
 
 @pytest.mark.parametrize("name", NAMES)

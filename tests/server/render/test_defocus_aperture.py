@@ -25,7 +25,6 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
-    lens_focus_coordinate,
 )
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -34,9 +33,10 @@ from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import Box, Item, Material, World, srgb_from_linear
+from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.blur_measurement import inner_pixels
-from helpers.lens_ray_tracer import LensRays, pinhole_lens, render_through_lens, telecentric_lens
+from helpers.image_comparison import grey_levels
+from helpers.lens_ray_tracer import focus_lens, render_through_lens, telecentric_lens
 from helpers.long_cases import quick_cases
 from helpers.worlds import make_omni_camera, make_plan
 
@@ -78,19 +78,10 @@ def _box(pose: Pose, number: int) -> Item:
     return Item(f"near{number}", Box((0.03, 0.08, 0.06)), at, Material(colour))
 
 
-def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
-    """Thin lens whose image distance is the image's scale."""
-    focal_px, sharp = 1.0 / camera.inverse_focal_length, lens_focus_coordinate(aperture, camera)
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
-    return pinhole_lens(
-        camera, focal_px, aperture_m=focal_m / aperture.f_number, focus_m=1.0 / sharp
-    )
-
-
 @cache
 def render_reference(name: str, *, objects_near: bool) -> Floats:
     site = make_site(name, objects_near=objects_near)
-    lens = make_lens(CAMERA, LENS)
+    lens = focus_lens(CAMERA, LENS)
     pose = site.camera_state.world_from_mirror
     return render_through_lens(lens, CAMERA, site.world, pose, stride_px=EVERY_PX)
 
@@ -100,8 +91,7 @@ def rmse_levels(
 ) -> float:
     """RMS error of an image, in encoded grey levels, within the mirror's rim."""
     inner = inner_pixels(camera, 4.0)[::every_px, ::every_px]
-    greys = (255.0 * srgb_from_linear(np.clip(each, 0.0, 1.0)) for each in (light, expected))
-    one, other = greys
+    one, other = grey_levels(light), grey_levels(expected)
     return float(np.sqrt(np.square(one - other)[inner].mean()))
 
 
@@ -154,7 +144,7 @@ def test_telecentric_image_when_blurred_equals_that_of_traced_cones() -> None:
     rays = telecentric_lens(
         px_per_m,
         slope=0.5 * px_per_m * lens.pixel_pitch_m / lens.f_number,
-        focus_height_m=lens_focus_coordinate(lens, camera),
+        focus_height_m=lens.focus_coordinate(camera),
     )
     site = make_site("corridor", objects_near=False)
     pose = site.camera_state.world_from_mirror

@@ -26,15 +26,16 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import World, srgb_from_linear
+from catoptra_server.world.world_description import World
 from helpers.blur_measurement import inner_pixels
-from helpers.lens_ray_tracer import pinhole_lens, render_through_lens
+from helpers.image_comparison import grey_levels
+from helpers.lens_ray_tracer import focus_lens, render_through_lens
 from helpers.worlds import make_plan
 
 PITCH_M = 7.4e-6
@@ -59,10 +60,7 @@ def read_camera() -> OmniCamera:
 
 
 def render_lens(camera: OmniCamera, world: World, pose: Pose, f_number: float) -> Floats:
-    aperture = Aperture(f_number, PITCH_M, 0.0)
-    focal_px, sharp = 1.0 / camera.inverse_focal_length, lens_focus_coordinate(aperture, camera)
-    focal_m = 1.0 / (1.0 / (focal_px * PITCH_M) + sharp)
-    lens = pinhole_lens(camera, focal_px, aperture_m=focal_m / f_number, focus_m=1.0 / sharp)
+    lens = focus_lens(camera, Aperture(f_number, PITCH_M, 0.0))
     return render_through_lens(lens, camera, world, pose, stride_px=EVERY_PX)
 
 
@@ -78,7 +76,7 @@ def split_pixels(camera: OmniCamera, parts: int) -> OmniCamera:
 
 
 def shares_within(light: Floats, expected: Floats, camera: OmniCamera) -> tuple[float, float]:
-    one, other = (255.0 * srgb_from_linear(np.clip(each, 0.0, 1.0)) for each in (light, expected))
+    one, other = grey_levels(light), grey_levels(expected)
     inner = inner_pixels(camera, 5.0)[::EVERY_PX, ::EVERY_PX]
     difference = np.abs(one - other).max(axis=-1)[inner]
     return float((difference <= 2.0).mean()), float((difference <= 8.0).mean())

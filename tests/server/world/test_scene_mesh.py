@@ -188,11 +188,13 @@ def test_box_of_a_scene_touches_its_extreme_corners() -> None:
     scene = build_scene(World("w", (make_item(BOX, x_m=5.0), make_item(BOX, x_m=-1.0))))
     np.testing.assert_array_equal(scene.box_min, scene.corners.min(axis=(0, 1)))
     np.testing.assert_array_equal(scene.box_max, scene.corners.max(axis=(0, 1)))
+    np.testing.assert_array_equal(scene.centre, 0.5 * (scene.box_min + scene.box_max))
 
 
 def test_box_of_an_empty_scene_is_inverted() -> None:
     scene = build_scene(World("w", ()))
     assert (scene.box_min > scene.box_max).all()
+    assert scene.centre.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_objects_are_items_by_name_nodes_of_gltf_files_and_landmarks(tmp_path: Path) -> None:

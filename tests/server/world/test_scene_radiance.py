@@ -9,7 +9,6 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.scene_radiance import (
@@ -17,6 +16,7 @@ from catoptra_server.world.scene_radiance import (
     max_object_radiance,
     max_radiance,
 )
+from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (
     Box,
@@ -114,8 +114,8 @@ def sample_radiance(scene: SceneMesh, world: World, rng: np.random.Generator) ->
     weights = rng.dirichlet((0.7, 0.7, 0.7), 4000)
     points = np.einsum("pk,nki->npi", weights, scene.corners).reshape(-1, 3)
     normals = np.repeat(scene.normals, len(weights), axis=0)
-    irradiance = shading.facet_irradiance(world.lights, normals)
-    irradiance += shading.point_irradiance(world.lights, points, normals)
+    irradiance = facet_irradiance(world.lights, normals)
+    irradiance += point_irradiance(world.lights, points, normals)
     return float((np.repeat(scene.albedo, len(weights), axis=0) * irradiance).max())
 
 
@@ -178,8 +178,8 @@ def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(see
         bound = max_object_radiance(DynamicObject(ball, pose), world)
         points = pose.transform_points(ball.corners.reshape(-1, 3))
         normals = np.repeat(ball.normals @ pose.rotation.T, 3, axis=0)
-        irradiance = shading.facet_irradiance(lights, normals)
-        irradiance += shading.point_irradiance(lights, points, normals)
+        irradiance = facet_irradiance(lights, normals)
+        irradiance += point_irradiance(lights, points, normals)
         brightest = float((np.repeat(ball.albedo, 3, axis=0) * irradiance).max())
         assert brightest <= bound * (1.0 + 1e-12)
         radiances.append(brightest / bound)
@@ -196,7 +196,7 @@ def test_facets_near_lamps_are_never_brighter_than_their_bound(seed: int) -> Non
     bound = max_facet_irradiance(corners, normals, light)
     weights = rng.dirichlet((0.6, 0.6, 0.6), 400)
     points = np.einsum("pk,nki->npi", weights, corners).reshape(-1, 3)
-    sampled = shading.point_irradiance((light,), points, np.repeat(normals, 400, axis=0))
+    sampled = point_irradiance((light,), points, np.repeat(normals, 400, axis=0))
     brightest = sampled.reshape(200, 400, 3).max(axis=1)
     assert (brightest <= bound * (1.0 + 1e-9)).all()
     # Facets that face away are dark, and counted as such.

@@ -225,37 +225,28 @@ class _EffectEntry:
     """One setting with the caches of its bounds and decisions for one camera."""
 
     setting: EffectSetting
-    bound_cache: _BoundCache
+    camera: RadialCamera
+    bounds: dict[tuple[object, ...], EffectBound] = field(default_factory=dict)
+    """Bounds by the fields of a summary that the effect reads."""
     decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
 
-
-class _BoundCache:
-    """Bounds of one effect in the images of one camera."""
-
-    def __init__(self, effect: Effect, camera: RadialCamera) -> None:
-        self._effect = effect
-        self._camera = camera
-        self._field_names = tuple(effect.reads)
-        self._bounds: dict[tuple[object, ...], EffectBound] = {}
-
-    def get(self, summary: SceneSummary) -> EffectBound:
-        """Return the effect's bound, computed only for values not met before."""
-        key = tuple(getattr(summary, name) for name in self._field_names)
-        bound = self._bounds.get(key)
+    def find_bound(self, summary: SceneSummary) -> EffectBound:
+        """The effect's bound, computed only for values not met before."""
+        effect = self.setting.effect
+        key = tuple(getattr(summary, name) for name in effect.reads)
+        bound = self.bounds.get(key)
         if bound is None:
             # First in, first out: a robot leaves cells behind, so the oldest entry is the one
             # least likely to return.
-            while len(self._bounds) >= _MAX_CACHED:
-                self._bounds.pop(next(iter(self._bounds)))
-            bound = self._bounds[key] = self._effect.bound(summary, self._camera)
+            while len(self.bounds) >= _MAX_CACHED:
+                self.bounds.pop(next(iter(self.bounds)))
+            bound = self.bounds[key] = effect.bound(summary, self.camera)
         return bound
 
 
 @lru_cache(maxsize=64)
 def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
-    return tuple(
-        _EffectEntry(setting, _BoundCache(setting.effect, camera)) for setting in settings.settings
-    )
+    return tuple(_EffectEntry(setting, camera) for setting in settings.settings)
 
 
 def _find_decision(
@@ -266,7 +257,7 @@ def _find_decision(
     if by is not None:
         included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
         return replace(included, enabled=False, included_in=by)
-    bound = entry.bound_cache.get(summary)
+    bound = entry.find_bound(summary)
     decision = entry.decisions.get(bound)
     if decision is None:
         # Cleared whole instead of one by one: bounds repeat far more often than summaries, so the

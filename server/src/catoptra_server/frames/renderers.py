@@ -254,13 +254,11 @@ def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageCh
         instruction_set: Instruction set of the kernel.
     """
     # Loaded where it is needed: raster serves without the kernel, and without Embree.
-    from catoptra_server.render.trace.kernel import image as kernel_image_changer
+    from catoptra_server.render.trace.kernel.image import KernelImageChanger
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
     try:
-        return kernel_image_changer.open_image_changer(
-            threads or count_processors(), instruction_set
-        )
+        return KernelImageChanger.open(threads or count_processors(), instruction_set)
     except KernelUnavailableError as error:
         log.warning("%s; image effects in NumPy, many times slower", error)
         return NumpyImageChanger()

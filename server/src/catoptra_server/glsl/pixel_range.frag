@@ -1,5 +1,5 @@
 // Provides the range at each pixel's centre: the nearest texel of the atlas of ranges.
-// Twin: catoptra_server.render.trace.trace_engine.pixel_ranges.
+// Twin: catoptra_server.render.trace.trace_engine.RayHits.
 uniform sampler2D atlas;             // ranges, metres
 uniform sampler2D lookup_map;        // atlas coordinates of pixel centres; negative off the mirror
 out float range_m;

@@ -1,5 +1,5 @@
 // Provides the range of a surface from the viewpoint.
-// Twin: catoptra_server.render.trace.trace_engine.pixel_ranges.
+// Twin: catoptra_server.render.trace.trace_engine.RayHits.
 in vec3 offset;
 out float range_m;
 

@@ -174,7 +174,10 @@ def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterato
     where = SourceLocation(str(shape.path))
 
     def make_texture(image: Any) -> Texture:
-        return _load_image(image, textures, memory, where)
+        if id(image) not in textures:
+            reserve_texels(image.size, memory, where)
+            textures[id(image)] = decode_image(image, where)
+        return textures[id(image)]
 
     # Not scene.dump(), which copies each mesh with its image before its size is known here.
     for node in scene.graph.nodes_geometry:
@@ -186,16 +189,6 @@ def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterato
         _reserve_triangles(mesh.faces, name, memory, where)
         converted = _convert_mesh(mesh, shape, world_from_mesh, make_texture)
         yield replace(converted, node=str(node)) if is_gltf else converted
-
-
-def _load_image(
-    image: Any, textures: dict[int, Texture], memory: MemoryBudget, where: SourceLocation
-) -> Texture:
-    """Texture of an image, decoded once."""
-    if id(image) not in textures:
-        reserve_texels(image.size, memory, where)
-        textures[id(image)] = decode_image(image, where)
-    return textures[id(image)]
 
 
 def _reserve_triangles(

@@ -84,9 +84,11 @@ def build_mirror_mesh(camera: OmniCamera, tessellation: Tessellation) -> MirrorM
     """Build the triangles of the mirror up to the camera's rim."""
     polygons = mirror_polygons(camera, tessellation)
     corners, polygon = _split_into_triangles(polygons, tessellation)
-    directions = corners if tessellation.interpolation is Interpolation.POSITION else None
-    if directions is None:
-        directions = _project_to_face_planes(corners, _polygon_faces(polygons)[polygon])
+    directions = corners
+    if tessellation.interpolation is Interpolation.UV:
+        # The face in the direction of each polygon's centre.
+        faces = face_from_direction(polygons.sum(axis=1))
+        directions = _project_to_face_planes(corners, faces[polygon])
     corners.setflags(write=False)
     directions.setflags(write=False)
     return MirrorMesh(corners, directions)
@@ -126,11 +128,6 @@ def _split_into_triangles(
     return np.concatenate((outer, inner)), np.concatenate(
         (polygon, polygon[tessellation.sectors :])
     )
-
-
-def _polygon_faces(polygons: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """(R * S,) cube face of each polygon: the face in the direction of the polygon's centre."""
-    return face_from_direction(polygons.sum(axis=1))
 
 
 def _project_to_face_planes(

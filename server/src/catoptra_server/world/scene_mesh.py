@@ -100,6 +100,14 @@ class SceneMesh:
         """Number of triangles."""
         return len(self.corners)
 
+    @property
+    def centre(self) -> Floats:
+        """(3,) centre of the box, the world's origin for a scene without triangles.
+
+        Origin of renderers' float32 coordinates: precise in a world far from its origin.
+        """
+        return 0.5 * (self.box_min + self.box_max) if len(self) else np.zeros(3)
+
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""
         if self.corner_albedo is None:
@@ -343,28 +351,14 @@ def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]
     """Goal: a back and two sides, open towards the world's origin, without floor and top."""
     # The mouth faces the origin along x: +1 for a goal at positive x, whose back is at larger x.
     outward = math.copysign(1.0, landmark.x_m)
-    half, height = 0.5 * landmark.width_m, landmark.band_top_m
-    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * _GOAL_WALL_THICKNESS_M)
-    side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
+    width, depth, height = landmark.width_m, landmark.depth_m, landmark.band_top_m
+    thick = _GOAL_WALL_THICKNESS_M
+    back_x = landmark.x_m + outward * (depth + 0.5 * thick)
+    side_x, side_y = landmark.x_m + outward * 0.5 * depth, 0.5 * width + 0.5 * thick
     boards = [
-        (
-            "back",
-            back_x,
-            0.0,
-            (_GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * _GOAL_WALL_THICKNESS_M, height),
-        ),
-        (
-            "left",
-            side_x,
-            -half - 0.5 * _GOAL_WALL_THICKNESS_M,
-            (landmark.depth_m, _GOAL_WALL_THICKNESS_M, height),
-        ),
-        (
-            "right",
-            side_x,
-            half + 0.5 * _GOAL_WALL_THICKNESS_M,
-            (landmark.depth_m, _GOAL_WALL_THICKNESS_M, height),
-        ),
+        ("back", back_x, 0.0, (thick, width + 2 * thick, height)),
+        ("left", side_x, -side_y, (depth, thick, height)),
+        ("right", side_x, side_y, (depth, thick, height)),
     ]
     material = Material(albedos[landmark.upper_colour])
     return tuple(

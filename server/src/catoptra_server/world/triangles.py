@@ -177,6 +177,16 @@ class TriangleClusters:
     groups: Indices
     """(m,) group of each cluster."""
 
+    @property
+    def centres(self) -> Floats:
+        """(m, 3) centres of the boxes."""
+        return np.asarray(0.5 * (self.box_min + self.box_max))
+
+    @property
+    def half_sizes(self) -> Floats:
+        """(m, 3) half sizes of the boxes."""
+        return np.asarray(0.5 * (self.box_max - self.box_min))
+
     def distances(self, point: Floats) -> Floats:
         """(m,) distances from a (3,) point to each box, 0 inside."""
         outside = np.maximum(np.maximum(self.box_min - point, point - self.box_max), 0.0)
@@ -185,8 +195,7 @@ class TriangleClusters:
 
     def in_front_of_planes(self, normals: Floats, point: Floats) -> Bools:
         """(..., m) boxes that reach in front of all of (..., p, 3) planes through a point."""
-        half = 0.5 * (self.box_max - self.box_min)
-        centre = 0.5 * (self.box_max + self.box_min) - point
+        half, centre = self.half_sizes, self.centres - point
         flat = normals.reshape(-1, 3)
         # Support of a box: its centre's product plus its half axes' absolute products.
         reach = flat @ centre.T + np.abs(flat) @ half.T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from catoptra_server.effects.bounds.coordinate_rounding import (
     UNIT_ROUNDOFF,
     CoordinateErrors,
     CoordinateRounding,
-    NearTriangles,
 )
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.triangles import triangle_distances
@@ -94,13 +94,21 @@ def scatter(seed: int, count: int, *, reach_m: float = 20.0) -> Floats:
     return rng.normal(size=(count, 3, 3)) * sizes + rng.uniform(-reach_m, reach_m, (count, 1, 3))
 
 
-def exact_proximity(corners: Floats, point: Floats) -> dict[str, float]:
+def exact_proximity(corners: Floats, point: Floats) -> tuple[float, float]:
+    """Inverse distance of the nearest triangle, and the largest size over distance."""
     inverse = 1.0 / triangle_distances(point, corners)
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
-    return {
-        "inverse_distance_per_m": float(inverse.max()),
-        "size_per_distance": float((inverse * edges.max(axis=1)).max()),
-    }
+    return float(inverse.max()), float((inverse * edges.max(axis=1)).max())
+
+
+def round_triangles(corners: Floats) -> CoordinateRounding:
+    return CoordinateRounding(replace(build_scene(World("none", ())), corners=corners))
+
+
+def bound_proximity(rounding: CoordinateRounding, point: Floats) -> tuple[float, float]:
+    """Bounds of the same, by a distance and by the angle of a triangle's rounding alone."""
+    angle_rad = rounding.max_angle_rad(point, (), CoordinateErrors(0.0, 1.0))
+    return 1.0 / rounding.min_distance_m(point, ()), angle_rad / UNIT_ROUNDOFF - 1.0
 
 
 @pytest.mark.parametrize(("count", "seed"), [(1, 1), (31, 2), (33, 3), (500, 4), (70_001, 5)])
@@ -108,30 +116,29 @@ def test_proximity_is_at_least_that_of_the_viewpoint_and_at_most_three_times(
     count: int, seed: int
 ) -> None:
     corners = scatter(seed, count)
-    triangles = NearTriangles(corners)
+    rounding = round_triangles(corners)
     for point in np.random.default_rng(seed).uniform(-25.0, 25.0, (15, 3)):
-        found = triangles.proximity(point)
+        pairs = zip(exact_proximity(corners, point), bound_proximity(rounding, point), strict=True)
         # A cell adds half, and a box that was not measured another half.
-        for name, exact in exact_proximity(corners, point).items():
-            assert exact <= getattr(found, name) * (1.0 + 1e-9)
-            assert getattr(found, name) <= 3.0 * exact
+        for exact, bound in pairs:
+            assert exact <= bound * (1.0 + 1e-9)
+            assert bound <= 3.0 * exact
 
 
-def test_viewpoints_of_a_cell_share_one_evaluation() -> None:
-    triangles = NearTriangles(scatter(6, 50) + np.array((100.0, 0.0, 0.0)))
-    rng = np.random.default_rng(7)
-    found = {triangles.proximity(point) for point in rng.uniform(-0.03, 0.03, (40, 3))}
-    assert (len(found), triangles.num_evaluations) == (1, 1)
+def test_viewpoints_of_a_cell_share_one_result() -> None:
+    rounding = round_triangles(scatter(6, 50) + np.array((100.0, 0.0, 0.0)))
+    points = np.random.default_rng(7).uniform(-0.03, 0.03, (40, 3))
+    assert len({rounding.min_distance_m(point, ()) for point in points}) == 1
 
 
 def test_result_does_not_depend_on_earlier_queries() -> None:
     corners = scatter(8, 300)
     points = np.random.default_rng(9).uniform(-20.0, 20.0, (30, 3))
-    forward, backward = NearTriangles(corners), NearTriangles(corners)
-    first = [forward.proximity(point) for point in points]
-    assert first == [backward.proximity(point) for point in points[::-1]][::-1]
+    forward, backward = round_triangles(corners), round_triangles(corners)
+    first = [bound_proximity(forward, point) for point in points]
+    assert first == [bound_proximity(backward, point) for point in points[::-1]][::-1]
 
 
 def test_viewpoint_on_a_surface_has_a_finite_proximity() -> None:
     corners = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
-    assert NearTriangles(corners).proximity(np.zeros(3)).inverse_distance_per_m == 1e6
+    assert round_triangles(corners).min_distance_m(np.zeros(3), ()) == 1e-6

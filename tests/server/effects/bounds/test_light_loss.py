@@ -18,10 +18,10 @@ from catoptra_server.effects.bounds.light_loss import (
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (
     Box,
@@ -90,8 +90,8 @@ def test_image_without_culled_lights_changes_by_less_than_the_limit() -> None:
     assert cull_lights(whole, world.lights) == (DIM_HEMISPHERE_LIGHT,)
     normals, points = np.tile((0.0, 0.0, -1.0), (100, 1)), np.zeros((100, 3))
     points[:, 0] = np.linspace(-2.0, 2.0, 100)
-    sky = shading.facet_irradiance(world.lights, normals)
-    point = shading.point_irradiance(world.lights, points, normals)
+    sky = facet_irradiance(world.lights, normals)
+    point = point_irradiance(world.lights, points, normals)
     change = 255.0 * (srgb_from_linear(0.5 * (sky + point)) - srgb_from_linear(0.5 * sky))
     assert 0.0 < change.max() < MAX_CULLED_GREY_LEVELS
 

@@ -13,15 +13,16 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.distances import image_rings
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer, max_angle_from_axis
+from catoptra_server.effects.bounds.round_outward import round_away_from_zero, round_twist
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import P2AT, ROBOT_MESH, TWO_ROBOTS, build_cube_mesh, place_cube
@@ -45,11 +46,9 @@ def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     scene_radiance = max_radiance(build_scene(world), world)
     assert summary.max_radiance == max(
         scene_radiance,
-        *round_outward.round_away_from_zero(
-            max_object_radiance(one, world) for one in DRIVING_STATE.objects
-        ),
+        *round_away_from_zero(max_object_radiance(one, world) for one in DRIVING_STATE.objects),
     )
-    assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(DRIVING_STATE))
+    assert summary.scene_twist == round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
 def test_summary_of_radiance_alone_has_no_distances() -> None:
@@ -198,19 +197,28 @@ def sampled_angles(corners: Floats) -> tuple[float, float]:
     return float(angle.min()), float(angle.max())
 
 
+def max_angle_of_body(corners: Floats, camera: OmniCamera) -> float:
+    """Largest angle from the axis of a body of (n, 3, 3) triangles in the mirror frame."""
+    mesh = build_object_mesh([(Patch(corners, np.zeros((len(corners), 3, 2))), WHITE)])
+    body = DynamicObject(mesh, Pose.identity())
+    state = CameraState(Pose.identity(), ego_body=body)
+    return bound_self_view(state, camera).ego_body_max_angle_rad
+
+
 def test_max_angle_of_triangles_is_tight() -> None:
-    corners = np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3, 3))
-    found = max_angle_from_axis(corners)
-    for triangle, angle in zip(corners, found, strict=True):
-        largest = sampled_angles(triangle)[1]
-        assert largest <= angle + 1e-9
-        assert angle - largest < 0.05
+    camera = make_omni_camera(rim_deg=140.0)
+    for triangle in np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3, 3)):
+        smallest, largest = sampled_angles(triangle)
+        if smallest <= camera.rim_rad:
+            found = max_angle_of_body(triangle[None], camera)
+            assert largest <= found + 1e-9
+            assert found - largest < 0.05
 
 
-def test_triangle_around_the_antipole_reaches_pi() -> None:
-    around = np.array([[(1.0, 0.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]])
-    assert max_angle_from_axis(around)[0] == math.pi
-    assert max_angle_from_axis(around[:, ::-1])[0] == math.pi, "whichever way it is wound"
+def test_triangle_around_the_antipole_reaches_pi_whichever_way_it_is_wound() -> None:
+    around = np.array([[(1.0, 0.0, -0.5), (-1.0, 1.0, -0.5), (-1.0, -1.0, -0.5)]])
+    for corners in (around, around[:, ::-1]):
+        assert max_angle_of_body(corners, make_omni_camera(rim_deg=140.0)) == math.pi
 
 
 def test_robot_absent_or_beyond_the_rim_is_not_visible() -> None:

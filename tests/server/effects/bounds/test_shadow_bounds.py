@@ -14,12 +14,16 @@ from catoptra_server.effects.bounds.light_loss import grey_level_change
 from catoptra_server.effects.bounds.shadow_bounds import (
     LightShafts,
     ShadowBounds,
-    shadow_candidates,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shading import (
+    facet_irradiance,
+    hemisphere_lights,
+    shadow_casting_lights,
+    unshadowed_irradiance,
+)
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (
     Box,
@@ -86,7 +90,7 @@ def find_hidden(world: World, scene: SceneMesh, light: Light, rng: np.random.Gen
     triangle, points = sample_points(scene, rng)
     dark, is_certain = reference_radiance(scene, alone, triangle, points)
     normals = scene.normals[triangle]
-    full = scene.albedo[triangle] * shading.unshadowed_irradiance(light, points, normals)
+    full = scene.albedo[triangle] * unshadowed_irradiance(light, points, normals)
     lost = ((full - dark).max(axis=-1) > 1e-9) & is_certain & ~scene.unlit[triangle]
     hidden: Bools = lost.reshape(-1, NUM_POINTS).any(axis=1)
     return hidden
@@ -98,13 +102,13 @@ def test_no_triangle_of_random_worlds_is_hidden_that_counts_as_lit(first: int) -
     for seed in range(first, first + 10):
         world, rng = make_random_world(seed), np.random.default_rng(seed + 1000)
         scene = build_scene(world)
-        for light in shading.shadow_casting_lights(world.lights):
+        for light in shadow_casting_lights(world.lights):
             shafts = LightShafts(scene, light)
             hidden = find_hidden(world, scene, light, rng)
             suspected = np.array([shafts.can_be_hidden(i) for i in range(len(scene))])
-            facing = shading.unshadowed_irradiance(
-                light, scene.corners.mean(axis=1), scene.normals
-            ).any(axis=-1)
+            facing = unshadowed_irradiance(light, scene.corners.mean(axis=1), scene.normals).any(
+                axis=-1
+            )
             assert not (hidden & ~suspected).any(), seed
             num_hidden += int(hidden.sum())
             num_suspected += int((suspected & facing & ~scene.unlit).sum())
@@ -120,11 +124,9 @@ def test_bound_of_random_worlds_is_never_below_the_largest_change(first: int) ->
         scene = build_scene(world)
         triangle, points = sample_points(scene, rng)
         dark, is_certain = reference_radiance(scene, world, triangle, points)
-        irradiance = shading.facet_irradiance(
-            shading.hemisphere_lights(world.lights), scene.normals[triangle]
-        )
-        for light in shading.shadow_casting_lights(world.lights):
-            irradiance += shading.unshadowed_irradiance(light, points, scene.normals[triangle])
+        irradiance = facet_irradiance(hemisphere_lights(world.lights), scene.normals[triangle])
+        for light in shadow_casting_lights(world.lights):
+            irradiance += unshadowed_irradiance(light, points, scene.normals[triangle])
         bright = scene.albedo[triangle] * np.where(scene.unlit[triangle, None], 1.0, irradiance)
         levels = [255.0 * srgb_from_linear(np.minimum(x, 1.0)) for x in (bright, dark)]
         change = np.where(is_certain[:, None], levels[0] - levels[1], 0.0).max()
@@ -155,7 +157,7 @@ def test_room_of_walls_with_backs_around_its_lamp_loses_nothing() -> None:
 def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
     world = make_world(floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))
     scene = build_scene(world)
-    light = shading.shadow_casting_lights(world.lights)[0]
+    light = shadow_casting_lights(world.lights)[0]
     shafts = LightShafts(scene, light)
     assert len(shafts) == len(scene)
     names = {scene.item_names[scene.item_index[i]] for i in range(14) if shafts.can_be_hidden(i)}
@@ -165,25 +167,13 @@ def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
 INSIDE = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
 
 
-def names(world: World, light: DirectionalLight | PointLight) -> set[str]:
-    """Names of the items with candidates for a shadow."""
-    scene = build_scene(world)
-    return {
-        scene.item_names[i] for i in np.unique(scene.item_index[shadow_candidates(scene, light)])
-    }
-
-
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
-def test_floor_alone_or_from_below_is_no_candidate(
-    light: DirectionalLight | PointLight,
-) -> None:
-    assert names(make_world(floor_item()), light) == set()
-    assert names(make_world(floor_item(), box_item(0, 0, 0.5, (0.2, 0.2, 0.2))), light) == {"box"}
-
-
-@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
-def test_floor_under_a_box_is_a_candidate(light: DirectionalLight | PointLight) -> None:
-    assert "floor" in names(make_world(floor_item(), box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), light)
+def test_floor_loses_light_to_a_box_above_alone_and_hides_one_below(light: Light) -> None:
+    lights = (DIM_HEMISPHERE_LIGHT, light)
+    assert bound(make_world(floor_item(), lights=lights)) == NO_SHADOW_LOSS
+    for z in (-0.1, 0.5):
+        world = make_world(floor_item(), box_item(0, 0, z, (0.2, 0.2, 0.2)), lights=lights)
+        assert bound(world) != NO_SHADOW_LOSS
 
 
 @pytest.mark.parametrize(
@@ -195,27 +185,29 @@ def test_floor_under_a_box_is_a_candidate(light: DirectionalLight | PointLight) 
     ],
     ids=["convex room around its lamp", "single box", "no triangles"],
 )
-def test_convex_scene_has_no_candidates_and_loses_nothing(
-    world: World, light: DirectionalLight | PointLight
-) -> None:
-    assert names(world, light) == set()
-    lit = replace(world, lights=(light,))
-    assert ShadowBounds(build_scene(lit), lit).darkest_shadow(()) == NO_SHADOW_LOSS
+def test_convex_scene_loses_nothing(world: World, light: Light) -> None:
+    assert bound(replace(world, lights=(light,))) == NO_SHADOW_LOSS
 
 
-def test_box_in_place_of_many_corners_only_adds_candidates(
-    monkeypatch: pytest.MonkeyPatch,
+def test_box_in_place_of_many_corners_changes_no_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = [make_random_world(seed) for seed in range(20)]
+    exact = [bound(world) for world in worlds]
+    monkeypatch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
+    assert [grey_level_change(bound(world)) for world in worlds] == pytest.approx(
+        [grey_level_change(loss) for loss in exact]
+    )
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", range(3))
+def test_box_in_place_of_many_corners_reaches_as_far_as_a_caster_on_any_side(
+    monkeypatch: pytest.MonkeyPatch, axis: int, sign: float
 ) -> None:
-    num_added = 0
-    for seed in range(20):
-        scene = build_scene(make_random_world(seed))
-        exact = shadow_candidates(scene, POINT_LIGHT)
-        with monkeypatch.context() as patch:
-            patch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
-            boxed = shadow_candidates(scene, POINT_LIGHT)
-        assert not (exact & ~boxed).any()
-        num_added += int((boxed & ~exact).sum())
-    assert num_added > 0
+    monkeypatch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
+    x, y, z = (sign * np.eye(3)[axis]).tolist()
+    light = DirectionalLight((-x, -y, -z), (0.5, 0.5, 0.5))
+    items = box_item(0.0, 0.0, 0.0, (0.4, 0.4, 0.4)), box_item(x, y, z, (0.2, 0.2, 0.2))
+    assert bound(make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, light))) != NO_SHADOW_LOSS
 
 
 SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))

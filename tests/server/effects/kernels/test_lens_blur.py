@@ -20,7 +20,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     circle_of_confusion_map,
     describe_lens,
     interior_mask,
-    lens_focus_coordinate,
     max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
@@ -56,7 +55,7 @@ def infinity_diameters_px(aperture: Aperture, camera: OmniCamera) -> Floats:
 def test_focal_length_when_focused_is_that_of_the_lens_which_makes_the_image() -> None:
     focal_m = 1.0 / (
         EIGHT_MM_LENS_CAMERA.inverse_focal_length / PITCH_M
-        + lens_focus_coordinate(lens(4.0), EIGHT_MM_LENS_CAMERA)
+        + lens(4.0).focus_coordinate(EIGHT_MM_LENS_CAMERA)
     )
     assert focal_m == pytest.approx(8e-3, rel=1e-4)
 
@@ -92,7 +91,7 @@ def test_lens_when_focused_at_the_scene_spreads_what_the_mirror_shows_over_16_px
 
 
 def test_focus_when_best_is_268_mm_and_no_other_has_a_smaller_largest_disc() -> None:
-    assert 1.0 / lens_focus_coordinate(lens(4.0), CAMERA) == pytest.approx(0.26812, abs=1e-5)
+    assert 1.0 / lens(4.0).focus_coordinate(CAMERA) == pytest.approx(0.26812, abs=1e-5)
     best = infinity_diameters_px(lens(4.0), CAMERA).max()
     for focus_m in (0.24, 0.266, 0.270, 0.3):
         assert infinity_diameters_px(lens(4.0, focus_m), CAMERA).max() > best
@@ -252,8 +251,8 @@ def test_disc_at_the_hyperfocal_distance_of_infinity_is_one_pixel() -> None:
 
 
 def test_focus_coordinate_of_no_distance_is_infinity() -> None:
-    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.0), PLAIN_CAMERA) == 0.0
-    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.5), PLAIN_CAMERA) == 2.0
+    assert Aperture(4.0, PITCH_M, 0.0).focus_coordinate(PLAIN_CAMERA) == 0.0
+    assert Aperture(4.0, PITCH_M, 0.5).focus_coordinate(PLAIN_CAMERA) == 2.0
 
 
 def test_lens_is_described_with_its_focus() -> None:

@@ -17,7 +17,6 @@ from helpers.displacement_measurement import (
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
-    assert_summary_bounds_effect,
     make_test_pattern,
     max_grey_level_change,
 )
@@ -93,10 +92,6 @@ def test_bound_when_colours_are_apart_is_what_the_rim_is_moved_by() -> None:
     assert moved[0] == pytest.approx(bound, rel=0.05)
     assert moved[1] == 0.0
     assert bound == pytest.approx(0.02 * visible_radii_px(FRAMED_CAMERA)[1])
-
-
-def test_summary_behind_it_holds() -> None:
-    assert_summary_bounds_effect(ABERRATION, 2.0)
 
 
 @pytest.mark.parametrize("magnification", [1.0002, 1.001, 1.02])

@@ -17,7 +17,6 @@ from catoptra_server.effects.medium.defocus import Defocus
 from helpers.blur_measurement import inner_pixels, make_point_source, measure_blur_diameters_px
 from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
-    assert_summary_bounds_effect,
     make_test_pattern,
     max_grey_level_change,
 )
@@ -100,10 +99,6 @@ def test_even_light_when_convolved_stays_even_up_to_the_rim() -> None:
     np.testing.assert_allclose(
         make_defocus(2.0).apply(image, CAMERA, CAPTURE_CONTEXT), image, rtol=1e-13
     )
-
-
-def test_summary_behind_the_lens_holds() -> None:
-    assert_summary_bounds_effect(Defocus(Aperture(1.0, 3e-5, 0.0)), 2.0)
 
 
 def test_bound_when_something_is_near_counts_its_disc() -> None:

@@ -14,7 +14,6 @@ from helpers.displacement_measurement import (
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
-    assert_summary_bounds_effect,
     make_test_pattern,
     max_grey_level_change,
 )
@@ -90,10 +89,6 @@ def test_camera_when_it_no_longer_sees_the_mirror_is_enabled_by_the_whole_image(
         48.0 * 2.0**0.5
     )
     assert not far_off.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
-
-
-def test_summary_behind_it_holds() -> None:
-    assert_summary_bounds_effect(MISALIGNMENT, 2.0)
 
 
 @pytest.mark.parametrize("offset_m", [1e-6, 1e-5, 1e-4, 1e-3])

@@ -12,7 +12,6 @@ from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
     assert_effect_negligible,
     assert_effect_not_negligible,
-    assert_summary_bounds_effect,
 )
 from helpers.worlds import make_omni_camera
 
@@ -41,4 +40,3 @@ def test_narrow_rim_is_disabled_by_the_criterion() -> None:
 
 def test_papers_rim_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(Vignetting())
-    assert_summary_bounds_effect(Vignetting(), 3.0)

@@ -20,7 +20,6 @@ from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
     assert_effect_negligible,
     assert_effect_not_negligible,
-    assert_summary_bounds_effect,
     make_test_pattern,
     max_grey_level_change,
 )
@@ -178,10 +177,6 @@ def test_mirror_when_dusty_or_scratched_is_enabled(marks: Contaminants, albedo: 
 def test_orthographic_camera_s_mirror_when_dusty_is_enabled() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
     assert_effect_not_negligible(DUST, camera=camera)
-
-
-def test_summary_behind_it_holds() -> None:
-    assert_summary_bounds_effect(DUST, 2.0)
 
 
 def test_bound_of_a_known_camera_is_that_of_its_own_map() -> None:

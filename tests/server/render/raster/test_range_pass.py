@@ -12,9 +12,10 @@ from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
-from catoptra_server.render.raster.mirror_pass import make_lookup_texture
+from catoptra_server.render.raster.mirror_pass import make_lookup_map
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
@@ -31,7 +32,7 @@ def measure_ranges(world: World, camera_state: CameraState, device: GlDevice) ->
         atlas = pack_atlas(
             make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096
         )
-        positions = make_lookup_texture(context, CAMERA, atlas, 1)
+        positions = make_lookup_map(context, programs, CAMERA, PerPixel(), atlas, 1)
         step = RangePass(context, programs, scene, atlas, CAMERA, positions)
         step.draw(camera_state)
         seen = step.read()

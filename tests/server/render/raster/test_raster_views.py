@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
@@ -51,51 +50,37 @@ FOG = FogMedium(0.1, (0.5, 0.5, 0.5))
 SHUTTER = Shutter(exposure_s=0.02, readout_s=0.0, num_steps=2.0)
 
 
+LENS = PerspectiveCamera(60, 40, 1.4)
+
+
+@pytest.mark.parametrize("is_lens", [False, True])
+@pytest.mark.parametrize("fog", [None, FOG])
 @pytest.mark.parametrize(
-    ("effects", "fog", "shutter", "names"),
+    ("effects", "shutter", "names"),
     [
-        ((), None, None, ("faces", "mirror")),
-        (("Vignetting",), None, None, ("faces", "mirror")),
-        ((), FOG, None, ("faces", "mirror")),
-        ((), None, SHUTTER, ("accumulate", "encode")),
-        ((), FOG, SHUTTER, ("accumulate", "encode")),
+        ((), None, ("faces", "image")),
+        (("Vignetting",), None, ("faces", "image")),
+        (("DefocusByDepth",), None, ("faces", "image", "ranges")),
+        ((), SHUTTER, ("accumulate", "encode")),
     ],
 )
 def test_passes_when_rendered_are_those_of_effects_and_shutter_and_none_of_fog(
     device: GlDevice,
     effects: tuple[str, ...],
-    fog: FogMedium | None,
     shutter: Shutter | None,
     names: tuple[str, ...],
+    fog: FogMedium | None,
+    is_lens: bool,
 ) -> None:
-    renderer = make_raster(device)
-    view = renderer.prepare(CAMERA, make_plan(CAMERA))
-    camera_state = dataclasses.replace(CAMERA_STATE, fog=fog, shutter=shutter)
-    view.render(camera_state, tuple(make_effect(name) for name in effects))
-    assert view.pass_names == names
-    view.close()
-
-
-LENS = PerspectiveCamera(60, 40, 1.4)
-
-
-@pytest.mark.parametrize(
-    ("effects", "shutter", "names"),
-    [
-        ((), None, ("faces", "average")),
-        (("Vignetting",), None, ("faces", "average")),
-        (("DefocusByDepth",), None, ("faces", "average", "ranges")),
-        ((), SHUTTER, ("accumulate", "encode")),
-    ],
-)
-def test_passes_when_rendered_are_those_of_effects_and_shutter(
-    device: GlDevice, effects: tuple[str, ...], shutter: Shutter | None, names: tuple[str, ...]
-) -> None:
-    renderer = make_raster(device)
-    view = renderer.prepare_perspective(LENS, 2)
-    camera_state = dataclasses.replace(CAMERA_STATE, shutter=shutter)
-    view.render(camera_state, tuple(make_effect(name) for name in effects))
-    assert view.pass_names == names
+    renderer, image = make_raster(device), "average" if is_lens else "mirror"
+    view = (
+        renderer.prepare_perspective(LENS, 2)
+        if is_lens
+        else renderer.prepare(CAMERA, make_plan(CAMERA))
+    )
+    state = replace(CAMERA_STATE, fog=fog, shutter=shutter)
+    view.render(state, tuple(make_effect(name) for name in effects))
+    assert view.pass_names == tuple(image if name == "image" else name for name in names)
     view.close()
 
 

@@ -85,9 +85,9 @@ def test_scene_without_and_with_shadows_has_two_sets_of_batches_each_built_once(
     buffers = SceneBuffers(
         device.context, ShaderPrograms(device.context), build_scene(WORLD), WORLD
     )
-    assert buffers.with_lighting(PLAIN) is buffers
+    assert buffers.with_lighting(PLAIN) is buffers.plain
     shadowed = buffers.with_lighting(SHADOWED)
-    assert shadowed is not buffers
+    assert shadowed is not buffers.plain
     assert buffers.with_lighting(SHADOWED) is shadowed
     buffers.close()
 
@@ -97,7 +97,7 @@ def test_scene_without_shadow_casting_lights_has_one_set_of_batches(device: GlDe
     buffers = SceneBuffers(
         device.context, ShaderPrograms(device.context), build_scene(world), world
     )
-    assert buffers.with_lighting(SHADOWED) is buffers
+    assert buffers.with_lighting(SHADOWED) is buffers.plain
     buffers.close()
 
 

@@ -14,9 +14,9 @@ from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import (
     ShadowMaps,
 )
-from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import shadow_casting_lights
 from catoptra_server.world.world_description import DirectionalLight, Light, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.opengl import make_raster
@@ -66,7 +66,7 @@ def test_world_without_shadow_casting_lights_builds_nothing_for_them(device: GlD
 
 
 def make_maps(device: GlDevice, world: World) -> ShadowMaps:
-    lights = shading.shadow_casting_lights(world.lights)
+    lights = shadow_casting_lights(world.lights)
     scene = build_scene(world)
     return ShadowMaps(
         device.context, ShaderPrograms(device.context), scene, lights, origin=np.zeros(3)

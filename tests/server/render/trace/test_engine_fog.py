@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
@@ -20,9 +19,9 @@ from catoptra_server.world.world_description import (
     Item,
     Material,
     World,
-    srgb_from_linear,
 )
 from helpers.effect_measurement import make_effect
+from helpers.image_comparison import grey_levels
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,
@@ -50,16 +49,12 @@ def trace(engine: EngineName, state: CameraState, *, is_linear: bool = True) -> 
     return frame
 
 
-def levels(light: Floats) -> Floats:
-    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
-
-
 @pytest.mark.parametrize("has_shadows", [False, True])
 @pytest.mark.parametrize("density_per_m", [0.01, 0.2, 5.0, 100.0])
 def test_fog_when_native_is_that_of_the_reference(density_per_m: float, has_shadows: bool) -> None:
     fog = replace(FOG, density_per_m=density_per_m)
     state = replace(STATE, fog=fog, has_shadows=has_shadows)
-    native, reference = (levels(trace(engine, state).image) for engine in ENGINES)
+    native, reference = (grey_levels(trace(engine, state).image) for engine in ENGINES)
     difference = np.abs(native - reference).max(axis=-1)
     # An edge may meet another sample in float32.
     assert (difference > 0.1).mean() < 0.002
@@ -68,7 +63,7 @@ def test_fog_when_native_is_that_of_the_reference(density_per_m: float, has_shad
 @pytest.mark.parametrize("engine", ENGINES)
 def test_change_by_fog_is_the_largest_difference_from_clear_air(engine: EngineName) -> None:
     foggy, clear = trace(engine, replace(STATE, fog=FOG)), trace(engine, STATE)
-    difference = np.abs(levels(foggy.image) - levels(clear.image)).max()
+    difference = np.abs(grey_levels(foggy.image) - grey_levels(clear.image)).max()
     assert foggy.changes["Fog"] == pytest.approx(difference, abs=0.02)
 
 

@@ -10,8 +10,8 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.world_description import Light, World
 from helpers.image_comparison import level_differences
 from helpers.standing_things import SKY, bake_scene, make_box_world
@@ -38,9 +38,9 @@ def expect(world: World, lights: tuple[Light, ...]) -> Floats:
     factors = occlusion.factors(np.zeros(len(FLOOR_POINTS), dtype=int), FLOOR_POINTS)
     assert factors[0] < 0.9
     assert factors[-1] == 1.0
-    total = factors[:, None] * shading.facet_irradiance((SKY,), normals)
-    total += shading.facet_irradiance(lights, normals)
-    return 0.5 * (total + shading.point_irradiance(lights, FLOOR_POINTS, normals))
+    total = factors[:, None] * facet_irradiance((SKY,), normals)
+    total += facet_irradiance(lights, normals)
+    return 0.5 * (total + point_irradiance(lights, FLOOR_POINTS, normals))
 
 
 @pytest.mark.parametrize("engine", ENGINES)

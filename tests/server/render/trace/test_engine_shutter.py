@@ -16,7 +16,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.world.camera_state import CameraState, Shutter
-from catoptra_server.world.world_description import srgb_from_linear
+from helpers.image_comparison import grey_levels
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,
@@ -67,10 +67,6 @@ def expose(rays: KernelRays, state: CameraState, shutter: Shutter) -> TracedFram
     return rays.render(exposed, TraceRequest(is_linear=True, thresholds=THRESHOLDS))
 
 
-def levels(light: Floats) -> Floats:
-    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
-
-
 def mean_frame(rays: KernelRays, state: CameraState, centre_s: float, count: int) -> Floats:
     times = centre_s + time_samples(T_S, count)
     frames = [rays.render_linear(camera_state_after(state, float(t))) for t in times]
@@ -78,7 +74,7 @@ def mean_frame(rays: KernelRays, state: CameraState, centre_s: float, count: int
 
 
 def assert_like(frame: Floats, expected: Floats) -> None:
-    difference = np.abs(levels(frame) - levels(expected)).max(axis=-1)
+    difference = np.abs(grey_levels(frame) - grey_levels(expected)).max(axis=-1)
     # Of all pixels, as many off the mirror as at 640 px; edges are 640 / 240 times as frequent.
     assert (difference > 2.0).mean() < 0.01 * 640 / CAMERA.width_px
     assert (difference > 8.0).mean() < 0.001 * 640 / CAMERA.width_px
@@ -118,7 +114,9 @@ def test_rows_when_read_one_by_one_are_those_of_sharp_frames(rays: KernelRays, n
         time_s = T_S * ((row + 0.5) / CAMERA.height_px - 0.5)
         sharp = rays.render_linear(camera_state_after(STATES[name], time_s))[row]
         # Poses between two are interpolated: an edge may meet another sample.
-        assert (np.abs(levels(image[row]) - levels(sharp)).max(axis=-1) > 1.0).mean() < 0.01
+        assert (
+            np.abs(grey_levels(image[row]) - grey_levels(sharp)).max(axis=-1) > 1.0
+        ).mean() < 0.01
 
 
 def test_rows_when_also_blurred_are_means_about_their_own_times(rays: KernelRays) -> None:
@@ -164,7 +162,7 @@ def test_exposure_when_traced_by_other_threads_has_the_same_bytes() -> None:
 def test_changes_of_blur_are_the_largest_difference_from_the_sharp_frame(rays: KernelRays) -> None:
     state = STATES["drives"]
     frame = expose(rays, state, BLUR)
-    difference = np.abs(levels(frame.image) - levels(rays.render_linear(state))).max()
+    difference = np.abs(grey_levels(frame.image) - grey_levels(rays.render_linear(state))).max()
     # The table of the encoding is exact to a hundredth.
     assert frame.changes["MotionBlur"] == pytest.approx(difference, abs=0.011)
 
@@ -207,8 +205,8 @@ def test_blur_at_640_px_is_within_2_and_8_levels_of_64_frames(
     start = START_POSES[world]
     state = driving_camera_state(start, speed_m_s, turn_deg_s, crossing_object(start))
     with open_rays(world, 2, camera=FULL_CAMERA) as rays:
-        blurred = levels(expose(rays, state, BLUR).image)
-        difference = np.abs(blurred - levels(mean_frame(rays, state, 0.0, 64))).max(axis=-1)
+        blurred = grey_levels(expose(rays, state, BLUR).image)
+        difference = np.abs(blurred - grey_levels(mean_frame(rays, state, 0.0, 64))).max(axis=-1)
     # The mirror, which is pi / 4 of the image; the rest is black in both.
     assert np.quantile(difference, 1.0 - 0.01 * np.pi / 4.0) <= 2.0
     assert np.quantile(difference, 1.0 - 0.001 * np.pi / 4.0) <= 8.0

@@ -11,25 +11,18 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
+from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import (
-    NOTHING,
     MovingExposure,
-    RayHits,
     assemble_grid,
     assemble_tiles,
     camera_states,
-    pixel_ranges,
-    scene_centre,
 )
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges
-from helpers.shadows import box_item, make_world
-from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan
+from helpers.worlds import CAMERA_STATE
 
 
 def make_empty_table(width_px: int, height_px: int, samples: int, tiles: list[int]) -> RayTable:
@@ -65,12 +58,6 @@ def test_states_of_an_exposure_are_its_own_or_the_one_itself() -> None:
     assert camera_states(MovingExposure((CAMERA_STATE, later))) == (CAMERA_STATE, later)
 
 
-def test_centre_of_a_scene_is_that_of_its_box_and_the_origin_without_triangles() -> None:
-    world = make_world(box_item(5.0, -3.0, 2.0, (0.2, 0.2, 0.4)))
-    np.testing.assert_allclose(scene_centre(build_scene(world)), (5.0, -3.0, 2.0), atol=1e-12)
-    assert scene_centre(build_scene(World("w", ()))).tolist() == [0.0, 0.0, 0.0]
-
-
 def test_tiles_when_assembled_are_at_their_places_and_cut_at_the_image() -> None:
     rays = make_empty_table(6, 5, 1, [0, 1, 3])
     tiles = np.arange(3 * 16, dtype=np.int32).reshape(3, 4, 4, 1)
@@ -88,19 +75,6 @@ def test_grid_of_samples_has_blocks_side_by_side() -> None:
     assert grid.shape == (8, 8)
     assert grid[0].tolist() == [0, 1, 2, 3, 16, 17, 18, 19]
     assert grid[4].tolist() == [32, 33, 34, 35, 48, 49, 50, 51]
-
-
-def test_ranges_of_pixels_are_those_of_their_rays_and_infinite_elsewhere() -> None:
-    camera = make_omni_camera(width_px=9)
-    rays = omni_ray_table(camera, make_plan(camera))
-    shape = (*rays.valid.shape, 16)
-    nothing = np.full(shape, NOTHING, dtype=np.int32)
-    ranges = pixel_ranges(rays, RayHits(np.full(shape, 2.5, dtype=np.float32), nothing, nothing))
-    assert ranges.shape == (9, 9)
-    assert ranges[4, 4] == 2.5
-    beside = make_empty_table(8, 4, 1, [1])
-    hits = RayHits(np.ones((1, 1, 16), dtype=np.float32), nothing[:1], nothing[:1])
-    assert pixel_ranges(beside, hits)[0].tolist() == [*[np.inf] * 4, *[1.0] * 4]
 
 
 def test_range_over_a_level_floor_is_that_of_the_camera_model() -> None:

@@ -15,17 +15,10 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect import CaptureContext
@@ -38,7 +31,7 @@ from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.render.trace.trace_renderer import EngineName, EngineRequest, create_engine
 from catoptra_server.world import textures as texture_levels
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
-from catoptra_server.world.mirror_mesh import Tessellation, tessellation_from_polygon_count
+from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,
@@ -49,7 +42,6 @@ from catoptra_server.world.world_description import (
 )
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.image_comparison import level_differences
-from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.range_images import RangeRecorder
 from helpers.reference_caster import cast_rays
 from helpers.trace_engines import ENGINES, open_engine, open_renderer
@@ -91,29 +83,7 @@ def render_image(
         return renderer.prepare(camera, plan or make_plan(camera)).render(camera_state).rgb
 
 
-# Geometry.
-
-
-@pytest.mark.parametrize(
-    "mirror",
-    [PAPER_MIRROR, HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
-    ids=["the paper's", "strongly curved", "parabolic"],
-)
-def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(
-    make_renderer: MakeRenderer, mirror: Mirror
-) -> None:
-    camera = make_omni_camera(mirror=mirror, width_px=360)
-    incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)
-    directions = marker_directions(incidence, tuple(range(-180, 180, 24)))
-    world = marker_world(directions, world_from_mirror=CAMERA_STATE.world_from_mirror)
-    # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 locate their centre to 0.1 px.
-    image = render_image(make_renderer, world, camera, make_plan(camera, samples=6))
-    positions, seen = pixel_from_direction(camera, directions)
-    assert seen.all()
-    # 3 px: the markers at 20 degrees are 7 px apart.
-    errors = [np.hypot(*(marker_centroid(image, at, window_px=3.0) - at)) for at in positions]
-    assert len(errors) == 120
-    assert max(errors) < 0.1
+# Geometry; markers at the pixels of the camera model are those of test_every_camera.py.
 
 
 @pytest.mark.parametrize("face", list(Face))
@@ -200,16 +170,6 @@ def test_rim_when_sampled_fades_into_black(make_renderer: MakeRenderer) -> None:
     assert levels[0] == 0
     assert levels[-1] == 255
     assert len(levels) > 5
-
-
-def test_mirror_when_of_few_polygons_shows_nothing_beyond_them(make_renderer: MakeRenderer) -> None:
-    camera = make_omni_camera(width_px=60)
-    world = World("w", (), background=(1.0, 1.0, 1.0))
-    image = render_image(
-        make_renderer, world, camera, make_plan(camera, tessellation_from_polygon_count(16))
-    )
-    exact = render_image(make_renderer, world, camera)
-    assert image.any(axis=-1).sum() / exact.any(axis=-1).sum() == pytest.approx(0.634, abs=0.02)
 
 
 # Itself.

@@ -16,13 +16,13 @@ above its centre's: 2 microseconds a frame, half a millisecond for a new cell.
 from __future__ import annotations
 
 import math
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds.round_outward import MIN_DISTANCE_M
+from catoptra_server.effects.bounds.round_outward import MIN_DISTANCE_M, ViewpointCells
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import (
@@ -31,7 +31,6 @@ from catoptra_server.world.triangles import (
     row_blocks,
     triangle_distances,
 )
-from catoptra_server.world.world_description import Vector3
 
 UNIT_ROUNDOFF = 2.0**-24
 """Largest relative error of rounding to float32."""
@@ -54,19 +53,13 @@ class CoordinateRounding:
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
-        self._objects: dict[ObjectMesh, NearTriangles] = {}
+        self._centre = scene.centre
+        self._objects: dict[ObjectMesh, _NearTriangles] = {}
 
     @cached_property
-    def _triangles(self) -> NearTriangles:
+    def _triangles(self) -> _NearTriangles:
         # On demand: 0.1 s for a million triangles, which a camera without a bound does not need.
-        return NearTriangles(self._scene.corners)
-
-    @cached_property
-    def _centre(self) -> Floats:
-        """(3,) origin of the renderers' coordinates."""
-        if not len(self._scene):
-            return np.zeros(3)
-        return np.asarray(0.5 * (self._scene.box_min + self._scene.box_max))
+        return _NearTriangles(self._scene.corners)
 
     def max_angle_rad(
         self, viewpoint: Floats, objects: tuple[DynamicObject, ...], errors: CoordinateErrors
@@ -92,7 +85,7 @@ class CoordinateRounding:
     def min_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
         """Lower bound of the distance of all triangles from a (3,) viewpoint, metres.
 
-        Two fifths of the nearest one's at least, as in `NearTriangles`; inf without any.
+        Two fifths of the nearest one's at least, as in `_NearTriangles`; inf without any.
         """
         near = [self._triangles.proximity(viewpoint)]
         near += [self._object_proximity(one, viewpoint) for one in objects]
@@ -105,7 +98,7 @@ class CoordinateRounding:
         if distance_m > one.mesh.radius_m:
             return _Proximity(1.0 / distance_m, 2.0 * one.mesh.radius_m / distance_m)
         if one.mesh not in self._objects:
-            self._objects[one.mesh] = NearTriangles(one.mesh.corners)
+            self._objects[one.mesh] = _NearTriangles(one.mesh.corners)
         in_object = one.world_from_object.inverse().transform_points(viewpoint)
         return self._objects[one.mesh].proximity(in_object)
 
@@ -118,14 +111,10 @@ def _angle_ulps(near: _Proximity, position_ulp_m: float, size_ulps: float) -> fl
     )
 
 
-# Largest first. A viewpoint too near for the smallest is evaluated on its own.
 _CELL_SIDES_M = (0.5, 0.25, 0.0625)
-# Robots drive on floors: above one, a cell may be wide and must be low.
-_CELL_HEIGHT_FRACTION = 0.125
 # Half a cell's diagonal over the distance of the nearest triangle: the result is at most 1.5
 # times the centre's.
 _MAX_CELL_LOSS = 1.0 / 3.0
-_CACHE_SIZE = 4096
 # Triangles a group, and groups: 0.1 ms a query for a million triangles and more.
 _MIN_GROUP_SIZE = 32
 _MAX_GROUPS = 16384
@@ -138,7 +127,7 @@ _TINY = 1e-30
 _MAX_BOX_RATIO = 8.0
 
 
-class NearTriangles:
+class _NearTriangles:
     """Triangles in groups, prepared for queries."""
 
     def __init__(self, corners: Floats) -> None:
@@ -152,37 +141,20 @@ class NearTriangles:
             groups = _summarize_groups(corners, self._group_size)
         self._corners = corners
         self._low, self._high, self._size = groups
-        # Per instance: a cache on the class would keep scenes alive.
-        self._cached_in_cell = lru_cache(maxsize=_CACHE_SIZE)(self._proximity_in_cell)
-        self._cached_at_point = lru_cache(maxsize=_CACHE_SIZE)(self._proximity_at_point)
-
-    @property
-    def num_evaluations(self) -> int:
-        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
-        return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
+        self._cells = ViewpointCells(_CELL_SIDES_M, self._proximity_in_cell)
 
     def proximity(self, viewpoint: Floats) -> _Proximity:
         """Proximity of a (3,) viewpoint, no less than of any in its cell."""
-        x, y, z = viewpoint.tolist()
-        for side in _CELL_SIDES_M:
-            cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
-            found = self._cached_in_cell(cell, side)
-            if found is not None:
-                return found
-        return self._cached_at_point((x, y, z))
+        return self._cells.find(viewpoint)
 
-    def _proximity_in_cell(self, cell: tuple[int, int, int], side: float) -> _Proximity | None:
+    def _proximity_in_cell(self, centre: Floats, sides: Floats) -> _Proximity | None:
         """Proximity of a cell; None for a cell too large for its surroundings."""
-        sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
-        of_centre = self._measure(sides * cell)
+        of_centre = self._measure(centre)
         # A distance d is at least d - reach everywhere in the cell: 1 / d grows the more the
         # nearer, and the most for the nearest triangle.
         reach_m = 0.5 * float(np.linalg.norm(sides))
         loss = reach_m * of_centre.inverse_distance_per_m
         return of_centre.scale(1.0 / (1.0 - loss)) if loss <= _MAX_CELL_LOSS else None
-
-    def _proximity_at_point(self, point: Vector3) -> _Proximity:
-        return self._measure(np.array(point))
 
     def _measure(self, point: Floats) -> _Proximity:
         """Proximity of one (3,) viewpoint."""

@@ -10,11 +10,9 @@ one. A query holds for all viewpoints of a box at once, so its result can be cac
 bounded by its own box, rotated with the optical axis, and by its own plane. Occlusion is not
 considered: a hidden triangle counts.
 
-All viewpoints of a cell share a bound. Cells belong to fixed grids and do not depend on earlier
-frames: a frame follows from its camera state alone. Of four sizes the largest cell counts whose
-bound is little below its centre's. Cells are lower than wide, since robots drive on floors: above
-an open floor, half a metre up or down would change the bound by far more than half a metre
-sideways.
+Of four sizes of cells the largest counts whose bound is little below its centre's. Cells are lower
+than wide: above an open floor, half a metre up or down would change the bound by far more than half
+a metre sideways.
 """
 
 from __future__ import annotations
@@ -27,16 +25,13 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds import round_outward
+from catoptra_server.effects.bounds.round_outward import ViewpointCells, round_down
 from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import Indices, make_clusters
 from catoptra_server.world.world_description import Vector3
 
-# Largest first. A viewpoint too near a surface for the smallest is evaluated on its own: a robot
-# would leave smaller cells in every frame.
 _CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
-_CELL_HEIGHT_FRACTION = 0.125  # of the side
 # A cell's bound may be this fraction of its centre's.
 _MIN_BOUND_FRACTION = 0.7
 # A ring this many times farther than the nearest may lose any fraction: the nearest ring dominates
@@ -46,9 +41,6 @@ _FAR_RATIO = 4.0
 _MAX_TRIANGLES_PER_CELL = 2048
 # Within 1e-6 rad, a tenth of the padding of boxes.
 _AXIS_DIGITS = 6
-# 100 bytes an entry; a driving robot needs five new ones a second.
-_CACHE_SIZE = 4096
-
 _RingDistances = tuple[float, ...]
 
 
@@ -57,9 +49,7 @@ class DistanceBoundCache:
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
-        # Caches of bound methods, per instance: a cache on the class would keep scenes alive.
-        self._cached_in_cell = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_in_cell)
-        self._cached_at_point = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_at_point)
+        self._cells = ViewpointCells(_CELL_SIDES_M, self._bounds_in_cell)
 
     @cached_property
     def _bvh(self) -> RingDistanceBvh:
@@ -69,7 +59,7 @@ class DistanceBoundCache:
     @property
     def num_evaluations(self) -> int:
         """Number of viewpoints and cells evaluated so far, for tests and measurements."""
-        return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
+        return self._cells.num_evaluations
 
     def min_distances_m(self, world_from_mirror: Pose, camera: RadialCamera) -> _RingDistances:
         """Distance bound of each ring of the image, rounded down.
@@ -78,37 +68,25 @@ class DistanceBoundCache:
             world_from_mirror: Pose of the mirror frame; its origin is the viewpoint.
         """
         axis = mirror_axis(world_from_mirror)
-        x, y, z = world_from_mirror.translation.tolist()
-        for side in _CELL_SIDES_M:
-            cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
-            nearest = self._cached_in_cell(camera, axis, cell, side)
-            if nearest is not None:
-                return nearest
-        return self._cached_at_point(camera, axis, (x, y, z))
-
-    def _bounds_at_point(
-        self, camera: RadialCamera, axis: Vector3, point: Vector3
-    ) -> _RingDistances:
-        viewpoint = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
-        return round_outward.round_down(self._bvh.bounds(viewpoint, image_rings(camera)).tolist())
+        return self._cells.find(world_from_mirror.translation, camera, axis)
 
     def _bounds_in_cell(
-        self, camera: RadialCamera, axis: Vector3, cell: tuple[int, int, int], side: float
+        self, centre: Floats, sides: Floats, camera: RadialCamera, axis: Vector3
     ) -> _RingDistances | None:
         """Bounds of a cell; None for a cell too large for its surroundings."""
         rings, rotation = image_rings(camera), rotation_to_axis(axis)
-        sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
-        centre = sides * cell
         at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
+        if not sides.any():
+            return round_down(at_centre.tolist())
         # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
-        if at_centre.min() < side:
+        if at_centre.min() < sides.max():
             return None
         cutoff = _MIN_BOUND_FRACTION * at_centre
         box = ViewpointBox(centre, 0.5 * sides, rotation)
         nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES_PER_CELL)
         is_far = nearest >= _FAR_RATIO * nearest.min()
         is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0
-        return round_outward.round_down(nearest.tolist()) if is_fine else None
+        return round_down(nearest.tolist()) if is_fine else None
 
 
 def mirror_axis(world_from_mirror: Pose) -> Vector3:
@@ -214,7 +192,7 @@ def _rectangle_distance_bounds(
     return np.where(inside, direct, bounds)
 
 
-def plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
+def _plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
     """Distance within which each ring shows nothing that lies behind a plane.
 
     Args:
@@ -299,7 +277,10 @@ class RingDistanceBvh:
         """
         nearest = np.full(NUM_RINGS, np.inf) if cutoff is None else cutoff / _REFINE_FRACTION
         found = np.full(NUM_RINGS, np.inf)
-        pending = [self._root_bounds(viewpoints, rings)] if self._levels else []
+        pending = []
+        if self._levels:
+            roots = np.arange(len(self._levels[-1].half_extent))
+            pending.append(self._bound_nodes(len(self._levels) - 1, roots, viewpoints, rings))
         while pending:
             group = pending.pop()
             is_needed = np.asarray(
@@ -315,7 +296,9 @@ class RingDistanceBvh:
             if len(others.nodes):
                 pending.append(others)
             if group.level > 0:
-                pending.append(self._child_bounds(nearest_group, viewpoints, rings))
+                level = group.level - 1
+                children = _child_indices(nearest_group.nodes, len(self._levels[level].centre))
+                pending.append(self._bound_nodes(level, children, viewpoints, rings))
                 continue
             positions = _child_indices(nearest_group.nodes, len(self._order))
             found = np.minimum(
@@ -325,18 +308,10 @@ class RingDistanceBvh:
             max_triangles -= len(positions)
         return found
 
-    def _root_bounds(self, viewpoints: ViewpointBox, rings: ImageRings) -> _NodeBounds:
-        nodes = np.arange(len(self._levels[-1].half_extent))
-        return _NodeBounds(
-            len(self._levels) - 1, nodes, self._levels[-1].bounds(nodes, viewpoints, rings)
-        )
-
-    def _child_bounds(
-        self, parents: _NodeBounds, viewpoints: ViewpointBox, rings: ImageRings
+    def _bound_nodes(
+        self, level: int, nodes: Indices, viewpoints: ViewpointBox, rings: ImageRings
     ) -> _NodeBounds:
-        boxes = self._levels[parents.level - 1]
-        nodes = _child_indices(parents.nodes, len(boxes.half_extent))
-        return _NodeBounds(parents.level - 1, nodes, boxes.bounds(nodes, viewpoints, rings))
+        return _NodeBounds(level, nodes, self._levels[level].bounds(nodes, viewpoints, rings))
 
     def _triangle_bounds(
         self, positions: Indices, viewpoints: ViewpointBox, rings: ImageRings
@@ -355,7 +330,7 @@ class RingDistanceBvh:
         # All corners lie on one side of a plane, and so does the triangle: this holds for any
         # normal, so a degenerate triangle's does no harm.
         cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
-        return np.maximum(to_box, plane_distance_bounds(distance, cosine, rings))
+        return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

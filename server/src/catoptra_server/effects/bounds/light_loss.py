@@ -19,10 +19,14 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.kernels.grey_levels import grey_level
-from catoptra_server.world import shading
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_point_irradiance
-from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.shading import (
+    ShadowCastingLight,
+    facet_irradiance,
+    hemisphere_lights,
+    shadow_casting_lights,
+)
 from catoptra_server.world.world_description import Light, PointLight, srgb_from_linear
 
 log = logging.getLogger(__name__)
@@ -90,7 +94,7 @@ def cull_lights(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Light, ...
     """
     changes = {
         light: _max_grey_level_change(scene, lights, light)
-        for light in shading.shadow_casting_lights(lights)
+        for light in shadow_casting_lights(lights)
     }
     culled: set[Light] = set()
     total = 0.0
@@ -120,7 +124,7 @@ def _max_change_of_part(
     scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, part: slice
 ) -> float:
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
-    sky = shading.facet_irradiance(shading.hemisphere_lights(lights), scene.normals[part])
+    sky = facet_irradiance(hemisphere_lights(lights), scene.normals[part])
     remaining = albedo * scene.smallest_sky_factors(part)[:, None] * sky
     lost = albedo * _max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
@@ -132,7 +136,7 @@ def _max_irradiance(scene: SceneMesh, light: ShadowCastingLight, part: slice) ->
     """(n, 3) largest irradiance by a light on the triangles of a part."""
     normals, corners = scene.normals[part], scene.corners[part]
     if not isinstance(light, PointLight):
-        return shading.facet_irradiance((light,), normals)
+        return facet_irradiance((light,), normals)
     height = np.einsum("ni,ni->n", normals, np.asarray(light.position_m) - corners[:, 0])
     irradiance, distance = max_point_irradiance(corners, light)
     cosine = np.clip(height / distance, 0.0, 1.0)

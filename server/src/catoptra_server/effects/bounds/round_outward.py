@@ -1,14 +1,22 @@
-"""Outward rounding of bounds to eighths of an octave.
+"""Outward rounding of bounds to eighths of an octave, and of viewpoints to cells.
 
 A driving robot then changes the bounds rarely, and a decision made from them holds for many frames.
 Rounding costs at most 9 % of a bound (2^(1/8) = 1.09).
+
+All viewpoints of a cell share a bound. Cells belong to fixed grids and do not depend on earlier
+frames: a frame follows from its camera state alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
+from functools import lru_cache
+from typing import Generic, TypeVar
 
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.world.world_description import Twist, Vector3
 
 # Criteria divide by distances.
@@ -65,3 +73,50 @@ def _round_value_away(value: float) -> float:
         return 0.0
     eighths = math.ceil(_STEPS_PER_OCTAVE * math.log2(abs(value)))
     return math.copysign(math.exp2(eighths / _STEPS_PER_OCTAVE), value)
+
+
+_BoundT = TypeVar("_BoundT")
+# Robots drive on floors: above one, a cell may be wide and must be low.
+_CELL_HEIGHT_FRACTION = 0.125
+# 100 bytes an entry; a driving robot needs five new ones a second.
+_CACHE_SIZE = 8192
+
+
+class ViewpointCells(Generic[_BoundT]):
+    """Bounds in cells of viewpoints, each evaluated once."""
+
+    def __init__(self, sides_m: tuple[float, ...], evaluate: Callable[..., _BoundT | None]) -> None:
+        """Evaluate nothing yet.
+
+        Args:
+            sides_m: Sides of cells, largest first. A viewpoint too near a surface for the smallest
+                is evaluated on its own: a robot would leave smaller cells in every frame.
+            evaluate: Bound in a cell, of its (3,) centre and (3,) sides, 0 for a single viewpoint,
+                and of further keys; None for a cell too large for its surroundings.
+        """
+        self._sides_m = sides_m
+        self._evaluate = evaluate
+        # Per instance: a cache on the class would keep scenes alive.
+        self._find_cached = lru_cache(maxsize=_CACHE_SIZE)(self._find_in_cell)
+
+    @property
+    def num_evaluations(self) -> int:
+        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
+        return self._find_cached.cache_info().misses
+
+    def find(self, viewpoint: Floats, *keys: Hashable) -> _BoundT:
+        """Bound in the largest cell around a (3,) viewpoint that has one."""
+        x, y, z = viewpoint.tolist()
+        for side in self._sides_m:
+            cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
+            found = self._find_cached(cell, side, *keys)
+            if found is not None:
+                return found
+        alone = self._find_cached((x, y, z), 0.0, *keys)
+        assert alone is not None, "a single viewpoint has a bound"
+        return alone
+
+    def _find_in_cell(self, cell: Vector3, side: float, *keys: Hashable) -> _BoundT | None:
+        sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
+        centre = sides * cell if side > 0.0 else np.array(cell)
+        return self._evaluate(centre, sides, *keys)

@@ -30,7 +30,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors, CoordinateRounding
 from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
@@ -39,6 +38,11 @@ from catoptra_server.effects.bounds.distances import (
     image_rings,
     mirror_axis,
     rotation_to_axis,
+)
+from catoptra_server.effects.bounds.round_outward import (
+    round_away_from_zero,
+    round_down,
+    round_twist,
 )
 from catoptra_server.effects.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
@@ -77,7 +81,7 @@ class SceneSummarizer:
         angle_rad = self._rounding.max_angle_rad(
             camera_state.world_from_mirror.translation, camera_state.objects, errors
         )
-        return round_outward.round_away_from_zero((angle_rad,))[0]
+        return round_away_from_zero((angle_rad,))[0]
 
     def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
         """Lower bound of the distance of everything in view from the viewpoint, metres.
@@ -99,7 +103,7 @@ class SceneSummarizer:
     def _bound_objects(self, objects: tuple[DynamicObject, ...]) -> float:
         """Largest radiance of any object, rounded up; 0 without objects."""
         radiances = [max_object_radiance(one, self._world) for one in objects]
-        return round_outward.round_away_from_zero((max(radiances, default=0.0),))[0]
+        return round_away_from_zero((max(radiances, default=0.0),))[0]
 
     def summarize(self, camera_state: CameraState, camera: RadialCamera) -> SceneSummary:
         """Summary of a camera state."""
@@ -119,7 +123,7 @@ class SceneSummarizer:
             # Whether any pixel shows the background is not decided: only a closed room shows none,
             # and walls of the bundled worlds merely touch.
             background_radiance=self._world.background,
-            scene_twist=round_outward.round_twist(scene_twist_in_mirror(camera_state)),
+            scene_twist=round_twist(scene_twist_in_mirror(camera_state)),
             camera_key=camera_state.noise_seed.camera_key,
             ego_body_max_radiance=self._bound_objects(ego_bodies),
             ego_body_max_angle_rad=ego_body.max_angle_rad,
@@ -136,16 +140,12 @@ class SceneSummarizer:
     ) -> SceneSummary:
         pose = camera_state.world_from_mirror
         rotation, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
-        proximity = self._object_bounds.bound(
+        of_objects, rates = self._object_bounds.bound(
             camera_state.objects, pose.translation, rotation, rings
         )
         # The static distances are rounded already; rounding twice would loosen them.
-        nearest = map(
-            min,
-            summary.min_distances_m,
-            round_outward.round_down(proximity.min_distances_m.tolist()),
-        )
-        passing = round_outward.round_away_from_zero(proximity.max_object_rates_rad_s.tolist())
+        nearest = map(min, summary.min_distances_m, round_down(of_objects.tolist()))
+        passing = round_away_from_zero(rates.tolist())
         return replace(summary, min_distances_m=tuple(nearest), max_object_rates_rad_s=passing)
 
 
@@ -173,7 +173,7 @@ def _max_distance_m(
     for dynamic_object in objects:
         centre_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
         farthest = max(farthest, centre_m + dynamic_object.mesh.radius_m)
-    return round_outward.round_away_from_zero((farthest,))[0]
+    return round_away_from_zero((farthest,))[0]
 
 
 # The relative pose is constant but for rounding: equal to a nanometre, so one cache key.
@@ -211,10 +211,8 @@ def _bound_mesh(
     # Numbers rather than a Pose as arguments: arrays are not hashable.
     pose = Pose(np.reshape(pose_values[:9], (3, 3)), np.array(pose_values[9:]))
     corners = pose.transform_points(mesh.corners)
-    min_angle, max_angle = (
-        math.pi - max_angle_from_axis(corners * _FLIP_Z),
-        max_angle_from_axis(corners),
-    )
+    min_angle = math.pi - _max_angle_from_axis(corners * _FLIP_Z)
+    max_angle = _max_angle_from_axis(corners)
     # Occlusion is not considered: a hidden part counts as visible.
     is_visible = min_angle <= camera.rim_rad
     if not is_visible.any():
@@ -241,7 +239,7 @@ def _min_distances(corners: Floats, normals: Floats) -> Floats:
     return distance
 
 
-def max_angle_from_axis(corners: Floats) -> Floats:
+def _max_angle_from_axis(corners: Floats) -> Floats:
     """(n,) largest angle from +z of any point of (n, 3, 3) triangles."""
     angle = np.arctan2(np.hypot(corners[..., 0], corners[..., 1]), corners[..., 2])
     ends = np.roll(corners, -1, axis=1)
@@ -276,16 +274,6 @@ def _contains_antipole(corners: Floats) -> Bools:
 _TRIANGLES_PER_BOX = 32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _ObjectBounds:
-    """Bounds of all objects together, an element a ring."""
-
-    min_distances_m: Floats
-    """(NUM_RINGS,) no object is shown nearer; inf: none is shown."""
-    max_object_rates_rad_s: Floats
-    """(NUM_RINGS,) angular rate at which moving objects pass by, at most."""
-
-
 class _DynamicObjectBounds:
     """Bounds of objects, with the boxes of every mesh so far."""
 
@@ -298,12 +286,16 @@ class _DynamicObjectBounds:
         viewpoint: Floats,
         axis_rotation: Floats,
         rings: ImageRings,
-    ) -> _ObjectBounds:
-        """Bound the distances and angular rates of objects.
+    ) -> tuple[Floats, Floats]:
+        """Bounds of all objects together.
 
         Args:
             viewpoint: (3,) metres, world frame.
             axis_rotation: (3, 3) from the world to axes whose z is the mirror axis.
+
+        Returns:
+            (NUM_RINGS,) distances within which no object is shown, inf where none is; and
+            (NUM_RINGS,) angular rates at which moving objects pass by, at most, rad/s.
         """
         nearest, passing = np.full(NUM_RINGS, np.inf), np.zeros(NUM_RINGS)
         for dynamic_object in objects:
@@ -313,7 +305,7 @@ class _DynamicObjectBounds:
             # The viewpoint may lie in a box; a micrometre keeps the quotient finite.
             if speed_m_s > 0.0:
                 passing = np.maximum(passing, speed_m_s / np.maximum(bounds, 1e-6))
-        return _ObjectBounds(nearest, passing)
+        return nearest, passing
 
     def _ring_bounds(
         self,
@@ -336,10 +328,7 @@ class _DynamicObjectBounds:
         if mesh not in self._boxes:
             group = np.zeros(len(mesh), dtype=np.intp)
             clusters = make_clusters(mesh.corners, group, size=_TRIANGLES_PER_BOX)
-            self._boxes[mesh] = (
-                0.5 * (clusters.box_min + clusters.box_max),
-                0.5 * (clusters.box_max - clusters.box_min),
-            )
+            self._boxes[mesh] = clusters.centres, clusters.half_sizes
         return self._boxes[mesh]
 
 

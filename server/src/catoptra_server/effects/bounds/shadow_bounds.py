@@ -6,8 +6,8 @@ whose encoded colour would change most decides; a texture may darken a triangle 
 dynamic object can occlude any light from any surface, and counts as white: at most lit by all
 lights, at least by the dimmer half of the sky. Scenes of many triangles are bounded as a whole.
 
-`shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from a
-light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
+`_shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from
+a light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
 plane of some caster T has to separate the light from a corner of such an R. A floor, a single
 convex object, or a convex room around a point light do not meet all three. A scene of many corners
 counts with the corners of its box, which reaches farther.
@@ -29,18 +29,24 @@ from itertools import product
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
     max_visible_loss,
     visible_losses,
 )
+from catoptra_server.effects.bounds.round_outward import round_down
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_facet_irradiance, max_point_irradiance
-from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.shading import (
+    MIN_LIGHT_DISTANCE_M,
+    ShadowCastingLight,
+    facet_irradiance,
+    hemisphere_lights,
+    point_lights,
+    shadow_casting_lights,
+)
 from catoptra_server.world.shapes import bounding_box
 from catoptra_server.world.triangles import row_blocks, select_rows
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
@@ -60,9 +66,9 @@ class ShadowBounds:
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
-        self._lights = shading.shadow_casting_lights(world.lights)
-        self._point_lights = shading.point_lights(world.lights)
-        self._hemisphere_lights = shading.hemisphere_lights(world.lights)
+        self._lights = shadow_casting_lights(world.lights)
+        self._point_lights = point_lights(world.lights)
+        self._hemisphere_lights = hemisphere_lights(world.lights)
         # Per instance: a cache on the class would keep scenes alive.
         self._find_darkest = lru_cache(maxsize=_CACHE_SIZE)(self._find_darkest_with_objects)
 
@@ -73,9 +79,7 @@ class ShadowBounds:
         if not objects:
             return self._static_shadow
         # Rounded: a moving object rarely changes the summary, by which decisions are cached.
-        nearest_m = round_outward.round_down(
-            _min_distance_m(light, objects) for light in self._point_lights
-        )
+        nearest_m = round_down(_min_distance_m(light, objects) for light in self._point_lights)
         return self._find_darkest(nearest_m)
 
     @cached_property
@@ -88,7 +92,7 @@ class ShadowBounds:
         remaining = self._hemisphere_irradiance()
         for lost, light in zip(losses, self._lights, strict=True):
             irradiance = np.broadcast_to(self._max_irradiance(light), lost.shape)
-            can_be_lost = shadow_candidates(self._scene, light)[:, None]
+            can_be_lost = _shadow_candidates(self._scene, light)[:, None]
             lost += np.where(can_be_lost, irradiance, 0.0)
             if isinstance(light, DirectionalLight):
                 # A point light's irradiance is an upper bound, so only a directional light may
@@ -158,7 +162,7 @@ class ShadowBounds:
 
     def _hemisphere_irradiance(self) -> Floats:
         """(n, 3) irradiance by hemisphere lights where the scene hides most of the sky."""
-        whole = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        whole = facet_irradiance(self._hemisphere_lights, self._scene.normals)
         factors = self._scene.smallest_sky_factors(slice(None))
         irradiance: Floats = factors[:, None] * whole
         return irradiance
@@ -175,7 +179,7 @@ class ShadowBounds:
     def _max_irradiance(self, light: ShadowCastingLight) -> Floats:
         """(n, 3) largest irradiance by a light on each triangle."""
         if isinstance(light, DirectionalLight):
-            return shading.facet_irradiance((light,), self._scene.normals)
+            return facet_irradiance((light,), self._scene.normals)
         return max_facet_irradiance(self._scene.corners, self._scene.normals, light)
 
     def _visible_losses(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> Floats:
@@ -221,7 +225,7 @@ class ShadowBounds:
             if isinstance(light, DirectionalLight):
                 lost += np.asarray(light.irradiance)
         for light, nearest in zip(self._point_lights, nearest_m, strict=True):
-            lost += np.asarray(light.intensity) / max(nearest, shading.MIN_LIGHT_DISTANCE_M) ** 2
+            lost += np.asarray(light.intensity) / max(nearest, MIN_LIGHT_DISTANCE_M) ** 2
         of_objects = max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
         return max((self._full_shadow, of_objects), key=grey_level_change)
 
@@ -236,7 +240,7 @@ _MAX_PRODUCTS = 10**7
 _NUM_PROBED_TRIANGLES = 500
 
 
-def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
+def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     """(n,) triangles that the light faces and a surface of the scene might occlude."""
     none = np.zeros(len(scene), dtype=bool)
     # A copy of a million triangles takes a tenth of a second.

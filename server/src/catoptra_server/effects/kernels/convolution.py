@@ -205,7 +205,7 @@ def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
     # intended one: between both lie all variances of the table.
     laid_px = np.arange(1.0, max(max_diameter_px, 1.0) + 1.0 + _DIAMETER_STEP_PX, _DIAMETER_STEP_PX)
     half_width = math.ceil(0.5 * laid_px[-1] - 0.5)
-    fractions = disc_area_fractions(laid_px, half_width)
+    fractions = _disc_area_fractions(laid_px, half_width)
     laid_variance = _variances(fractions, half_width)
     # Inverted by interpolation: the variance grows steadily with the laid diameter.
     weights = np.stack(
@@ -239,7 +239,7 @@ def _float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
     return table.weights.astype(np.float32)
 
 
-def disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
+def _disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
     """Fractions, (n, pairs), of the areas of n discs that lie in one pixel of each pair."""
     radius = 0.5 * np.asarray(diameter_px)[:, None]
     i, j = np.array(list(offset_pairs(half_width_px))).T.astype(np.float64)

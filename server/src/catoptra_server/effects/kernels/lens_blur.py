@@ -67,6 +67,17 @@ class Aperture:
     """Depth of sharp points from the pinhole; 0: the focus whose largest disc of infinity is
     smallest, which without a mirror is infinity itself."""
 
+    def focus_coordinate(self, camera: RadialCamera) -> float:
+        """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the
+        axis."""
+        if not _has_mirror(camera):
+            return 1.0 / self.focus_distance_m if self.focus_distance_m > 0.0 else 0.0
+        if self.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
+            return 1.0 / self.focus_distance_m
+        # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
+        coordinates = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
+        return 0.5 * float(coordinates.min() + coordinates.max())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircleOfConfusion:
@@ -92,6 +103,19 @@ class CircleOfConfusion:
         diameter: Floats = np.abs(self.infinity_diameter_px + self.near_term_px(range_m))
         return diameter
 
+    def max_diameter_change_px(self, min_distance_m: Floats) -> Floats:
+        """Largest change of a disc between infinity and the nearest distance.
+
+        The disc of a point behind the focus first shrinks, at most to a point, and then grows.
+        """
+        # The signed diameter passes every value between infinity and the nearest distance, so a
+        # disc behind the focus may change more before the end than at the end.
+        behind_focus = np.maximum(-self.infinity_diameter_px, 0.0)
+        shrinkage = np.minimum(self.near_term_px(min_distance_m), behind_focus)
+        growth = self.diameter_px(min_distance_m) - np.abs(self.infinity_diameter_px)
+        change: Floats = np.maximum(shrinkage, growth)
+        return change
+
 
 def circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
@@ -100,7 +124,7 @@ def circle_of_confusion(
     if not _has_mirror(camera):
         return _thin_lens_circle_of_confusion(aperture, camera, radius_px)
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
-    focus = lens_focus_coordinate(aperture, camera)
+    focus = aperture.focus_coordinate(camera)
     gain = _px_per_focus_coordinate(aperture, camera, focus)
     # An object at D has its image nearer than infinity's by (cos(psi) / P) / (1 + P D);
     # 1/Z of both gives the same form with another offset, so one rational function serves both
@@ -121,16 +145,11 @@ def circle_of_confusion(
 @lru_cache(maxsize=4)
 def circle_of_confusion_map(aperture: Aperture, camera: RadialCamera) -> CircleOfConfusion:
     """Circle of confusion at every pixel centre, (h, w) arrays."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    circle = circle_of_confusion(aperture, camera, np.hypot(u[None, :], v[:, None]))
-    for values in (
-        circle.infinity_diameter_px,
-        circle.near_px,
-        circle.power_per_m,
-        circle.offset,
-    ):
-        values.setflags(write=False)
+    circle = circle_of_confusion(aperture, camera, pixel_radii_px(camera))
+    circle.infinity_diameter_px.setflags(write=False)
+    circle.near_px.setflags(write=False)
+    circle.power_per_m.setflags(write=False)
+    circle.offset.setflags(write=False)
     return circle
 
 
@@ -149,17 +168,6 @@ def max_diameter_px(aperture: Aperture, camera: RadialCamera) -> float:
     rho_m = _virtual_image_of_infinity(camera, radius).rho_m
     at_infinity = np.abs(circle.infinity_diameter_px)
     return float(np.maximum(at_infinity, circle.diameter_px(rho_m)).max())
-
-
-def lens_focus_coordinate(aperture: Aperture, camera: RadialCamera) -> float:
-    """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
-    if not _has_mirror(camera):
-        return 1.0 / aperture.focus_distance_m if aperture.focus_distance_m > 0.0 else 0.0
-    if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
-        return 1.0 / aperture.focus_distance_m
-    # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
-    coordinates = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
-    return 0.5 * float(coordinates.min() + coordinates.max())
 
 
 def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
@@ -185,7 +193,7 @@ def describe_lens(aperture: Aperture, camera: RadialCamera) -> str:
         return f"F/{aperture.f_number:g}, focused {focus}"
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
-    focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)
+    focus_mm = 1e3 / aperture.focus_coordinate(camera)
     return f"F/{aperture.f_number:g}, focused at {focus_mm:.0f} mm"
 
 
@@ -213,6 +221,13 @@ _NUM_RADII = 257
 def sample_radii_px(camera: RadialCamera) -> Floats:
     """Image radii at which bounds are evaluated."""
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
+
+
+def pixel_radii_px(camera: RadialCamera) -> Floats:
+    """Image radius of each pixel centre, (h, w)."""
+    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
+    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
+    return np.asarray(np.hypot(u[None, :], v[:, None]))
 
 
 @lru_cache(maxsize=4)
@@ -277,8 +292,13 @@ def _px_per_focus_coordinate(
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
         return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
+    return _thin_lens_px_m(aperture, camera, focus_coordinate)
+
+
+def _thin_lens_px_m(aperture: Aperture, camera: RadialCamera, inverse_focus_per_m: float) -> float:
+    """Disc diameter per difference of inverse depths, px m, of a lens with a pinhole."""
     focal_px = 1.0 / camera.inverse_focal_length
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus_coordinate)
+    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + inverse_focus_per_m)
     return focal_m / aperture.f_number * focal_px
 
 
@@ -286,10 +306,8 @@ def _thin_lens_circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
 ) -> CircleOfConfusion:
     """Circle of confusion of a camera without a mirror."""
-    focus = lens_focus_coordinate(aperture, camera)
-    focal_px = 1.0 / camera.inverse_focal_length
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus)
-    px_m = focal_m / aperture.f_number * focal_px
+    focus = aperture.focus_coordinate(camera)
+    px_m = _thin_lens_px_m(aperture, camera, focus)
     ones = np.ones_like(np.asarray(radius_px, dtype=np.float64))
     inverse_cosine = ones
     if isinstance(camera, PerspectiveCamera):

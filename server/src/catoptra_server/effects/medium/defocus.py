@@ -84,23 +84,22 @@ class Defocus:
         """Return the same summary: a weighted mean is not brighter than its brightest pixel."""
         return summary
 
+    def kernel_table(self, camera: RadialCamera) -> DiscKernelTable:
+        """Kernels of infinity's discs at all image radii."""
+        circle = circle_of_confusion_map(self.aperture, camera)
+        diameter_px = float(np.abs(circle.infinity_diameter_px).max())
+        return disc_kernel_table(min(diameter_px, max_diameter_px(self.aperture, camera)))
+
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Blur the image."""
         weights = _kernel_weights(self, camera, image.dtype)
-        half_width_px = kernel_table(self, camera).half_width_px
+        half_width_px = self.kernel_table(camera).half_width_px
         # Within the mirror alone: the black around it would otherwise darken the rim.
         return convolve_symmetric_within(
             image, interior_mask(camera), half_width_px, lambda rows: weights[:, rows]
         )
-
-
-def kernel_table(effect: Defocus, camera: RadialCamera) -> DiscKernelTable:
-    """Kernels of infinity's discs at all image radii."""
-    circle = circle_of_confusion_map(effect.aperture, camera)
-    diameter_px = float(np.abs(circle.infinity_diameter_px).max())
-    return disc_kernel_table(min(diameter_px, max_diameter_px(effect.aperture, camera)))
 
 
 @lru_cache(maxsize=2)
@@ -109,19 +108,11 @@ def _kernel_weights(
 ) -> npt.NDArray[Real]:
     """Weights of every pixel, (pairs, h, w)."""
     # Only two entries: at 640 px and a kernel of 15 pairs one takes 25 MB in float32.
-    table = kernel_table(effect, camera)
+    table = effect.kernel_table(camera)
     row = table_row(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px)
     weights: npt.NDArray[Real] = table.interpolate(row, table.half_width_px).astype(dtype)
     weights.setflags(write=False)
     return weights
-
-
-@lru_cache(maxsize=4)
-def table_row_map(effect: Defocus, camera: RadialCamera) -> npt.NDArray[np.float32]:
-    """Fractional row of the kernel table for each pixel, (h, w)."""
-    circle = circle_of_confusion_map(effect.aperture, camera)
-    row: npt.NDArray[np.float32] = table_row(circle.infinity_diameter_px).astype(np.float32)
-    return row
 
 
 # Keys that Diffraction and MirrorDust share: one lens, whichever effects a robot file names.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -67,7 +66,7 @@ class DefocusByDepth:
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         min_distance_m = min_distance_at_radius(summary, camera, radius_px)
         # Relative to infinity's disc, not absolute: Defocus already does that part without ranges.
-        displacement_px = float(max_diameter_change_px(circle, min_distance_m).max())
+        displacement_px = float(circle.max_diameter_change_px(min_distance_m).max())
         exchange = _max_exchange(circle, min_distance_m)
         nearest_m = min(summary.visible_min_distances_m)
         lens = describe_lens(self.aperture, camera)
@@ -83,6 +82,11 @@ class DefocusByDepth:
         included = summary.included_effects | {(Defocus.name, self.name)}
         return replace(summary, included_effects=included)
 
+    def kernel_table(self, camera: RadialCamera) -> DiscKernelTable:
+        """Kernels of all points outside the mirror, however near."""
+        # Not of the nearest object of one frame: each frame would have another table.
+        return disc_kernel_table(max_diameter_px(self.aperture, camera))
+
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
@@ -92,7 +96,7 @@ class DefocusByDepth:
         # Diameters in float64 from float32 ranges: near the focus two terms of opposite sign
         # cancel.
         row = table_row(circle.diameter_px(context.range_m.astype(np.float64))).astype(image.dtype)
-        table = kernel_table(self, camera)
+        table = self.kernel_table(camera)
         # The table reaches to discs of points on the mirror; most frames need a fraction of it.
         half_width_px = table.half_width_up_to_row(float(row.max()))
         return convolve_symmetric_within(
@@ -123,36 +127,6 @@ def _max_exchange(circle: CircleOfConfusion, min_distance_m: Floats) -> float:
         for others_px in (near_px, smallest_px)
         for pair in zip(far_px.tolist(), others_px.tolist(), strict=True)
     )
-
-
-def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) -> Floats:
-    """Largest change of a disc between infinity and the nearest distance, px.
-
-    The disc of a point behind the focus first shrinks, at most to a point, and then grows.
-    """
-    # The signed diameter passes every value between infinity and the nearest distance, so a disc
-    # behind the focus may change more before the end than at the end.
-    near_term = circle.near_term_px(min_distance_m)
-    behind_focus = np.maximum(-circle.infinity_diameter_px, 0.0)
-    shrinkage = np.minimum(near_term, behind_focus)
-    growth = circle.diameter_px(min_distance_m) - np.abs(circle.infinity_diameter_px)
-    change: Floats = np.maximum(shrinkage, growth)
-    return change
-
-
-def kernel_table(effect: DefocusByDepth, camera: RadialCamera) -> DiscKernelTable:
-    """Kernels of all points outside the mirror, however near."""
-    # Not of the nearest object of one frame: each frame would have another table.
-    return disc_kernel_table(max_diameter_px(effect.aperture, camera))
-
-
-@lru_cache(maxsize=4)
-def disc_parameter_map(effect: DefocusByDepth, camera: RadialCamera) -> npt.NDArray[np.float32]:
-    """Map, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
-    circle = circle_of_confusion_map(effect.aperture, camera)
-    channels = (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
-    parameters: npt.NDArray[np.float32] = np.stack(channels, axis=-1).astype(np.float32)
-    return parameters
 
 
 def _create_effect(

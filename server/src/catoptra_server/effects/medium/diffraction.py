@@ -73,6 +73,12 @@ class Diffraction:
         """Diameter of the first dark ring."""
         return 2.0 * _FIRST_DARK_RING * self._lambda_n_px(wavelength_m)
 
+    def airy_pattern(self) -> Floats:
+        """Fraction of a point's light in a pixel of each pair, (pairs, 3), not normalized."""
+        half_width_px = kernel_half_width_px(self)
+        units_px = [self._lambda_n_px(wavelength) for wavelength in WAVELENGTHS_M]
+        return np.stack([_pixel_integrals(half_width_px, unit) for unit in units_px], axis=-1)
+
     def _lambda_n_px(self, wavelength_m: float) -> float:
         """Unit of length of the pattern, lambda N, in px."""
         return wavelength_m * self.f_number / self.pixel_pitch_m
@@ -108,17 +114,10 @@ def kernel_half_width_px(effect: Diffraction) -> int:
 @lru_cache(maxsize=4)
 def kernel_weights(effect: Diffraction) -> Floats:
     """Weights of each colour, (pairs, 3), whose sum over all pixels is 1."""
-    weights = airy_pattern(effect)
+    weights = effect.airy_pattern()
     weights /= pair_multiplicities(kernel_half_width_px(effect)) @ weights
     weights.setflags(write=False)
     return weights
-
-
-def airy_pattern(effect: Diffraction) -> Floats:
-    """Fraction of a point's light in a pixel of each pair, (pairs, 3), not normalized."""
-    half_width_px = kernel_half_width_px(effect)
-    lambda_n_px = [effect._lambda_n_px(wavelength) for wavelength in WAVELENGTHS_M]
-    return np.stack([_pixel_integrals(half_width_px, unit) for unit in lambda_n_px], axis=-1)
 
 
 def _pixel_integrals(half_width_px: int, lambda_n_px: float) -> Floats:

@@ -50,6 +50,7 @@ from catoptra_server.effects.kernels.grey_levels import (
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
     circle_of_confusion_map,
+    pixel_radii_px,
 )
 from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,
@@ -186,8 +187,7 @@ class _SurfaceBlur:
 @lru_cache(maxsize=4)
 def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
     """Blur of the mirror's own surface by the lens."""
-    offset = pixel_sample_positions(camera)[:, :, 0] - camera.centre_px
-    radius_px = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), camera.rim_radius_px)
+    radius_px = np.minimum(pixel_radii_px(camera), camera.rim_radius_px)
     t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
     # A point on the mirror has the range of its own distance from the viewpoint.
     rho_m = np.hypot(*camera.mirror.surface_point(t))

@@ -32,6 +32,7 @@ from catoptra_server.effects.effect import (
     SceneSummary,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.kernels.lens_blur import pixel_radii_px
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201
@@ -63,17 +64,23 @@ class MirrorReflectance:
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of a mirror that reflects everything at grazing incidence."""
         # R <= 1 holds at all angles, so the camera need not be known here.
-        normal = float(
-            reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
-        )
+        normal = float(self.reflectance(np.array(0.0)))
         return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
+
+    def reflectance(self, incidence_rad: Floats) -> Floats:
+        """Reflectance for unpolarized light at angles between ray and normal."""
+        cosine = np.cos(incidence_rad)
+        # Snell's law in complex form: n - ik times the cosine of the refracted ray.
+        squared = complex(self.refractive_index, -self.extinction_coefficient) ** 2
+        inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
+        s_polarized = (cosine - inside) / (cosine + inside)
+        p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
+        mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
+        return mean
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
         incidence_rad = _mirror_incidence_rad(radius_fraction, camera)
-        index, extinction = self.refractive_index, self.extinction_coefficient
-        normal = reflectance(np.array(0.0), index, extinction)
-        relative: Floats = reflectance(incidence_rad, index, extinction) / normal
-        return relative
+        return self.reflectance(incidence_rad) / self.reflectance(np.array(0.0))
 
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
@@ -81,24 +88,6 @@ class MirrorReflectance:
         """Multiply the image by the relative reflectance."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return image * reflectance_map(self, camera).astype(image.dtype)
-
-
-def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
-    """Reflectance of a metal for unpolarized light.
-
-    Args:
-        incidence_rad: Angle between ray and normal.
-        n: Refractive index.
-        k: Extinction coefficient.
-    """
-    cosine = np.cos(incidence_rad)
-    # Snell's law in complex form: n - ik times the cosine of the refracted ray.
-    squared = complex(n, -k) ** 2
-    inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
-    s_polarized = (cosine - inside) / (cosine + inside)
-    p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
-    mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
-    return mean
 
 
 def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
@@ -114,9 +103,7 @@ def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats
 @lru_cache(maxsize=4)
 def reflectance_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    fraction = np.minimum(np.hypot(u[None, :], v[:, None]) / camera.rim_radius_px, 1.0)
+    fraction = np.minimum(pixel_radii_px(camera) / camera.rim_radius_px, 1.0)
     gains = effect._relative_reflectance(fraction, camera)[..., None]
     gains.setflags(write=False)
     return gains

@@ -352,7 +352,7 @@ class _OcclusionMeter:
         """Test whether rays meet some triangles, at least one."""
         if self._instruction_set == AUTO:
             mesh = EmbreeMesh(corners)
-            return lambda origins, ways: np.isfinite(mesh.first_hits(origins, ways).distance)
+            return lambda origins, ways: np.isfinite(mesh.first_hits(origins, ways)[0])
         centre = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
         caster = KernelMeshCaster(corners, centre, instruction_set=self._instruction_set, threads=1)
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0

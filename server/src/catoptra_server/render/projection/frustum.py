@@ -192,20 +192,18 @@ class DepthRangeFinder:
         """
         close = np.flatnonzero(self._clusters.distances(viewpoint) < cutoff_m)
         offsets = self._clusters.offsets
-        bounds = [
-            self._bound_triangles(slice(offsets[c], offsets[c + 1]), viewpoint) for c in close
-        ]
-        return min(bounds, default=cutoff_m)
-
-    def _bound_triangles(self, part: slice, viewpoint: Floats) -> float:
-        """Lower bound on the distance of a slice of triangles."""
-        return min_distance_bound(
-            self._low[part],
-            self._high[part],
-            self._normals[part],
-            self._offsets[part],
-            point=viewpoint,
+        parts = (slice(offsets[cluster], offsets[cluster + 1]) for cluster in close)
+        bounds = (
+            min_distance_bound(
+                self._low[part],
+                self._high[part],
+                self._normals[part],
+                self._offsets[part],
+                point=viewpoint,
+            )
+            for part in parts
         )
+        return min(bounds, default=cutoff_m)
 
 
 def min_distance_bound(

@@ -16,7 +16,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.frustum import min_distance_bound
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.shading import ShadowCastingLight
-from catoptra_server.world.world_description import DirectionalLight, PointLight
+from catoptra_server.world.world_description import DirectionalLight
 
 # Texels a side of a map, while there are few: in a field of 12 m a texel has 6 mm, in a corridor of
 # 19 m 9 mm, on a robot 0.5 mm; on a point light's faces 1 mm a metre of distance. At 640 px a pixel
@@ -109,19 +109,15 @@ def fit_shadow_projections(
         origin: (3,) origin of the scene's frame in the world.
         side_texels: Texels along a map's side.
     """
-    return tuple(_iterate_projections(lights, casters, origin, side_texels))
-
-
-def _iterate_projections(
-    lights: tuple[ShadowCastingLight, ...], casters: ShadowCasters, origin: Floats, side_texels: int
-) -> Iterator[ShadowProjection]:
-    """Yield the projections light by light."""
+    projections: list[ShadowProjection] = []
     min_distances = iter(casters.min_distances_m)
     for light in lights:
         if isinstance(light, DirectionalLight):
-            yield _fit_directional_light(light, casters, side_texels)
+            projections.append(_fit_directional_light(light, casters, side_texels))
         else:
-            yield from _fit_point_light(light, casters, origin, (next(min_distances), side_texels))
+            position = np.asarray(light.position_m) - origin
+            projections += _fit_point_light(position, casters, next(min_distances), side_texels)
+    return tuple(projections)
 
 
 def _fit_directional_light(
@@ -155,12 +151,9 @@ def _light_axes(direction: Floats) -> Floats:
 
 
 def _fit_point_light(
-    light: PointLight, casters: ShadowCasters, origin: Floats, near_and_side: tuple[float, int]
+    position: Floats, casters: ShadowCasters, min_distance: float, side_texels: int
 ) -> Iterator[ShadowProjection]:
     """Yield six perspective maps: +x, -x, +y, -y, +z, -z."""
-    position = np.asarray(light.position_m) - origin
-    min_distance, side_texels = near_and_side
-
     # A point in a face's corner is sqrt(3) times as far away as its depth along the face's axis.
     near = max(min_distance / np.sqrt(3.0), _MIN_NEAR_M)
     far = max(float((_distances(casters.centres, position) + casters.radii).max()), near)

@@ -5,8 +5,7 @@ For a mirror these are the faces of the cube, in an atlas; for a perspective cam
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import moderngl
 import numpy as np
@@ -14,55 +13,16 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.frustum import MAX_NEAR_M, DepthRange
+from catoptra_server.render.projection.atlas import Atlas, AtlasCell
+from catoptra_server.render.projection.frustum import MAX_NEAR_M, DepthRange, LensProjection
 from catoptra_server.render.raster.device import SampleSpacing
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
 from catoptra_server.render.raster.scene_batches import object_distance_range
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.camera_state import CameraState
 
-
-class _Projection(Protocol):
-    """One planar image from the viewpoint and its rectangle in the texture; see AtlasCell."""
-
-    @property
-    def width(self) -> int:
-        """Number of columns of texels."""
-
-    @property
-    def height(self) -> int:
-        """Number of rows of texels."""
-
-    @property
-    def viewport(self) -> tuple[int, int, int, int]:
-        """Rectangle (x, y, width, height) as OpenGL expects it."""
-
-    @property
-    def clip_from_mirror(self) -> Floats:
-        """(3, 3) map from directions in the mirror frame to clip x, y and w."""
-
-    @property
-    def max_depth_ratio(self) -> float:
-        """Largest ratio of a point's distance from the viewpoint to its depth."""
-
-
-class _FaceLayout(Protocol):
-    """A texture of planar images: an atlas of faces, or one perspective image."""
-
-    @property
-    def width(self) -> int:
-        """Number of columns of texels."""
-
-    @property
-    def height(self) -> int:
-        """Number of rows of texels."""
-
-    @property
-    def cells(self) -> Sequence[_Projection]:
-        """The planar images."""
-
-
-_LayoutT = TypeVar("_LayoutT", bound=_FaceLayout)
+_LayoutT = TypeVar("_LayoutT", bound=Atlas | LensProjection)
+"""Layout of the texture: an atlas of faces, or one perspective image."""
 
 
 class FacePass(Generic[_LayoutT]):
@@ -155,15 +115,16 @@ class FacePass(Generic[_LayoutT]):
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
+        cells: tuple[AtlasCell | LensProjection, ...] = self.atlas.cells
         calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
         for cell, clip, cell_planes, visible_clusters in zip(
-            self.atlas.cells, clip_from_scene, planes, visible, strict=True
+            cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
             more_calls, num_object_triangles = scene.dynamic_objects.draw(
                 clip, cell_planes, viewpoint
             )
-            calls += scene.draw(clip, visible_clusters) + more_calls
+            calls += scene.batches.draw(clip, visible_clusters) + more_calls
             triangles += num_object_triangles
         return calls, triangles
 

@@ -26,6 +26,7 @@ from catoptra_server.render.raster.device import (
 )
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import ENCODED
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
@@ -102,21 +103,15 @@ def rim_polygon(camera: OmniCamera) -> Floats:
     return clip
 
 
-def make_lookup_texture(
-    context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
+def make_lookup_map(
+    context: moderngl.Context,
+    programs: ShaderPrograms,
+    camera: OmniCamera,
+    surface: MirrorSurface,
+    atlas: Atlas,
+    samples: int,
 ) -> moderngl.Texture:
-    """Texture of the lookup map of the camera model."""
-    size = _lookup_map_size(context, camera, samples)
-    texture = context.texture(size, 2, compute_lookup_map(camera, atlas, samples), dtype="f4")
-    # Interpolating coordinates would mix positions on different faces of the atlas.
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
-
-
-def _lookup_map_size(
-    context: moderngl.Context, camera: OmniCamera, samples: int
-) -> tuple[int, int]:
-    """Width and height of a lookup map's texture.
+    """Texture of the lookup map of the camera model or of a mirror mesh.
 
     Raises:
         DomainError: The device has no texture of that size.
@@ -128,29 +123,37 @@ def _lookup_map_size(
             f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "
             f"OpenGL allows {limit} px a side"
         )
-    return size
+    is_exact = isinstance(surface, PerPixel)
+    data = compute_lookup_map(camera, atlas, samples) if is_exact else None
+    lookup_map = context.texture(size, 2, data, dtype="f4")
+    # Interpolating coordinates would mix positions on different faces of the atlas.
+    lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    if isinstance(surface, Tessellation):
+        _render_mesh(
+            context, programs, build_mirror_mesh(camera, surface), camera, atlas, lookup_map
+        )
+    return lookup_map
 
 
-def render_lookup_texture(
+def _render_mesh(
     context: moderngl.Context,
     programs: ShaderPrograms,
+    mesh: MirrorMesh,
     camera: OmniCamera,
-    tessellation: Tessellation,
-    samples: int,
     atlas: Atlas,
-) -> moderngl.Texture:
-    """Lookup map of a mirror mesh, OUTSIDE_MIRROR for samples beside the mesh.
+    lookup_map: moderngl.Texture,
+) -> None:
+    """Fill the lookup map of a mirror mesh, OUTSIDE_MIRROR for samples beside the mesh.
 
     The mesh is rendered once, `samples` times larger than the image: the samples then coincide with
     trace's, which multisampling would leave to the driver.
     """
-    lookup_map = context.texture(_lookup_map_size(context, camera, samples), 2, dtype="f4")
-    lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
     target = context.framebuffer([lookup_map])
-    spec = ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", atlas_definitions(atlas))
-    program = programs.get(spec)
-    set_atlas_uniforms(program, atlas)
-    mesh = build_mirror_mesh(camera, tessellation)
+    # A definition instead of a uniform: without face U the shader has no comparison with U.
+    definitions = (("NUM_FACES", atlas.num_faces),)
+    program = programs.get(ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", definitions))
+    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
+    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))
     # Clip positions and directions in one buffer: freed after a single draw call.
     corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
     buffer = context.buffer(corners.astype(np.float32).tobytes())
@@ -163,7 +166,6 @@ def render_lookup_texture(
     vertices.render()
     for resource in (vertices, buffer, target):
         resource.release()
-    return lookup_map
 
 
 def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
@@ -193,15 +195,3 @@ def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
     clip_x = 2.0 * u / camera.width_px - w
     clip_y = 2.0 * v / camera.height_px - w
     return np.stack((clip_x, clip_y, np.zeros_like(w), w), axis=-1)
-
-
-def atlas_definitions(atlas: Atlas) -> Definitions:
-    """Preprocessor definitions of such a program."""
-    # A definition instead of a uniform: without face U the shader has no comparison with U.
-    return (("NUM_FACES", atlas.num_faces),)
-
-
-def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
-    """Set the atlas' transforms and size in a program."""
-    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
-    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))

@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
 from catoptra_server.render.projection.frustum import LensProjection
@@ -114,13 +114,9 @@ class RangePass:
         for cell, clip, visible_clusters in zip(cells, clip_from_scene, visible, strict=True):
             self._context.viewport = cell.viewport
             set_uniform(self._surface_program, "clip_from_scene", clip.T)
-            self._draw_scene(visible_clusters)
+            for first, count in visible_runs(visible_clusters, self._scene.clusters.offsets):
+                self._vertices.render(vertices=3 * count, first=3 * first)
             self._objects.draw()
-
-    def _draw_scene(self, visible: Bools) -> None:
-        """Draw the visible clusters of the static scene."""
-        for first, count in visible_runs(visible, self._scene.clusters.offsets):
-            self._vertices.render(vertices=3 * count, first=3 * first)
 
     def read(self) -> npt.NDArray[np.float32]:
         """Read the (h, w) ranges of the last frame back, metres."""

@@ -9,25 +9,33 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
+import moderngl
+
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.projection.frustum import make_lens_projection
-from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, fit_spacing, open_device
+from catoptra_server.render.projection.frustum import LensProjection, make_lens_projection
+from catoptra_server.render.raster.device import (
+    Definitions,
+    GlDevice,
+    ShaderPrograms,
+    fit_spacing,
+    open_device,
+)
 from catoptra_server.render.raster.face_pass import FacePass
-from catoptra_server.render.raster.passes import OutputImage
+from catoptra_server.render.raster.mirror_pass import MirrorPass, make_lookup_map
+from catoptra_server.render.raster.passes import AveragePass, OutputImage, Pass
+from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.raster_views import (
     RasterView,
     ViewPasses,
-    make_lens_passes,
-    make_lookup_map,
-    make_omni_passes,
+    make_identity_map,
 )
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.renderer import FaceCamera, RenderPlan, View
+from catoptra_server.render.renderer import FaceCamera, RenderPlan
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
@@ -76,7 +84,7 @@ class RasterRenderer:
     @property
     def object_buffer_bytes(self) -> int:
         """Size of the vertex buffer of dynamic objects: 0 until the first object."""
-        return self._scene.dynamic_objects.buffer_bytes
+        return self._scene.plain.dynamic_objects.buffer_bytes
 
     def describe(self) -> str:
         """One-line description for logs: device, scene size and what applies image effects."""
@@ -96,25 +104,42 @@ class RasterRenderer:
             output = OutputImage(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
             lookup_map = make_lookup_map(
-                context, self._programs, camera, plan, faces.atlas, samples=plan.samples
+                context, self._programs, camera, plan.surface, faces.atlas, plan.samples
             )
             undo.callback(lookup_map.release)
             # Compiles the programs of the scene now: the first frame must not wait for the driver.
             faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
             # All built: from here on the view frees these resources.
             undo.pop_all()
-        return self._make_view(
-            make_omni_passes(
+
+        def make_mirror_pass(target: moderngl.Framebuffer, encoding: Definitions) -> Pass:
+            return MirrorPass(
                 context,
                 self._programs,
-                self._scene,
+                faces,
                 camera,
-                plan,
-                faces=faces,
-                lookup_map=lookup_map,
-                output=output,
+                lookup_map,
+                plan.samples,
+                target,
+                encoding=encoding,
             )
+
+        def make_range_pass() -> RangePass:
+            # One sample a pixel, at the pixel's centre: effects use the range of the centre.
+            centres = make_lookup_map(context, self._programs, camera, plan.surface, faces.atlas, 1)
+            return RangePass(context, self._programs, self._scene, faces.atlas, camera, centres)
+
+        passes = ViewPasses(
+            context,
+            self._programs,
+            camera,
+            faces,
+            output,
+            make_mirror_pass,
+            make_range_pass,
+            lookup_map,
         )
+        return self._make_view(passes)
 
     def _make_face_pass(
         self, camera: OmniCamera, plan: RenderPlan, undo: ExitStack
@@ -150,13 +175,27 @@ class RasterRenderer:
             # trace's positions.
             faces = FacePass(context, self._scene, cell, 1)
             output = OutputImage(context, camera.width_px, camera.height_px)
-        view = self._make_view(
-            make_lens_passes(context, self._programs, self._scene, faces=faces, output=output)
+
+        def make_average(target: moderngl.Framebuffer, encoding: Definitions) -> Pass:
+            return AveragePass(
+                context, self._programs, faces.texture, samples, target, encoding=encoding
+            )
+
+        def make_range_pass() -> RangePass:
+            # One sample a pixel, at the pixel's centre: effects use the range of the centre.
+            centres = LensProjection(camera, 1, cell.mirror_from_camera)
+            identity = make_identity_map(context, camera)
+            return RangePass(context, self._programs, self._scene, centres, camera, identity)
+
+        passes = ViewPasses(
+            context, self._programs, camera, faces, output, make_average, make_range_pass
         )
+        view = self._make_view(passes)
         view.prepare_plain()
-        # A zoom of a camera leaves nothing to compile: no discarded frame then.
+        # A zoom of a camera leaves nothing to compile. Else one discarded frame: drivers finish
+        # compiling at a program's first draw call.
         if self.program_names != names_before:
-            self._warm_up(view)
+            view.render(CameraState(Pose.from_rpy(self._scene.origin)))
         return view
 
     def _make_view(self, passes: ViewPasses) -> RasterView:
@@ -166,10 +205,6 @@ class RasterRenderer:
     def _max_texels(self) -> int:
         """Largest side of a texture on this device."""
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
-
-    def _warm_up(self, view: View) -> None:
-        """Render one discarded frame: drivers finish compiling at a program's first draw call."""
-        view.render(CameraState(Pose.from_rpy(self._scene.origin)))
 
     def _check_thread(self) -> None:
         """Reject calls from any thread but the renderer's own."""

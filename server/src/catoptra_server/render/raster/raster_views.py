@@ -30,11 +30,6 @@ from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
 from catoptra_server.render.raster.device import Definitions, GlDevice, ShaderPrograms
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
-from catoptra_server.render.raster.mirror_pass import (
-    MirrorPass,
-    make_lookup_texture,
-    render_lookup_texture,
-)
 from catoptra_server.render.raster.passes import (
     ENCODED,
     LINEAR,
@@ -46,13 +41,10 @@ from catoptra_server.render.raster.passes import (
     image_bytes,
 )
 from catoptra_server.render.raster.range_pass import RangePass
-from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
     LinearImage,
     RenderedImage,
-    RenderPlan,
     StageClock,
 )
 from catoptra_server.world.camera_state import CameraState
@@ -284,75 +276,7 @@ class ViewPasses:
         self.output.close()
 
 
-def make_omni_passes(
-    context: moderngl.Context,
-    programs: ShaderPrograms,
-    scene: SceneBuffers,
-    camera: OmniCamera,
-    plan: RenderPlan,
-    *,
-    faces: FacePass[Atlas],
-    lookup_map: moderngl.Texture,
-    output: OutputImage,
-) -> ViewPasses:
-    """Passes of an omnidirectional view, whose image looks up the faces by a map of its samples."""
-
-    def make_mirror_pass(target: moderngl.Framebuffer, encoding: Definitions) -> Pass:
-        return MirrorPass(
-            context, programs, faces, camera, lookup_map, plan.samples, target, encoding=encoding
-        )
-
-    def make_range_pass() -> RangePass:
-        # One sample a pixel, at the pixel's centre: effects use the range of the centre.
-        centres = make_lookup_map(context, programs, camera, plan, faces.atlas, samples=1)
-        return RangePass(context, programs, scene, faces.atlas, camera, centres)
-
-    return ViewPasses(
-        context, programs, camera, faces, output, make_mirror_pass, make_range_pass, lookup_map
-    )
-
-
-def make_lookup_map(
-    context: moderngl.Context,
-    programs: ShaderPrograms,
-    camera: OmniCamera,
-    plan: RenderPlan,
-    atlas: Atlas,
-    *,
-    samples: int,
-) -> moderngl.Texture:
-    """Lookup map of the camera model or of the plan's mirror mesh."""
-    if isinstance(plan.surface, PerPixel):
-        return make_lookup_texture(context, camera, atlas, samples)
-    return render_lookup_texture(context, programs, camera, plan.surface, samples, atlas)
-
-
-def make_lens_passes(
-    context: moderngl.Context,
-    programs: ShaderPrograms,
-    scene: SceneBuffers,
-    *,
-    faces: FacePass[LensProjection],
-    output: OutputImage,
-) -> ViewPasses:
-    """Passes of a perspective view, whose image is the mean of its only face's samples."""
-    projection = faces.atlas
-    camera = projection.camera
-
-    def make_average(target: moderngl.Framebuffer, encoding: Definitions) -> Pass:
-        texture, samples = faces.texture, projection.samples
-        return AveragePass(context, programs, texture, samples, target, encoding=encoding)
-
-    def make_range_pass() -> RangePass:
-        # One sample a pixel, at the pixel's centre: effects use the range of the centre.
-        centres = LensProjection(camera, 1, projection.mirror_from_camera)
-        identity = _make_identity_map(context, camera)
-        return RangePass(context, programs, scene, centres, camera, identity)
-
-    return ViewPasses(context, programs, camera, faces, output, make_average, make_range_pass)
-
-
-def _make_identity_map(context: moderngl.Context, camera: PerspectiveCamera) -> moderngl.Texture:
+def make_identity_map(context: moderngl.Context, camera: PerspectiveCamera) -> moderngl.Texture:
     """Lookup map that gives each pixel the texel of its own place."""
     size = (camera.width_px, camera.height_px)
     coordinates = (pixel_sample_positions(camera)[:, :, 0] / size).astype(np.float32)

@@ -19,19 +19,16 @@ from catoptra_server.render.projection.frustum import min_distance_bound
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,
     Definitions,
-    FrameUniforms,
     ProgramSpec,
-    SampleSpacing,
     ShaderPrograms,
     set_sampler,
-    set_spacing,
     set_uniform,
     split_positions,
 )
-from catoptra_server.world import shading
 from catoptra_server.world.objects import DynamicObject, world_facets
 from catoptra_server.world.occlusion_map import OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import corner_radiance, facet_radiance, hemisphere_lights
 from catoptra_server.world.textures import Texture, build_levels
 from catoptra_server.world.triangles import Indices, TriangleClusters, visible_runs
 from catoptra_server.world.world_description import Light, srgb_from_linear
@@ -102,7 +99,7 @@ class SceneBatches:
         if scene.textures:
             attributes["uv"] = scene.uv
         if scene.occlusion is not None:
-            sky = shading.hemisphere_lights(self._lighting.constant_lights)
+            sky = hemisphere_lights(self._lighting.constant_lights)
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
             attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
             attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
@@ -142,11 +139,6 @@ class SceneBatches:
             vertices=self._context.vertex_array(program, attributes),
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
         )
-
-    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
-        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
-        for program in self.programs:
-            set_spacing(program, spacing, axis)
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
@@ -245,8 +237,8 @@ def _atlas_positions(occlusion: OcclusionMap, corners: Floats) -> Floats:
 def _corner_radiance(scene: SceneMesh, lights: tuple[Light, ...]) -> Floats:
     """(n, 3, 3) radiance at the corners of each triangle by lights that are constant there."""
     if scene.corner_albedo is None:
-        return _repeat_at_corners(shading.facet_radiance(scene, lights))
-    return shading.corner_radiance(scene, scene.corner_albedo, lights)
+        return _repeat_at_corners(facet_radiance(scene, lights))
+    return corner_radiance(scene, scene.corner_albedo, lights)
 
 
 def _corner_albedo(scene: SceneMesh) -> Floats:
@@ -314,7 +306,7 @@ class DynamicObjectBuffer:
     def _vertex_data(self, dynamic_object: DynamicObject) -> Floats:
         """(3 n, 9) or (3 n, 15) attributes of an object's corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
-        attributes = [shading.facet_radiance(world_facets_of, self._lighting.constant_lights)]
+        attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
         if self._lighting.definitions:
             # An albedo of zero for unlit materials spares the shader a branch.
             attributes += [
@@ -351,11 +343,6 @@ class DynamicObjectBuffer:
             names, layout = [*names, "normal", "lit_albedo"], f"{layout} 3f 3f"
         program = self._programs.get(ProgramSpec("face", "face", self._lighting.definitions))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
-
-    def set_frame(self, frame: FrameUniforms) -> None:
-        """Write the uniforms of a frame, if any object is drawn."""
-        for program in self.programs:
-            frame.apply_to(program)
 
     def draw(self, clip_from_scene: Floats, planes: Floats, viewpoint: Floats) -> tuple[int, int]:
         """Draw the objects in front of (p, 3) planes; return the draw calls and triangles sent."""

@@ -83,7 +83,13 @@ class ShadowMaps:
             light for light in lights if isinstance(light, DirectionalLight)
         ]
         self._point_lights = [light for light in lights if isinstance(light, PointLight)]
-        _check_light_counts(len(self._directional_lights), len(self._point_lights))
+        counts = len(self._directional_lights), len(self._point_lights)
+        if counts[0] > _MAX_DIRECTIONAL_LIGHTS or counts[1] > _MAX_POINT_LIGHTS:
+            raise DomainError(
+                f"raster casts shadows of at most {_MAX_DIRECTIONAL_LIGHTS} directional and "
+                f"{_MAX_POINT_LIGHTS} point lights, not of {counts[0]} and {counts[1]}: "
+                "use the trace renderer, or set Shadows=never"
+            )
         self._point_light_positions = tuple(
             np.asarray(light.position_m) - origin for light in self._point_lights
         )
@@ -109,11 +115,8 @@ class ShadowMaps:
     @property
     def texture_bytes(self) -> int:
         """Size of the maps at 4 bytes a texel; objects' maps count once there are any."""
-        textures = (
-            self._scene_maps,
-            *((self._object_maps,) if self._object_maps is not None else ()),
-        )
-        return sum(4 * maps.width * maps.height for maps in textures)
+        textures = (self._scene_maps, self._object_maps)
+        return sum(4 * maps.width * maps.height for maps in textures if maps is not None)
 
     def _max_side_texels(self) -> int:
         """Side of a map: a power of two such that all maps fit into one texture."""
@@ -250,13 +253,3 @@ class ShadowMaps:
         self._scene_maps.release()
         if self._object_maps is not None:
             self._object_maps.release()
-
-
-def _check_light_counts(num_directional: int, num_point: int) -> None:
-    """Raise DomainError where a program's uniforms cannot hold all lights."""
-    if num_directional > _MAX_DIRECTIONAL_LIGHTS or num_point > _MAX_POINT_LIGHTS:
-        raise DomainError(
-            f"raster casts shadows of at most {_MAX_DIRECTIONAL_LIGHTS} directional and "
-            f"{_MAX_POINT_LIGHTS} point lights, not of {num_directional} and {num_point}: "
-            "use the trace renderer, or set Shadows=never"
-        )

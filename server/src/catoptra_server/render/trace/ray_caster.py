@@ -71,9 +71,7 @@ class EmbreeRayCaster:
         self._is_empty = len(scene) == 0
         if self._is_empty:  # Embree commits no empty scene
             return
-        self._origin: Floats = 0.5 * (
-            scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1))
-        )
+        self._origin = scene.centre
         self._embree = rtcore_scene.EmbreeScene()
         TriangleMesh(self._embree, (scene.corners - self._origin).astype(np.float32))
 

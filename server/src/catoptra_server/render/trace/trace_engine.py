@@ -30,7 +30,6 @@ from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.scene_mesh import SceneMesh
 
 PixelLabels = dict[str, npt.NDArray[Any]]
 """(h, w) or (h, w, k) channels of labels by name."""
@@ -268,28 +267,10 @@ def find_ego_body(exposure: TracedExposure) -> int:
     return STATIC_SCENE
 
 
-def scene_centre(scene: SceneMesh) -> Floats:
-    """(3,) origin of an engine's float32 coordinates: precise in a world far from its origin.
-
-    The centre of the box around a scene; the world's origin for an empty one.
-    """
-    return np.zeros(3) if len(scene) == 0 else np.asarray(0.5 * (scene.box_min + scene.box_max))
-
-
 @np.errstate(divide="ignore")
 def invert_ranges(inverse_range: Float32s) -> Float32s:
     """Ranges of inverse ranges, metres; inf of zero."""
     return np.asarray(1.0 / inverse_range, dtype=np.float32)
-
-
-def pixel_ranges(rays: RayTable, hits: RayHits) -> Float32s:
-    """(h, w) distances of an image of one sample a pixel, metres; inf where nothing is met.
-
-    Args:
-        rays: Table of one sample a pixel.
-        hits: Hits of these rays.
-    """
-    return assemble_grid(rays, hits.range_m[..., None], fill=np.float32(np.inf))[..., 0]
 
 
 def assemble_grid(

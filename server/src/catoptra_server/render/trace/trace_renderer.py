@@ -12,8 +12,6 @@ import time
 from collections.abc import Mapping
 from typing import Literal
 
-import numpy as np
-
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -141,27 +139,23 @@ def create_engine(
     Raises:
         KernelUnavailableError: The kernel was requested and cannot run.
     """
-
-    def create_kernel() -> TraceEngine:
+    if request not in ("auto", "kernel", "reference"):
+        raise DomainError(f"an engine is auto, kernel or reference, not {request!r}")
+    if request != "reference":
         # Loaded where the engine is needed: see `commands/server.py`.
         from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 
-        return KernelEngine(
-            scene,
-            world,
-            threads=threads,
-            scene_lights=scene_lights,
-            instruction_set=instruction_set,
-        )
-
-    if request not in ("auto", "kernel", "reference"):
-        raise DomainError(f"an engine is auto, kernel or reference, not {request!r}")
-    if request == "kernel":
-        return "kernel", create_kernel()
-    if request == "auto":
         try:
-            return "kernel", create_kernel()
+            return "kernel", KernelEngine(
+                scene,
+                world,
+                threads=threads,
+                scene_lights=scene_lights,
+                instruction_set=instruction_set,
+            )
         except KernelUnavailableError as error:
+            if request == "kernel":
+                raise
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
     # Loaded late, as the kernel.
@@ -209,12 +203,12 @@ class TraceView:
         """Render one exposure, and find labels along its rays where the engine can."""
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
+        is_linear = bool(effects)
+        frame, stage_ms = self._trace(
+            camera_state, effects, thresholds, labels, is_linear=is_linear
+        )
         if not effects:
-            request = TraceRequest(thresholds=thresholds, labels=labels)
-            frame, stage_ms = self._trace(camera_state, request)
-            assert frame.image.dtype == np.uint8
             return RenderedImage(frame.image, stage_ms, frame.changes), frame.labels
-        frame, stage_ms = self._expose(camera_state, effects, thresholds, labels)
         exposed = self._expose_image(camera_state, frame)
         encoded = self._image_changer.encode(exposed, effects, thresholds)
         changes = {**frame.changes, **encoded.changes}
@@ -224,23 +218,9 @@ class TraceView:
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        frame, _ = self._expose(camera_state, effects, NO_THRESHOLDS, None)
+        frame, _ = self._trace(camera_state, effects, NO_THRESHOLDS, None, is_linear=True)
         exposed = self._expose_image(camera_state, frame)
         return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
-
-    def _expose(
-        self,
-        camera_state: CameraState,
-        effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
-        labels: LabelRequest | None,
-    ) -> tuple[TracedFrame, dict[str, float]]:
-        """Frame of linear light with all that the effects need, and milliseconds by stage."""
-        has_ranges = any(effect.needs_range for effect in effects)
-        request = TraceRequest(
-            is_linear=True, has_ranges=has_ranges, thresholds=thresholds, labels=labels
-        )
-        return self._trace(camera_state, request)
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""
@@ -248,19 +228,23 @@ class TraceView:
         return ExposedImage(frame.image, self._camera, context)
 
     def _trace(
-        self, camera_state: CameraState, request: TraceRequest
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+        labels: LabelRequest | None,
+        *,
+        is_linear: bool,
     ) -> tuple[TracedFrame, dict[str, float]]:
-        """A frame of the engine, and its milliseconds: its own stages apart from the rest."""
-        begin = time.perf_counter()
+        """A frame with all that the effects need, and milliseconds: the engine's own stages apart
+        from the rest."""
+        has_ranges = any(effect.needs_range for effect in effects)
+        request = TraceRequest(is_linear, has_ranges, thresholds, labels)
+        begin_s = time.perf_counter()
         frame = self._rays.render(camera_state, request)
-        rest_ms = _elapsed_ms(begin) - sum(frame.stage_ms.values())
+        rest_ms = 1e3 * (time.perf_counter() - begin_s) - sum(frame.stage_ms.values())
         return frame, {"trace": rest_ms, **frame.stage_ms}
 
     def close(self) -> None:
         """Free the rays."""
         self._rays.close()
-
-
-def _elapsed_ms(begin_s: float) -> float:
-    """Milliseconds since a reading of the performance counter."""
-    return 1e3 * (time.perf_counter() - begin_s)

@@ -19,7 +19,6 @@ from catoptra_protocol.optics.mirrors import (
     SphericalMirror,
 )
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
@@ -33,10 +32,9 @@ from catoptra_server.world.world_description import (
     PointLight,
     Rectangle,
     World,
-    srgb_from_linear,
 )
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
-from helpers.image_comparison import level_differences
+from helpers.image_comparison import grey_levels, level_differences
 from helpers.mirror_checks import make_camera
 from helpers.motion_reference import (
     START_POSES,
@@ -47,7 +45,12 @@ from helpers.motion_reference import (
     time_samples,
 )
 from helpers.random_worlds import make_random_exposure
-from helpers.trace_kernels import count_differences, open_kernel, render_filled_and_traced
+from helpers.trace_kernels import (
+    count_differences,
+    fill_and_trace,
+    open_kernel,
+    render_filled_and_traced,
+)
 from helpers.worlds import (
     CAMERA_STATE,
     HEMISPHERE_LIGHT,
@@ -109,8 +112,7 @@ def test_image_of_random_worlds_when_filled_is_the_traced_one(
     different, filled_tiles = [], 0.0
     for seed in range(first, first + WORLDS_PER_TABLE):
         world, state = make_random_exposure(seed)
-        with open_kernel(world) as engine:
-            filled, traced, share = render_filled_and_traced(engine, engine.prepare(table), state)
+        filled, traced, share = fill_and_trace(world, state, table)
         different += [seed] if (filled != traced).any() else []
         filled_tiles += share
     assert different == []
@@ -163,10 +165,7 @@ def test_image_far_from_the_scene_s_centre_when_filled_is_the_traced_one(name: s
         field = Item("far", Rectangle((2.0, 2.0)), Pose.from_rpy((2.0 * centre_m, 0.0, 0.0)), GREY)
         world = make_test_world()
         world = replace(world, items=(*world.items, field))
-        with open_kernel(world) as engine:
-            filled, traced, share = render_filled_and_traced(
-                engine, engine.prepare(table), CAMERA_STATE
-            )
+        filled, traced, share = fill_and_trace(world, CAMERA_STATE, table)
         assert (share > 0.0) == is_filled
         assert not level_differences(filled, traced).any()
 
@@ -182,10 +181,7 @@ def test_textures_and_lamps_when_filled_differ_by_one_level_from_the_traced_ones
     )
     table = make_table(name, width_px=72, samples=2)
     for world in worlds:
-        with open_kernel(world) as engine:
-            filled, traced, share = render_filled_and_traced(
-                engine, engine.prepare(table), CAMERA_STATE
-            )
+        filled, traced, share = fill_and_trace(world, CAMERA_STATE, table)
         assert level_differences(filled, traced).max() <= 1
         assert share > 0.2
 
@@ -197,8 +193,7 @@ def test_shadows_when_filled_differ_by_one_level_from_the_traced_ones(name: str)
     world = replace(make_test_world(), lights=(*make_test_world().lights, lamp))
     for objects in ((), TWO_ROBOTS):
         state = replace(CAMERA_STATE, objects=objects, has_shadows=True)
-        with open_kernel(world) as engine:
-            filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+        filled, traced, _ = fill_and_trace(world, state, table)
         assert level_differences(filled, traced).max() <= 1
 
 
@@ -232,10 +227,6 @@ SHUTTERS = {
 }
 
 
-def levels_of(light: Floats) -> Floats:
-    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
-
-
 @pytest.mark.parametrize("name", MIRRORS)
 def test_blur_is_the_mean_of_64_frames(name: str) -> None:
     setup = load_world_setup("four_legged_2006")
@@ -246,7 +237,9 @@ def test_blur_is_the_mean_of_64_frames(name: str) -> None:
             rays.render_linear(camera_state_after(DRIVING, float(t))).astype(np.float64)
             for t in time_samples(T_S, 64)
         ]
-    difference = np.abs(levels_of(frame.image) - levels_of(np.mean(frames, axis=0))).max(axis=-1)
+    difference = np.abs(grey_levels(frame.image) - grey_levels(np.mean(frames, axis=0))).max(
+        axis=-1
+    )
     # As of mirrors with a viewpoint: test_engine_shutter.py.
     assert (difference > 2.0).mean() < 0.01 * 640 / 200
     assert (difference > 8.0).mean() < 0.001 * 640 / 200
@@ -262,7 +255,7 @@ def test_rows_are_those_of_sharp_frames_at_their_times(name: str) -> None:
         for row in range(3, 200, 31):
             time_s = T_S * ((row + 0.5) / 200 - 0.5)
             sharp = rays.render_linear(camera_state_after(DRIVING, time_s))[row]
-            difference = np.abs(levels_of(image[row]) - levels_of(sharp)).max(axis=-1)
+            difference = np.abs(grey_levels(image[row]) - grey_levels(sharp)).max(axis=-1)
             assert (difference > 1.0).mean() < 0.02
 
 
@@ -272,10 +265,7 @@ def test_exposure_when_filled_is_the_traced_one(name: str, shutter: str) -> None
     table = make_table(name, width_px=72, samples=2)
     cases = ((scenes.make_worlds()["field"], DRIVING), (make_near_world(0.3), PASSING))
     for world, state in cases:
-        with open_kernel(world) as engine:
-            filled, traced, _ = render_filled_and_traced(
-                engine, engine.prepare(table), replace(state, shutter=SHUTTERS[shutter])
-            )
+        filled, traced, _ = fill_and_trace(world, replace(state, shutter=SHUTTERS[shutter]), table)
         # What is known of a tile decides on the instants of its exposure, too.
         allowed = 0.0 if shutter == "rolling" else 0.005
         assert (level_differences(filled, traced) > 1).mean() <= allowed

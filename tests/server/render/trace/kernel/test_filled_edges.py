@@ -27,9 +27,8 @@ from catoptra_server.world.world_description import (
 from helpers.dynamic_objects import place_cube
 from helpers.trace_kernels import (
     count_differences,
+    fill_and_trace,
     make_omni_table,
-    open_kernel,
-    render_filled_and_traced,
 )
 from helpers.worlds import (
     CAMERA_STATE,
@@ -172,10 +171,7 @@ def test_confetti_far_from_the_centres_of_its_spheres_is_seen() -> None:
 def test_object_when_it_surrounds_the_viewpoint_hides_all() -> None:
     state = replace(ABOVE_FLOOR, objects=(place_cube(0.31, 0.17, -0.6),))
     world = lines_on(Rectangle((9.0, 9.0)))
-    with open_kernel(world) as engine:
-        filled, traced, share = render_filled_and_traced(
-            engine, engine.prepare(TABLES["omni"]), state
-        )
+    filled, traced, share = fill_and_trace(world, state, TABLES["omni"])
     assert share == 0.0
     np.testing.assert_array_equal(filled, traced)
     assert set(np.unique(filled[..., 1])) == {0}
@@ -183,9 +179,6 @@ def test_object_when_it_surrounds_the_viewpoint_hides_all() -> None:
 
 def test_box_from_inside_is_filled_but_for_its_edges() -> None:
     room = make_unlit_world(make_item(Box((4.0, 3.0, 2.0)), Pose.identity()))
-    with open_kernel(room) as engine:
-        filled, traced, share = render_filled_and_traced(
-            engine, engine.prepare(TABLES["rim at 150"]), CAMERA_STATE
-        )
+    filled, traced, share = fill_and_trace(room, CAMERA_STATE, TABLES["rim at 150"])
     np.testing.assert_array_equal(filled, traced)
     assert share > 0.4

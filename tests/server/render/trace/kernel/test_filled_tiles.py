@@ -25,9 +25,9 @@ from helpers.image_comparison import level_differences
 from helpers.random_worlds import make_random_exposure
 from helpers.trace_kernels import (
     count_differences,
+    fill_and_trace,
     make_omni_table,
     open_kernel,
-    render_filled_and_traced,
 )
 from helpers.worlds import (
     CAMERA_STATE,
@@ -58,9 +58,7 @@ def test_image_of_random_worlds_when_filled_is_the_traced_one(table: str) -> Non
     different, filled_tiles, tiles = [], 0.0, 0
     for seed in range(first, first + WORLDS_PER_TABLE):
         world, state = make_random_exposure(seed)
-        with open_kernel(world) as engine:
-            rays = engine.prepare(TABLES[table])
-            filled, traced, share = render_filled_and_traced(engine, rays, state)
+        filled, traced, share = fill_and_trace(world, state, TABLES[table])
         different += [seed] if (filled != traced).any() else []
         filled_tiles, tiles = filled_tiles + share, tiles + 1
     assert different == []
@@ -89,10 +87,7 @@ def test_image_when_textures_or_lamps_vary_differs_by_one_level_from_the_traced_
         read_world(scenes.CORRIDOR)[0],
     )
     for world in worlds:
-        with open_kernel(world) as engine:
-            filled, traced, share = render_filled_and_traced(
-                engine, engine.prepare(table), CAMERA_STATE
-            )
+        filled, traced, share = fill_and_trace(world, CAMERA_STATE, table)
         assert level_differences(filled, traced).max() <= 1
         assert share > 0.2
 
@@ -106,8 +101,7 @@ def test_image_with_shadows_when_filled_differs_by_one_level_from_the_traced_one
     world = replace(make_test_world(), lights=(*make_test_world().lights, lamp))
     for objects in ((), TWO_ROBOTS):
         state = replace(CAMERA_STATE, objects=objects, has_shadows=True)
-        with open_kernel(world) as engine:
-            filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+        filled, traced, _ = fill_and_trace(world, state, table)
         assert level_differences(filled, traced).max() <= 1
 
 

@@ -19,8 +19,6 @@ from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.kernel.image import (
     STAGE_MAKERS,
     KernelImageChanger,
-    make_stage,
-    open_image_changer,
 )
 from catoptra_server.render.trace.kernel.library import (
     KernelDevice,
@@ -39,25 +37,10 @@ from helpers.worlds import make_omni_camera
 
 @pytest.mark.parametrize("name", STAGE_MAKERS)
 def test_maps_of_a_camera_are_made_once(name: str) -> None:
-    one, other = (make_stage(make_effect(name), CAMERA, CAPTURE_CONTEXT, None) for _ in range(2))
-    assert one is not None
-    assert other is not None
+    effect = make_effect(name)
+    exposed = ExposedImage(np.zeros((96, 96, 3), dtype=np.float32), CAMERA, CAPTURE_CONTEXT)
+    one, other = (STAGE_MAKERS[name](effect, exposed) for _ in range(2))
     assert list(one.struct.maps) == list(other.struct.maps)
-
-
-def test_threshold_is_the_stages_and_none_draws_everywhere() -> None:
-    effect = make_effect("Vignetting")
-    for threshold, expected in ((None, -1.0), (0.0, 0.0), (0.5, 0.5)):
-        stage = make_stage(effect, CAMERA, CAPTURE_CONTEXT, threshold)
-        assert stage is not None
-        assert stage.struct.threshold == expected
-
-
-def test_effect_without_native_code_has_no_stage() -> None:
-    class Unknown:
-        name = "Unknown"
-
-    assert make_stage(Unknown(), CAMERA, CAPTURE_CONTEXT, None) is None  # type: ignore[arg-type]
 
 
 NUMPY = NumpyImageChanger()
@@ -225,7 +208,7 @@ def test_changer_with_a_device_of_its_own_changes_images_until_it_is_closed() ->
     camera = camera_of_size(33, 130)
     exposed = ExposedImage(next(iter(make_images(camera))), camera, CaptureContext(NOISE_SEED))
     effects = (make_effect("Vignetting"),)
-    changer = open_image_changer(2)
+    changer = KernelImageChanger.open(2)
     changed = changer.change(exposed, effects, {}).image
     changer.close()
     np.testing.assert_allclose(changed, NUMPY.change(exposed, effects, {}).image, atol=1e-5)

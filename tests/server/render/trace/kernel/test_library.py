@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -237,27 +238,22 @@ def test_library_knows_the_sizes_of_these_structures_alone() -> None:
     assert [library.catoptra_abi(number) for number in (-1, len(STRUCTURES), 2**31 - 1)] == [-1] * 3
 
 
-def test_device_when_embree_is_missing_is_unavailable(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+# The last one is longer than the buffer of the kernel's errors.
+@pytest.mark.parametrize(
+    ("find_path", "message"),
+    [
+        (lambda: Path("/missing/none.so"), r"none\.so"),
+        (lambda: kernel_library_path(INSTRUCTION_SET), "has no function rtcNewDevice"),
+        (lambda: Path("/" + 4000 * "x"), "no native kernel: /xxx"),
+    ],
+    ids=["missing", "another library", "a very long path"],
+)
+def test_device_without_a_usable_embree_is_unavailable(
+    monkeypatch: pytest.MonkeyPatch, find_path: Callable[[], Path], message: str
 ) -> None:
-    monkeypatch.setattr(module, "embree_library_path", lambda: tmp_path / "none.so")
-    with pytest.raises(KernelUnavailableError, match=r"none\.so"):
-        KernelDevice(INSTRUCTION_SET, 1)
-
-
-def test_device_when_embree_is_another_library_names_the_missing_function(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    path = kernel_library_path(INSTRUCTION_SET)
+    path = find_path()
     monkeypatch.setattr(module, "embree_library_path", lambda: path)
-    with pytest.raises(KernelUnavailableError, match="has no function rtcNewDevice"):
-        KernelDevice(INSTRUCTION_SET, 1)
-
-
-def test_device_when_its_path_is_very_long_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Longer than the buffer of the kernel's errors.
-    monkeypatch.setattr(module, "embree_library_path", lambda: Path("/" + 4000 * "x"))
-    with pytest.raises(KernelUnavailableError, match="no native kernel: /xxx"):
+    with pytest.raises(KernelUnavailableError, match=message):
         KernelDevice(INSTRUCTION_SET, 1)
 
 

@@ -32,15 +32,13 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     hemisphere_struct,
     light_array,
     object_arrays,
-    pad_texels,
     radiance_table,
     scene_arrays,
     surfaces_struct,
     texture_array,
-    uv_planes,
 )
-from catoptra_server.world import shading
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shading import facet_radiance
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -52,6 +50,7 @@ from catoptra_server.world.world_description import (
     Shape,
     SphereBand,
     World,
+    linear_from_srgb,
 )
 from helpers.dynamic_objects import ROBOT_MESH
 from helpers.memory import peak_bytes
@@ -246,7 +245,7 @@ def test_radiance_of_facets_is_that_of_the_shading_model_and_ends_with_the_backg
     scene = build_scene(make_test_world())
     lights = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
     table = radiance_table(scene, lights, (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(table[:-1], shading.facet_radiance(scene, lights), rtol=1e-6)
+    np.testing.assert_allclose(table[:-1], facet_radiance(scene, lights), rtol=1e-6)
     np.testing.assert_allclose(table[-1], (0.1, 0.2, 0.3), rtol=1e-6)
     assert table.dtype == np.float32
 
@@ -273,24 +272,21 @@ def test_encoded_radiance_when_no_number_is_black() -> None:
 RNG = np.random.default_rng(3)
 
 
-def test_texels_inside_are_the_linear_light() -> None:
-    linear = RNG.uniform(size=(5, 7, 3)).astype(np.float32)
-    texels = pad_texels(linear)
-    assert texels.shape == (7, 9, 4)
-    assert texels.dtype == np.uint16
-    # Half a step: a 40th of a grey level where the sRGB curve is steepest.
-    np.testing.assert_allclose(texels[1:-1, 1:-1, :3], 65535 * linear, atol=0.51)
-    assert not texels[..., 3].any()
-    assert texels.flags.c_contiguous
-
-
 @pytest.mark.parametrize("shape", [(5, 7), (1, 1), (1, 4), (6, 1), (2, 2)])
-def test_border_repeats_the_opposite_side(shape: tuple[int, int]) -> None:
-    linear = RNG.uniform(size=(*shape, 3)).astype(np.float32)
-    inner = pad_texels(linear)[1:-1, 1:-1]
-    np.testing.assert_array_equal(
-        pad_texels(linear), np.pad(inner, ((1, 1), (1, 1), (0, 0)), mode="wrap")
-    )
+def test_texels_are_the_linear_light_and_their_border_repeats_the_opposite_side(
+    textured: SceneMesh, shape: tuple[int, int]
+) -> None:
+    image = RNG.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    levels = texture_array(replace(textured, textures=(image,))).owners[0]
+    assert isinstance(levels, OwningStruct)
+    texels = levels.owners[0]
+    assert isinstance(texels, np.ndarray)
+    assert texels.flags.c_contiguous
+    inner = texels[1:-1, 1:-1]
+    # Half a step: a 40th of a grey level where the sRGB curve is steepest.
+    np.testing.assert_allclose(inner[..., :3], 65535 * linear_from_srgb(image / 255.0), atol=0.51)
+    assert not texels[..., 3].any()
+    np.testing.assert_array_equal(texels, np.pad(inner, ((1, 1), (1, 1), (0, 0)), mode="wrap"))
 
 
 GREY = Material((0.5, 0.5, 0.5))
@@ -383,14 +379,6 @@ def test_neighbours_when_their_texture_does_not_go_on_are_two_surfaces(
     uv = scene.uv.copy()
     uv[1] += shift
     assert len(find_flat_surfaces(replace(scene, uv=uv)).representative) == count
-
-
-def test_uv_of_a_plane_is_that_of_its_corners(tmp_path: Path) -> None:
-    material = Material((1.0, 1.0, 1.0), write_smooth_texture(tmp_path / "t.png"))
-    scene = make_scene(Box((1.0, 2.0, 3.0)), material=material)
-    offset, gradient = uv_planes(scene, np.arange(len(scene)))
-    found = np.einsum("nci,nki->nck", scene.corners, gradient) + offset[:, None]
-    np.testing.assert_allclose(found, scene.uv, atol=1e-12)
 
 
 def test_triangles_when_they_occur_twice_keep_their_outer_edges() -> None:

@@ -108,17 +108,15 @@ def unit(*directions: tuple[float, float, float]) -> Floats:
 
 def test_first_hits_have_distance_triangle_and_weights() -> None:
     directions = unit(AHEAD, ASIDE, BEHIND)
-    hits = EmbreeMesh(CORNERS).first_hits(np.zeros((3, 3)), directions)
-    assert hits.triangle.tolist() == [0, 1, -1]
-    np.testing.assert_allclose(hits.distance, (3.0, 2.0 / directions[1, 0], np.inf), rtol=1e-14)
-    np.testing.assert_allclose(hits.weights[0], (0.25, 0.25))
-    np.testing.assert_allclose(hits.weights[1], (0.3, 0.3))
-    assert hits.weights[2].tolist() == [0.0, 0.0]
+    distance, triangle, weights = EmbreeMesh(CORNERS).first_hits(np.zeros((3, 3)), directions)
+    assert triangle.tolist() == [0, 1, -1]
+    np.testing.assert_allclose(distance, (3.0, 2.0 / directions[1, 0], np.inf), rtol=1e-14)
+    np.testing.assert_allclose(weights, ((0.25, 0.25), (0.3, 0.3), (0.0, 0.0)))
 
 
 def test_distance_is_counted_in_lengths_of_the_direction() -> None:
-    hits = EmbreeMesh(CORNERS).first_hits(np.zeros((1, 3)), np.array([(0.5, 0.0, 0.0)]))
-    assert hits.distance.tolist() == [6.0]
+    distance, *_ = EmbreeMesh(CORNERS).first_hits(np.zeros((1, 3)), np.array([(0.5, 0.0, 0.0)]))
+    assert distance.tolist() == [6.0]
 
 
 def test_occlusion_ends_at_the_greatest_distance() -> None:
@@ -134,7 +132,7 @@ def test_occlusion_ends_at_the_greatest_distance() -> None:
 def test_mesh_without_triangles_is_never_hit() -> None:
     mesh = EmbreeMesh(np.zeros((0, 3, 3)))
     directions = unit(AHEAD, BEHIND)
-    assert mesh.first_hits(np.zeros((2, 3)), directions).triangle.tolist() == [-1, -1]
+    assert mesh.first_hits(np.zeros((2, 3)), directions)[1].tolist() == [-1, -1]
     assert not mesh.occludes(np.zeros((2, 3)), directions, np.full(2, np.inf)).any()
 
 
@@ -226,5 +224,5 @@ def test_albedo_of_a_mesh_with_colours_at_its_corners_lies_between_them() -> Non
 def test_triangles_that_cast_no_shadow_are_seen_but_occlude_nothing() -> None:
     glass = replace(box_item(3.0, 0.0, 0.0, (0.4, 0.4, 0.4)), casts_shadows=False)
     mesh = trace_scene(build_scene(make_world(glass)), np.zeros(3), ())
-    assert mesh.surface.first_hits(np.zeros((2, 3)), AHEAD_PLACED_MESH).triangle[0] >= 0
+    assert mesh.surface.first_hits(np.zeros((2, 3)), AHEAD_PLACED_MESH)[1][0] >= 0
     assert not mesh.casters.occludes(np.zeros((2, 3)), AHEAD_PLACED_MESH, np.full(2, np.inf)).any()

@@ -47,13 +47,8 @@ _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
 # A line of the processor's cache.
 _LINE_BYTES = 64
 # Member of LabelsStruct of each channel.
-_MEMBERS = {
-    "range": "range_m",
-    "normal": "normal",
-    "point": "point",
-    "ids": "ids",
-    "classes": "classes",
-    "agreement": "agreement",
+_MEMBERS = {"range": "range_m"} | {
+    name: name for name in ("normal", "point", "ids", "classes", "agreement")
 }
 _Order = npt.NDArray[np.intp]
 
@@ -153,7 +148,7 @@ class ObjectTable:
         """A mesh, committed."""
         if mesh not in self._meshes:
             owned = object_arrays(mesh)
-            boxes = _grow(enclose_parts(mesh)).astype(np.float32)
+            boxes = _grow(_enclose_parts(mesh)).astype(np.float32)
             self._meshes[mesh] = _CommittedMesh(
                 self._device.commit_mesh(owned.struct), owned, boxes
             )
@@ -183,7 +178,7 @@ def _grow(boxes: Floats) -> Floats:
     return grown
 
 
-def enclose_parts(mesh: ObjectMesh) -> Floats:
+def _enclose_parts(mesh: ObjectMesh) -> Floats:
     """(b, 6) centres and half sizes of boxes that together hold a mesh, in its frame, metres."""
     low, high = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
     parts = [np.arange(len(mesh))]
@@ -257,8 +252,10 @@ def match_centres(
     return CentreMatch(centres, centre_tile, is_held)
 
 
-def label_arrays(match: CentreMatch, request: LabelRequest) -> tuple[PixelLabels, OwningStruct]:
-    """Channels to be written, and the structure with the addresses."""
+def label_arrays(
+    match: CentreMatch, request: LabelRequest, centre: Floats
+) -> tuple[PixelLabels, OwningStruct]:
+    """Channels to be written, and the structure with the addresses; centre as of the scene."""
     arrays = _allocate(match.centres, [name for name in _MEMBERS if name in request.channels])
     tables = request.tables
     numbers = (tables.triangle_numbers, tables.object_numbers, tables.class_table)
@@ -270,6 +267,7 @@ def label_arrays(match: CentreMatch, request: LabelRequest) -> tuple[PixelLabels
         triangle_numbers=triangles.ctypes.data,
         object_numbers=objects.ctypes.data,
         class_table=classes.ctypes.data,
+        centre=tuple(centre),
     )
     for name, array in arrays.items():
         setattr(struct, _MEMBERS[name], array.ctypes.data)
@@ -336,8 +334,8 @@ def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, OwningStr
         origin_r=addresses[1],
         origin_z=addresses[2],
         flow=flow.ctypes.data,
+        centre=tuple(centre),
+        axes=tuple(tables.axes.reshape(-1)),
+        centre_px=tables.centre_px,
     )
-    struct.centre[:] = centre.tolist()
-    struct.axes[:] = tables.axes.reshape(-1).tolist()
-    struct.centre_px[:] = tables.centre_px
     return flow, OwningStruct(struct, (points, ids, motion_of, motions, *columns))

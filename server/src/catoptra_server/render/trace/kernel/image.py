@@ -20,25 +20,29 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import CaptureContext, ImageEffect
-from catoptra_server.effects.kernels.convolution import DiscKernelTable
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.kernels.convolution import DiscKernelTable, table_row
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
     frame_noise_key,
     normal_quantile_table,
 )
-from catoptra_server.effects.kernels.lens_blur import interior_mask
-from catoptra_server.effects.medium import defocus, defocus_by_depth
+from catoptra_server.effects.kernels.lens_blur import circle_of_confusion_map, interior_mask
 from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
-from catoptra_server.effects.medium.diffraction import kernel_half_width_px, kernel_weights
+from catoptra_server.effects.medium.diffraction import (
+    Diffraction,
+    kernel_half_width_px,
+    kernel_weights,
+)
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.effects.medium.vignetting import vignetting_map
-from catoptra_server.effects.mirror.mirror_dust import coverage_map
-from catoptra_server.effects.mirror.mirror_reflectance import reflectance_map
+from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
+from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance, reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.image_changer import (
     ChangedImage,
@@ -72,19 +76,7 @@ _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
 _Array = npt.NDArray[Any]
-
-
-def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImageChanger:
-    """Image changer on a device of its own, for images that others expose.
-
-    Args:
-        threads: Threads, the calling one included.
-        instruction_set: Embree's name; "auto" for the processor's best.
-
-    Raises:
-        KernelUnavailableError: The kernel's or Embree's library is missing.
-    """
-    return KernelImageChanger(KernelDevice(choose_instruction_set(instruction_set), threads))
+_Float32s = npt.NDArray[np.float32]
 
 
 class KernelImageChanger:
@@ -97,6 +89,19 @@ class KernelImageChanger:
         self._device = device
         self._numpy = NumpyImageChanger()
         self._scratch = np.zeros(0, dtype=np.uint8)
+
+    @classmethod
+    def open(cls, threads: int, instruction_set: str = AUTO) -> KernelImageChanger:
+        """Image changer on a device of its own, for images that others expose.
+
+        Args:
+            threads: Threads, the calling one included.
+            instruction_set: Embree's name; "auto" for the processor's best.
+
+        Raises:
+            KernelUnavailableError: The kernel's or Embree's library is missing.
+        """
+        return cls(KernelDevice(choose_instruction_set(instruction_set), threads))
 
     @property
     def memory_bytes(self) -> int:
@@ -134,9 +139,11 @@ class KernelImageChanger:
         """Apply effects into an image of float32, or of uint8 for an encoded one."""
         made: list[tuple[str, _StageWithMaps]] = []
         for effect in effects:
-            exposed, threshold = run.exposed, run.thresholds.get(effect.name)
-            stage = make_stage(effect, exposed.camera, exposed.context, threshold)
-            if stage is not None:
+            exposed, make_stage = run.exposed, STAGE_MAKERS.get(effect.name)
+            if make_stage is not None:
+                stage = make_stage(effect, exposed)
+                # Below zero the kernel draws everywhere.
+                stage.struct.threshold = run.thresholds.get(effect.name, -1.0)
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.
@@ -212,28 +219,6 @@ class _StageWithMaps:
     arrays: tuple[_Array, ...]
 
 
-_StageMaker = Callable[[Any, RadialCamera, CaptureContext], _StageWithMaps]
-
-
-def make_stage(
-    effect: ImageEffect, camera: RadialCamera, context: CaptureContext, threshold: float | None
-) -> _StageWithMaps | None:
-    """Stage of an effect; None for one without native code.
-
-    Args:
-        effect: Effect of the image.
-        camera: Camera of the image.
-        context: Seed and ranges.
-        threshold: Change in grey levels that nobody sees; None to draw everywhere.
-    """
-    maker = STAGE_MAKERS.get(effect.name)
-    if maker is None:
-        return None
-    stage = maker(effect, camera, context)
-    stage.struct.threshold = -1.0 if threshold is None else threshold
-    return stage
-
-
 def _make(
     kind: int,
     *maps: _Array | None,
@@ -259,146 +244,121 @@ def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
     return interior_mask(camera).astype(np.uint8)
 
 
-def _make_defocus(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    rows = defocus.table_row_map(effect, camera)
-    return _make_disc_blur(defocus.kernel_table(effect, camera), rows, _interior(camera))
+def _make_defocus(effect: Defocus, exposed: ExposedImage) -> _StageWithMaps:
+    camera = exposed.camera
+    return _make_disc_blur(effect.kernel_table(camera), _infinity_rows(effect, camera), camera)
 
 
-def _make_defocus_by_depth(
-    effect: Any, camera: RadialCamera, context: CaptureContext
+@lru_cache(maxsize=4)
+def _infinity_rows(effect: Defocus, camera: RadialCamera) -> _Float32s:
+    """Fractional row of the kernel table for each pixel, (h, w)."""
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    return table_row(circle.infinity_diameter_px).astype(np.float32)
+
+
+def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _StageWithMaps:
+    camera, range_m = exposed.camera, exposed.context.range_m
+    assert range_m is not None, "defocus by depth needs ranges"
+    ranges = np.ascontiguousarray(range_m, dtype=np.float32)
+    parameters = _disc_parameters(effect, camera)
+    return _make_disc_blur(effect.kernel_table(camera), parameters, camera, ranges)
+
+
+@lru_cache(maxsize=4)
+def _disc_parameters(effect: DefocusByDepth, camera: RadialCamera) -> _Float32s:
+    """Map, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    channels = (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
+    return np.stack(channels, axis=-1).astype(np.float32)
+
+
+def _make_disc_blur(
+    table: DiscKernelTable, discs: _Float32s, camera: RadialCamera, *ranges: _Float32s
 ) -> _StageWithMaps:
-    assert context.range_m is not None, "defocus by depth needs ranges"
-    return _make_disc_blur(
-        defocus_by_depth.kernel_table(effect, camera),
-        defocus_by_depth.disc_parameter_map(effect, camera),
-        _interior(camera),
-        np.ascontiguousarray(context.range_m, dtype=np.float32),
-    )
+    weights, interior = table.float32_weights(), _interior(camera)
+    size, num_rows = table.half_width_px, len(weights)
+    return _make(_BLUR, weights, discs, interior, *ranges, size=size, num_rows=num_rows)
 
 
-def _make_disc_blur(table: DiscKernelTable, *maps: _Array) -> _StageWithMaps:
-    weights = table.float32_weights()
-    return _make(_BLUR, weights, *maps, size=table.half_width_px, num_rows=len(weights))
-
-
-def _make_diffraction(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+def _make_diffraction(effect: Diffraction, exposed: ExposedImage) -> _StageWithMaps:
     return _make(_BLUR, _colour_weights(effect), size=kernel_half_width_px(effect))
 
 
 @lru_cache(maxsize=8)
-def _colour_weights(effect: Any) -> npt.NDArray[np.float32]:
+def _colour_weights(effect: Diffraction) -> _Float32s:
     """Weights, (3, pairs), of a kernel for each colour."""
     return np.ascontiguousarray(kernel_weights(effect).astype(np.float32).T)
 
 
-def _make_misalignment(
-    effect: Any, camera: RadialCamera, context: CaptureContext
-) -> _StageWithMaps:
-    return _make(_WARP, lookup_offset_map(effect, cast(Any, camera)))
-
-
-def _make_magnification(
-    effect: Any, camera: RadialCamera, context: CaptureContext
-) -> _StageWithMaps:
-    return _make(_MAGNIFY, *channel_offsets_px(effect, camera))
-
-
-def _make_dust(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    coverage = coverage_map(effect, cast(Any, camera), context.noise_seed.camera_key)
+def _make_dust(effect: MirrorDust, exposed: ExposedImage) -> _StageWithMaps:
+    key = exposed.context.noise_seed.camera_key
+    coverage = coverage_map(effect, cast(OmniCamera, exposed.camera), key)
     return _make(_COVER, coverage, numbers=(effect.albedo,))
 
 
-def _make_reflectance(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    return _make(_GAIN, _reflectances(effect, camera))
+@lru_cache(maxsize=4)
+def _reflectances(effect: MirrorReflectance, camera: OmniCamera) -> _Float32s:
+    return reflectance_map(effect, camera).astype(np.float32)
 
 
 @lru_cache(maxsize=4)
-def _reflectances(effect: Any, camera: RadialCamera) -> npt.NDArray[np.float32]:
-    return reflectance_map(effect, cast(Any, camera)).astype(np.float32)
-
-
-def _make_vignetting(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    return _make(_GAIN, _vignettes(camera))
-
-
-@lru_cache(maxsize=4)
-def _vignettes(camera: RadialCamera) -> npt.NDArray[np.float32]:
+def _vignettes(camera: RadialCamera) -> _Float32s:
     return vignetting_map(camera).astype(np.float32)
 
 
-def _make_exposure(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    return _make(_GAIN, numbers=(effect.gain,) * 3)
-
-
-def _make_auto_exposure(
-    effect: Any, camera: RadialCamera, context: CaptureContext
-) -> _StageWithMaps:
-    numbers = (effect.target_luminance, effect.min_gain, effect.max_gain)
-    return _make(_AUTO_GAIN, numbers=numbers)
-
-
-def _make_white_balance(
-    effect: Any, camera: RadialCamera, context: CaptureContext
-) -> _StageWithMaps:
-    return _make(_CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain))
-
-
-def _make_blooming(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    return _make(_BLOOM, numbers=(effect.overflow_fraction,), size=int(effect.length_px))
-
-
-def _make_fixed_pattern(
-    effect: Any, camera: RadialCamera, context: CaptureContext
-) -> _StageWithMaps:
-    seed = NoiseSeed(context.noise_seed.camera_key)
-    return _make(_PATTERN, *_pattern_planes(effect, seed, camera.height_px, camera.width_px))
+def _make_fixed_pattern(effect: FixedPattern, exposed: ExposedImage) -> _StageWithMaps:
+    seed = NoiseSeed(exposed.context.noise_seed.camera_key)
+    return _make(_PATTERN, *_pattern_planes(effect, seed, *exposed.light.shape[:2]))
 
 
 @lru_cache(maxsize=4)
 def _pattern_planes(
     effect: FixedPattern, seed: NoiseSeed, height: int, width: int
-) -> tuple[npt.NDArray[np.float32], ...]:
+) -> tuple[_Float32s, ...]:
     """Gains and offsets, (3, h, w)."""
     maps = gain_and_offset_maps(effect, seed, height, width)
     return tuple(np.ascontiguousarray(np.moveaxis(one, -1, 0)) for one in maps)
 
 
-def _make_shot_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    key = frame_noise_key(context.noise_seed, effect.name)
-    return _make(_SHOT_NOISE, numbers=(1.0 / effect.full_well_e,), key=key)
-
-
-def _make_read_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    key = frame_noise_key(context.noise_seed, effect.name)
-    return _make(_READ_NOISE, numbers=(effect.standard_deviation,), key=key)
-
-
-def _make_quantisation(
-    effect: Any, camera: RadialCamera, context: CaptureContext
+def _make_noise(
+    kind: int, effect: ImageEffect, exposed: ExposedImage, scale: float
 ) -> _StageWithMaps:
-    return _make(_QUANTISE, numbers=(effect.max_code,))
+    key = frame_noise_key(exposed.context.noise_seed, effect.name)
+    return _make(kind, numbers=(scale,), key=key)
 
 
-def _make_bayer(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
-    return _make(_BAYER)
-
-
-STAGE_MAKERS: Mapping[str, _StageMaker] = {
+STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Defocus": _make_defocus,
     "DefocusByDepth": _make_defocus_by_depth,
-    "Misalignment": _make_misalignment,
-    "ChromaticAberration": _make_magnification,
+    "Misalignment": lambda effect, exposed: _make(
+        _WARP, lookup_offset_map(effect, cast(OmniCamera, exposed.camera))
+    ),
+    "ChromaticAberration": lambda effect, exposed: _make(
+        _MAGNIFY, *channel_offsets_px(effect, exposed.camera)
+    ),
     "Diffraction": _make_diffraction,
     "MirrorDust": _make_dust,
-    "MirrorReflectance": _make_reflectance,
-    "Vignetting": _make_vignetting,
-    "Exposure": _make_exposure,
-    "AutoExposure": _make_auto_exposure,
-    "Blooming": _make_blooming,
+    "MirrorReflectance": lambda effect, exposed: _make(
+        _GAIN, _reflectances(effect, cast(OmniCamera, exposed.camera))
+    ),
+    "Vignetting": lambda effect, exposed: _make(_GAIN, _vignettes(exposed.camera)),
+    "Exposure": lambda effect, exposed: _make(_GAIN, numbers=(effect.gain,) * 3),
+    "AutoExposure": lambda effect, exposed: _make(
+        _AUTO_GAIN, numbers=(effect.target_luminance, effect.min_gain, effect.max_gain)
+    ),
+    "Blooming": lambda effect, exposed: _make(
+        _BLOOM, numbers=(effect.overflow_fraction,), size=int(effect.length_px)
+    ),
     "FixedPattern": _make_fixed_pattern,
-    "ShotNoise": _make_shot_noise,
-    "ReadNoise": _make_read_noise,
-    "Quantisation": _make_quantisation,
-    "Bayer": _make_bayer,
-    "WhiteBalance": _make_white_balance,
+    "ShotNoise": lambda effect, exposed: _make_noise(
+        _SHOT_NOISE, effect, exposed, 1.0 / effect.full_well_e
+    ),
+    "ReadNoise": lambda effect, exposed: _make_noise(
+        _READ_NOISE, effect, exposed, effect.standard_deviation
+    ),
+    "Quantisation": lambda effect, exposed: _make(_QUANTISE, numbers=(effect.max_code,)),
+    "Bayer": lambda effect, exposed: _make(_BAYER),
+    "WhiteBalance": lambda effect, exposed: _make(
+        _CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain)
+    ),
 }

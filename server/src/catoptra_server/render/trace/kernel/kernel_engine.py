@@ -67,11 +67,10 @@ from catoptra_server.render.trace.trace_engine import (
     find_ego_body,
     first_state,
     invert_ranges,
-    scene_centre,
 )
-from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import Light, World
 
 
@@ -106,10 +105,10 @@ class KernelRays:
         self._render(
             exposure,
             output,
-            image,
-            thresholds=request.thresholds,
-            inverse_range=inverse,
-            labels=owned,
+            request.thresholds,
+            image=image.ctypes.data,
+            inverse_range=None if inverse is None else inverse.ctypes.data,
+            labels=None if owned is None else ctypes.addressof(owned.struct),
         )
         # Other threads encode a frame while the next one is rendered.
         if not request.is_linear:
@@ -138,13 +137,19 @@ class KernelRays:
         shape = (*self._table.valid.shape, BLOCK_RAYS)
         range_m = np.zeros(shape, dtype=np.float32)
         triangle, hit_object = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
-        self._render(exposure, OUTPUT_HITS, range_m, triangle, hit_object)
+        self._render(
+            exposure,
+            OUTPUT_HITS,
+            range_m=range_m.ctypes.data,
+            triangle=triangle.ctypes.data,
+            object=hit_object.ctypes.data,
+        )
         return RayHits(range_m, triangle, hit_object)
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
         """Labels without an image; the agreement is of these rays."""
-        arrays, owned = label_arrays(self._match(request.centres), request)
-        self._engine.render(self._require_view(), exposure, OUTPUT_LABELS, labels=owned)
+        arrays, owned = self._label_arrays(request)
+        self._render(exposure, OUTPUT_LABELS, labels=ctypes.addressof(owned.struct))
         return arrays
 
     def _label_beside(
@@ -154,10 +159,13 @@ class KernelRays:
         if request is None:
             return None, None
         try:
-            return label_arrays(self._match(request.centres), request)
+            return self._label_arrays(request)
         except DomainError:
             # The picture is as good without; whoever wants the labels alone is told why.
             return None, None
+
+    def _label_arrays(self, request: LabelRequest) -> tuple[PixelLabels, OwningStruct]:
+        return label_arrays(self._match(request.centres), request, self._engine.centre)
 
     def _match(self, centres: RayTable) -> CentreMatch:
         """Where the rays of the pixels' centres are among these; kept for the next frame."""
@@ -169,7 +177,7 @@ class KernelRays:
     def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
         """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
         flow, owned = flow_arrays(tables, self._engine.centre)
-        self._engine.render(self._require_view(), other, OUTPUT_FLOW, flow=owned)
+        self._render(other, OUTPUT_FLOW, flow=ctypes.addressof(owned.struct))
         return flow
 
     def trace_bare(self, exposure: TracedExposure) -> None:
@@ -180,20 +188,11 @@ class KernelRays:
         self,
         exposure: TracedExposure,
         output: int,
-        *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
-        inverse_range: Float32s | None = None,
-        labels: OwningStruct | None = None,
+        **addresses: int | None,
     ) -> None:
-        self.last_counts = self._engine.render(
-            self._require_view(),
-            exposure,
-            output,
-            *arrays,
-            thresholds=thresholds,
-            inverse_range=inverse_range,
-            labels=labels,
-        )
+        view = self._require_view()
+        self.last_counts = self._engine.render(view, exposure, output, thresholds, **addresses)
 
     def _require_view(self) -> int:
         if self._view is None:
@@ -259,7 +258,7 @@ class KernelEngine:
         self._mesh = scene
         self._world = world
         self._scene_lights = scene_lights
-        self.centre = scene_centre(scene)
+        self.centre = scene.centre
         """(3,) origin of Embree's coordinates in the world."""
         self._owners: list[object] = []
         self._meshes: list[int] = []
@@ -306,7 +305,7 @@ class KernelEngine:
 
     def _tabulate_ambient(self) -> int:
         """Address of the facets' radiance by hemisphere lights alone."""
-        ambient = shading.hemisphere_lights(self._scene_lights)
+        ambient = hemisphere_lights(self._scene_lights)
         radiance = radiance_table(self._mesh, ambient, self._world.background)
         self._owners.append(radiance)
         return radiance.ctypes.data
@@ -346,36 +345,24 @@ class KernelEngine:
         view: int,
         exposure: TracedExposure,
         output: int,
-        *arrays: npt.NDArray[np.generic],
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
-        inverse_range: Float32s | None = None,
-        labels: OwningStruct | None = None,
-        flow: OwningStruct | None = None,
+        thresholds: Mapping[str, float],
+        **addresses: int | None,
     ) -> FrameCounts:
-        """Render an exposure into arrays: an image, hits, labels or flow."""
+        """Render an exposure into arrays, whose addresses are members of `FrameStruct`."""
         frame = exposure_arrays(exposure, self.centre, self._objects)
-        if frame.struct.has_shadows:
+        struct = frame.struct
+        if struct.has_shadows:
             self._prepare_shadows()
-        frame.struct.output = output
-        frame.struct.measures_shadows = "Shadows" in thresholds
-        frame.struct.shadow_threshold = thresholds.get("Shadows", 0.0)
-        frame.struct.measures_fog = "Fog" in thresholds
+        struct.output = output
+        struct.measures_shadows = "Shadows" in thresholds
+        struct.shadow_threshold = thresholds.get("Shadows", 0.0)
+        struct.measures_fog = "Fog" in thresholds
         if "SelfView" in thresholds:
-            frame.struct.watched_object = find_ego_body(exposure)
-        frame.struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
-        if inverse_range is not None:
-            frame.struct.inverse_range = inverse_range.ctypes.data
-        if labels is not None:
-            labels.struct.centre[:] = self.centre.tolist()
-            frame.struct.labels = ctypes.addressof(labels.struct)
-        if flow is not None:
-            frame.struct.flow = ctypes.addressof(flow.struct)
-        if output == OUTPUT_HITS:
-            struct = frame.struct
-            struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
-        elif arrays:
-            frame.struct.image = arrays[0].ctypes.data
-        return self._device.render(self._scene, view, frame.struct)
+            struct.watched_object = find_ego_body(exposure)
+        struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
+        for name, address in addresses.items():
+            setattr(struct, name, address)
+        return self._device.render(self._scene, view, struct)
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""

@@ -15,7 +15,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
-from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
@@ -73,8 +72,7 @@ class KernelRayCaster:
     def __init__(self, scene: SceneMesh, instruction_set: str = AUTO) -> None:
         """Commit the triangles; arguments and errors as of `KernelMeshCaster`."""
         self._normals = scene.normals
-        centre = scene_centre(scene)
-        self._mesh = KernelMeshCaster(scene.corners, centre, instruction_set=instruction_set)
+        self._mesh = KernelMeshCaster(scene.corners, scene.centre, instruction_set=instruction_set)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

@@ -17,18 +17,17 @@ LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 Fields = list[tuple[str, type]]
 
 
+def _addresses(*names: str) -> Fields:
+    """Members that are pointers, one after the other."""
+    return [(name, c_void_p) for name in names]
+
+
 class MeshArrays(ctypes.Structure):
     """Triangles and their materials."""
 
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
-        ("corners", c_void_p),
-        ("normals", c_void_p),
-        ("albedo", c_void_p),
-        ("flags", c_void_p),
-        ("corner_albedo", c_void_p),
-        ("uv", c_void_p),
-        ("texture", c_void_p),
+        *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
     ]
 
 
@@ -66,9 +65,7 @@ class SurfacesStruct(ctypes.Structure):
 
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
-        ("triangles", c_void_p),
-        ("surface", c_void_p),
-        ("outer_edges", c_void_p),
+        *_addresses("triangles", "surface", "outer_edges"),
         ("num_surfaces", c_int32),
         ("representative", c_void_p),
         ("num_clusters", c_int32),
@@ -95,10 +92,7 @@ class OcclusionStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("width", c_int32),
         ("height", c_int32),
-        ("texels", c_void_p),
-        ("patch_of", c_void_p),
-        ("patches", c_void_p),
-        ("dark_sums", c_void_p),
+        *_addresses("texels", "patch_of", "patches", "dark_sums"),
     ]
 
 
@@ -106,19 +100,13 @@ class SceneStruct(ctypes.Structure):
     """Static scene, its lights and tables."""
 
     _fields_: ClassVar[Fields] = [
-        ("mesh", c_void_p),
-        ("casters", c_void_p),
-        ("sharp_radiance", c_void_p),
-        ("ambient_radiance", c_void_p),
-        ("encoded", c_void_p),
+        *_addresses("mesh", "casters", "sharp_radiance", "ambient_radiance", "encoded"),
         ("num_textures", c_int32),
         ("textures", c_void_p),
         ("num_lights", c_int32),
         ("lights", c_void_p),
         ("hemisphere", HemisphereStruct),
-        ("srgb_table", c_void_p),
-        ("caster_triangles", c_void_p),
-        ("light_maps", c_void_p),
+        *_addresses("srgb_table", "caster_triangles", "light_maps"),
         ("surfaces", SurfacesStruct),
         ("occlusion", OcclusionStruct),
     ]
@@ -133,11 +121,7 @@ class RayTableStruct(ctypes.Structure):
         ("samples", c_int32),
         ("num_tiles", c_int32),
         ("tile_columns", c_int32),
-        ("tiles", c_void_p),
-        ("directions", c_void_p),
-        ("valid", c_void_p),
-        ("origins", c_void_p),
-        ("times", c_void_p),
+        *_addresses("tiles", "directions", "valid", "origins", "times"),
     ]
 
 
@@ -152,18 +136,9 @@ class LabelsStruct(ctypes.Structure):
 
     _fields_: ClassVar[Fields] = [
         ("centres", RayTableStruct),
-        ("centre_tile", c_void_p),
-        ("is_held", c_void_p),
-        ("triangle_numbers", c_void_p),
-        ("object_numbers", c_void_p),
-        ("class_table", c_void_p),
+        *_addresses("centre_tile", "is_held", "triangle_numbers", "object_numbers", "class_table"),
         ("centre", c_double * 3),
-        ("range_m", c_void_p),
-        ("normal", c_void_p),
-        ("point", c_void_p),
-        ("ids", c_void_p),
-        ("classes", c_void_p),
-        ("agreement", c_void_p),
+        *_addresses("range_m", "normal", "point", "ids", "classes", "agreement"),
     ]
 
 
@@ -171,18 +146,13 @@ class FlowStruct(ctypes.Structure):
     """Points and projection of an optical flow."""
 
     _fields_: ClassVar[Fields] = [
-        ("points", c_void_p),
-        ("ids", c_void_p),
-        ("motion_of", c_void_p),
-        ("motions", c_void_p),
+        *_addresses("points", "ids", "motion_of", "motions"),
         ("centre", c_double * 3),
         ("num_nodes", c_int32),
         ("first", c_float),
         ("last", c_float),
         ("nodes_per_unit", c_float),
-        ("radius_px", c_void_p),
-        ("origin_r", c_void_p),
-        ("origin_z", c_void_p),
+        *_addresses("radius_px", "origin_r", "origin_z"),
         ("axes", c_float * 4),
         ("centre_px", c_float * 2),
         ("flow", c_void_p),
@@ -206,11 +176,7 @@ class FrameStruct(ctypes.Structure):
         ("shadow_threshold", c_float),
         ("watched_object", c_int32),
         ("output", c_int32),
-        ("image", c_void_p),
-        ("range_m", c_void_p),
-        ("triangle", c_void_p),
-        ("object", c_void_p),
-        ("inverse_range", c_void_p),
+        *_addresses("image", "range_m", "triangle", "object", "inverse_range"),
         ("exposure", c_float),
         ("readout", c_float),
         ("blur_threshold", c_float),
@@ -264,11 +230,7 @@ class ImageJob(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("width", c_int32),
         ("height", c_int32),
-        ("light", c_void_p),
-        ("linear", c_void_p),
-        ("rgb", c_void_p),
-        ("srgb_table", c_void_p),
-        ("quantiles", c_void_p),
+        *_addresses("light", "linear", "rgb", "srgb_table", "quantiles"),
         ("mirror_pixels", c_int32),
         ("num_stages", c_int32),
         ("stages", c_void_p),

@@ -15,6 +15,7 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
+from collections.abc import Callable
 from ctypes import c_char_p, c_int32, c_int64, c_void_p
 from functools import cache
 from pathlib import Path
@@ -104,9 +105,7 @@ class KernelDevice:
 
     def commit_mesh(self, arrays: MeshArrays) -> int:
         """Commit triangles for ray queries."""
-        error = ctypes.create_string_buffer(_ERROR_BYTES)
-        mesh = self._library.catoptra_commit_mesh(self._require_open(), ctypes.byref(arrays), error)
-        return _require(mesh, error)
+        return self._make(self._library.catoptra_commit_mesh, arrays)
 
     def release_mesh(self, mesh: int) -> None:
         """Free a mesh."""
@@ -114,9 +113,15 @@ class KernelDevice:
 
     def prepare(self, rays: RayTableStruct) -> int:
         """Prepare the rays of a view."""
+        return self._make(self._library.catoptra_prepare, rays)
+
+    def _make(self, function: Callable[..., int | None], description: ctypes.Structure) -> int:
+        """Address of what the kernel makes of a description."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
-        view = self._library.catoptra_prepare(self._require_open(), ctypes.byref(rays), error)
-        return _require(view, error)
+        address = function(self._require_open(), ctypes.byref(description), error)
+        if not address:
+            raise KernelError(error.value.decode(errors="replace"))
+        return address
 
     def view_bytes(self, view: int) -> int:
         """Size of a view, without the rays."""
@@ -221,13 +226,6 @@ class KernelDevice:
         if self._address:
             self._library.catoptra_close(self._address)
         self._address = None
-
-
-def _require(address: int | None, error: ctypes.Array[ctypes.c_char]) -> int:
-    """Address of what the kernel made, or its reason as an error."""
-    if not address:
-        raise KernelError(error.value.decode(errors="replace"))
-    return address
 
 
 @cache

@@ -36,10 +36,14 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureLevelStruct,
     TextureStruct,
 )
-from catoptra_server.world import shading
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import (
+    hemisphere_lights,
+    shadow_casting_lights,
+    write_facet_radiance,
+)
 from catoptra_server.world.textures import Levels, build_levels, uv_gradients
 from catoptra_server.world.triangles import row_blocks
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
@@ -82,12 +86,16 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
     )
     if scene.occlusion is not None:
         flags += (scene.occlusion.patch_of >= 0) * np.uint8(FACET_OCCLUDED)
-    optional = _Optional(
+    return _mesh_arrays(
+        scene.corners,
+        centre,
+        scene.normals,
+        scene.albedo,
+        flags,
         corner_albedo=_float32(scene.corner_albedo),
         uv=_uv_frames(scene.uv) if scene.textures else None,
         texture=scene.texture_index.astype(np.int32) if scene.textures else None,
     )
-    return _mesh_arrays(scene.corners, centre, scene.normals, scene.albedo, flags, optional)
 
 
 def object_arrays(mesh: ObjectMesh) -> OwningStruct:
@@ -110,37 +118,21 @@ def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
     return OwningStruct(MeshArrays(len(corners), corners=_address(padded)), (padded,))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Optional:
-    """Arrays that only some meshes have."""
-
-    corner_albedo: npt.NDArray[np.float32] | None = None
-    """(n, 3, 3) linear."""
-    uv: npt.NDArray[np.float32] | None = None
-    """(n, 6) texture coordinates."""
-    texture: npt.NDArray[np.int32] | None = None
-    """(n,) indices of textures."""
-
-
-_NOTHING = _Optional()
-
-
 def _mesh_arrays(
     corners: Floats,
     centre: Floats,
     normals: Floats,
     albedo: Floats,
     flags: npt.NDArray[np.uint8],
-    optional: _Optional = _NOTHING,
+    **optional: npt.NDArray[Any] | None,
 ) -> OwningStruct:
+    """Triangles with their materials; optional: members of `MeshArrays` that some meshes have."""
     arrays = {
         "corners": _pad_corners(corners, centre),
         "normals": _float32(normals),
         "albedo": _float32(albedo),
         "flags": flags,
-        "corner_albedo": optional.corner_albedo,
-        "uv": optional.uv,
-        "texture": optional.texture,
+        **optional,
     }
     addresses = {name: _address(array) for name, array in arrays.items()}
     return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
@@ -185,7 +177,7 @@ def radiance_table(
 ) -> npt.NDArray[np.float32]:
     """(n + 1, 3) radiance of the facets without point lights and textures; background last."""
     table = np.zeros((len(scene) + 1, 3), dtype=np.float32)
-    shading.write_facet_radiance(scene, lights, table[:-1])
+    write_facet_radiance(scene, lights, table[:-1])
     table[-1] = background
     return table
 
@@ -207,7 +199,7 @@ def texture_array(scene: SceneMesh) -> OwningStruct:
 
 def _texture_levels(levels: Levels) -> OwningStruct:
     """The levels of one texture."""
-    texels = tuple(pad_texels(level) for level in levels)
+    texels = tuple(_pad_texels(level) for level in levels)
     structs = [
         TextureLevelStruct(level.shape[1], level.shape[0], padded.ctypes.data)
         for level, padded in zip(levels, texels, strict=True)
@@ -215,7 +207,7 @@ def _texture_levels(levels: Levels) -> OwningStruct:
     return OwningStruct((TextureLevelStruct * len(structs))(*structs), texels)
 
 
-def pad_texels(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+def _pad_texels(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
     """(h + 2, w + 2, 4) texels of (h, w, 3) linear light; the fourth channel is zero."""
     height, width = linear.shape[:2]
     texels = np.zeros((height + 2, width + 2, 4), dtype=np.uint16)
@@ -231,7 +223,7 @@ def light_array(
     """Lights that surfaces can occlude, and their number; some do not light the static scene."""
     structs = [
         _light_struct(light, centre, lights_scene=light in scene_lights)
-        for light in shading.shadow_casting_lights(lights)
+        for light in shadow_casting_lights(lights)
     ]
     return (LightStruct * max(1, len(structs)))(*structs), len(structs)
 
@@ -248,7 +240,7 @@ def _light_struct(
 
 def hemisphere_struct(lights: Sequence[Light]) -> HemisphereStruct:
     """Sum of all hemisphere lights."""
-    hemispheres = shading.hemisphere_lights(lights)
+    hemispheres = hemisphere_lights(lights)
     up = sum((np.asarray(light.up_irradiance) for light in hemispheres), np.zeros(3))
     down = sum((np.asarray(light.down_irradiance) for light in hemispheres), np.zeros(3))
     return HemisphereStruct(tuple(up), tuple(down))
@@ -458,18 +450,13 @@ def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools
     has_colours = _has_corner_colours(scene)
     alike &= ~has_colours[a] & ~has_colours[b]
     textured = np.flatnonzero(alike & (scene.texture_index[a] >= 0))
-    offset, gradient = uv_planes(scene, a[textured])
+    # Texture coordinates of the first one's plane, at the other's corners.
+    corners, uv = scene.corners[a[textured]], scene.uv[a[textured]]
+    gradient = uv_gradients(corners, uv)
+    offset = uv[:, 0] - np.einsum("nki,ni->nk", gradient, corners[:, 0])
     there = np.einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
     alike[textured] = (np.abs(there - scene.uv[b[textured]]) < _SAME_UV).all(axis=(1, 2))
     return alike
-
-
-def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floats, Floats]:
-    """Texture coordinates of triangles' planes: (n, 2) at the origin, (n, 2, 3) gradients."""
-    corners, uv = scene.corners[triangle], scene.uv[triangle]
-    gradient = uv_gradients(corners, uv)
-    offset = uv[:, 0] - np.einsum("nki,ni->nk", gradient, corners[:, 0])
-    return offset, gradient
 
 
 def _connected_components(count: int, pairs: npt.NDArray[np.intp]) -> _Indices:

@@ -99,8 +99,8 @@ def bake_occlusion(
 
 def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
     """Finest grids that are not too many nodes, and the nodes near casters."""
-    boxes = enclose_casters(scene.corners[scene.casts_shadows])
-    pairs = find_near_pairs(frames, boxes, RADIUS_M)
+    boxes = _enclose_casters(scene.corners[scene.casts_shadows])
+    pairs = _find_near_pairs(frames, boxes)
     distance_m = _MIN_NODE_DISTANCE_M
     while True:
         layout = lay_out(frames, distance_m)
@@ -280,15 +280,13 @@ class _CasterBoxes:
         return _CasterBoxes(self.centre[boxes], self.half[boxes])
 
 
-def enclose_casters(corners: Floats) -> _CasterBoxes:
+def _enclose_casters(corners: Floats) -> _CasterBoxes:
     """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
     longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
     # A floor shares no box with a crate on it.
     size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
     clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
-    return _CasterBoxes(
-        0.5 * (clusters.box_min + clusters.box_max), 0.5 * (clusters.box_max - clusters.box_min)
-    )
+    return _CasterBoxes(clusters.centres, clusters.half_sizes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,8 +299,6 @@ class _NearPairs:
     """Coordinate system of that surface."""
     boxes: _CasterBoxes
     """The box of each pair."""
-    radius_m: float
-    """Farther nodes are not near."""
 
     def find_nodes(self, layout: _GridLayout) -> Bools:
         """(h, w) nodes of an atlas that have a box within the radius."""
@@ -322,10 +318,10 @@ class _NearPairs:
         self, frames: _SurfaceFrames, num_nodes: npt.NDArray[np.int32]
     ) -> tuple[_Numbers, _Numbers]:
         """First node along side x within the radius of each box, and the one after the last."""
-        length = np.linalg.norm(frames.side_x, axis=-1)
+        length = _lengths(frames.side_x)
         axis = frames.side_x / length[:, None]
         centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
-        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
+        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + RADIUS_M
         # The sides of small triangles' grids enclose any angle.
         half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
         step = length / (num_nodes - 1)
@@ -335,11 +331,11 @@ class _NearPairs:
         return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
 
 
-def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float) -> _NearPairs:
+def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
     """Boxes that reach before the planes of surfaces and near their rectangles."""
     middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
     diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
-    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
+    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + RADIUS_M
     pairs = []
     # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
     for first in range(0, len(middle), _SURFACES_AT_ONCE):
@@ -349,11 +345,11 @@ def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float
         near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
         height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
         reach = np.abs(frames.normal[part]) @ boxes.half.T
-        near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < radius_m)
+        near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < RADIUS_M)
         surface, box = np.nonzero(near)
         pairs.append((surface + first, box))
     surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
-    return _NearPairs(surface, frames.take_rows(surface), boxes.take(box), radius_m)
+    return _NearPairs(surface, frames.take_rows(surface), boxes.take(box))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -392,11 +388,11 @@ def _turn_directions(frames: _SurfaceFrames) -> npt.NDArray[np.float32]:
     axis_x = frames.side_x / np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
     axis_y = np.cross(frames.normal, axis_x)
     axes = np.stack((axis_x, axis_y, frames.normal), axis=1).astype(np.float32)
-    directions = sky_directions().astype(np.float32)
+    directions = _sky_directions().astype(np.float32)
     return np.asarray(directions.reshape(1, -1, 3) @ axes).reshape(-1, *directions.shape)
 
 
-def sky_directions() -> Floats:
+def _sky_directions() -> Floats:
     """(NUM_SETS, RAYS_PER_NODE, 3) unit directions around z, distributed by the cosine.
 
     Sobol's first two dimensions: each block of a power of two points is stratified by itself, and
@@ -404,8 +400,13 @@ def sky_directions() -> Floats:
     """
     count = NUM_SETS * RAYS_PER_NODE
     # Half a cell off the borders: no ray along the surface, none along its normal.
-    across = (_van_der_corput(count) + 0.5 / count) % 1.0
-    around = 2.0 * np.pi * (_sobol_second(count) + 0.5 / count)
+    # The first dimension is van der Corput's sequence, the second that of the polynomial x + 1.
+    halves = [1 << bit for bit in range(15, -1, -1)]
+    columns = [1 << 15]
+    for _ in range(15):
+        columns.append(columns[-1] ^ columns[-1] >> 1)
+    across = (_digital_sequence(count, halves) + 0.5 / count) % 1.0
+    around = 2.0 * np.pi * (_digital_sequence(count, columns) + 0.5 / count)
     radius = np.sqrt(across)
     directions = np.stack(
         (radius * np.cos(around), radius * np.sin(around), np.sqrt(1.0 - across)), axis=-1
@@ -413,26 +414,12 @@ def sky_directions() -> Floats:
     return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
 
 
-def _van_der_corput(count: int) -> Floats:
-    """(count,) radical inverses in base 2."""
-    return _digital_sequence(count, [2**-bit for bit in range(1, 17)])
-
-
-def _sobol_second(count: int) -> Floats:
-    """(count,) second dimension of Sobol's sequence: the polynomial x + 1."""
-    columns, value = [], 1 << 15
-    for _ in range(16):
-        columns.append(value)
-        value ^= value >> 1
-    return _digital_sequence(count, [column / 65536.0 for column in columns])
-
-
-def _digital_sequence(count: int, columns: list[float]) -> Floats:
+def _digital_sequence(count: int, columns: list[int]) -> Floats:
     """(count,) exclusive sums of 16-bit columns, as fractions, by the bits of the index."""
     index = np.arange(count)
     total = np.zeros(count, dtype=np.int64)
     for bit, column in enumerate(columns):
-        total ^= np.where(index >> bit & 1, int(column * 65536.0), 0)
+        total ^= np.where(index >> bit & 1, column, 0)
     return total / 65536.0
 
 

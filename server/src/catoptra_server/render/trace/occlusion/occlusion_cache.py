@@ -22,9 +22,9 @@ from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.world import shading
 from catoptra_server.world.occlusion_map import BLOCK, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ def wants_occlusion(scene: SceneMesh, world: World) -> bool:
     return (
         world.ambient_occlusion
         and 0 < len(scene) < MAX_TRIANGLES
-        and bool(shading.hemisphere_lights(world.lights))
+        and bool(hemisphere_lights(world.lights))
         and not bool(scene.unlit.all())
         and bool(scene.casts_shadows.any())
     )

@@ -70,12 +70,12 @@ def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
         # Rays are moved into the mesh's frame, and nothing is committed anew. Directions keep the
         # length that the transform gives them: distances are then the world's.
         transform = placed.world_from_mesh
-        hits = placed.mesh.surface.first_hits(
+        distance, triangle, weights = placed.mesh.surface.first_hits(
             transform.inverse_points(rays.origins), transform.inverse_vectors(rays.directions)
         )
-        nearer = np.flatnonzero(hits.distance < first.distance)
-        first.distance[nearer], first.object[nearer] = hits.distance[nearer], number
-        first.triangle[nearer], first.weights[nearer] = hits.triangle[nearer], hits.weights[nearer]
+        nearer = np.flatnonzero(distance < first.distance)
+        first.distance[nearer], first.object[nearer] = distance[nearer], number
+        first.triangle[nearer], first.weights[nearer] = triangle[nearer], weights[nearer]
     return first
 
 
@@ -186,14 +186,21 @@ class EmbreeMesh:
             # Embree builds its hierarchy at the first query: now, not in a thread of many.
             self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
-    def first_hits(self, origins: Floats, directions: Floats) -> _MeshHits:
-        """First hits of rays from (n, 3) origins along (n, 3) directions of any length."""
+    def first_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, _Indices, Floats]:
+        """First hits of rays from (n, 3) origins along (n, 3) directions of any length.
+
+        A ray that misses its triangle by Embree's rounding hits its edge.
+
+        Returns:
+            (n,) distances in lengths of the direction, inf without a hit; (n,) triangles, -1
+            without a hit; (n, 2) barycentric weights of corners 1 and 2, zero without a hit.
+        """
         triangle = self._run(origins, directions)
         distance, weights = np.full(len(origins), np.inf), np.zeros((len(origins), 2))
         rays = np.flatnonzero(triangle >= 0)
         corners = self._corners.take(triangle[rays], axis=0)
         distance[rays], weights[rays] = hit_triangles(origins[rays], directions[rays], corners)
-        return _MeshHits(distance, triangle, weights)
+        return distance, triangle, weights
 
     def occludes(self, origins: Floats, directions: Floats, max_distance: Floats) -> Bools:
         """(n,) whether a triangle lies before each ray's `max_distance`, as `first_hits` counts."""
@@ -206,18 +213,6 @@ class EmbreeMesh:
             return np.full(len(origins), -1, dtype=np.int32)
         rays = origins.astype(np.float32), directions.astype(np.float32)
         return np.asarray(self._scene.run(*rays, **options))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _MeshHits:
-    """First hits of n rays on a mesh."""
-
-    distance: Floats
-    """(n,) distances in lengths of the direction; inf without a hit."""
-    triangle: _Indices
-    """(n,) triangles; -1 without a hit."""
-    weights: Floats
-    """(n, 2) barycentric weights of corners 1 and 2; zero without a hit."""
 
 
 def hit_triangles(origins: Floats, directions: Floats, corners: Floats) -> tuple[Floats, Floats]:

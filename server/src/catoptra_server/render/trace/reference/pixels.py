@@ -33,8 +33,15 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
-from catoptra_server.world import shading
-from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.shading import (
+    ShadowCastingLight,
+    direction_to_light,
+    facet_irradiance,
+    hemisphere_lights,
+    point_irradiance,
+    shadow_casting_lights,
+    unshadowed_irradiance,
+)
 from catoptra_server.world.world_description import Rgb
 
 # Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate of
@@ -102,7 +109,7 @@ def _shade_mesh(
     irradiance = _irradiance(meshes, number, points, lighting)
     if mesh.occlusion is not None:
         factors = mesh.occlusion.factors(hits.triangle, points.positions + lighting.centre)
-        sky = shading.facet_irradiance(shading.hemisphere_lights(mesh.lights), points.normals)
+        sky = facet_irradiance(hemisphere_lights(mesh.lights), points.normals)
         irradiance -= (1.0 - factors)[:, None] * sky
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
     return mesh.albedo_at(hits, rays) * irradiance
@@ -123,11 +130,11 @@ def _irradiance(
     lights = meshes[number].mesh.lights
     in_world = points.positions + lighting.centre
     if not lighting.has_shadows:
-        total = shading.facet_irradiance(lights, points.normals)
-        return total + shading.point_irradiance(lights, in_world, points.normals)
-    total = shading.facet_irradiance(shading.hemisphere_lights(lights), points.normals)
-    for light in shading.shadow_casting_lights(lights):
-        added = shading.unshadowed_irradiance(light, in_world, points.normals)
+        total = facet_irradiance(lights, points.normals)
+        return total + point_irradiance(lights, in_world, points.normals)
+    total = facet_irradiance(hemisphere_lights(lights), points.normals)
+    for light in shadow_casting_lights(lights):
+        added = unshadowed_irradiance(light, in_world, points.normals)
         # Only facets turned to the light send a ray; all others are dark anyway.
         facing = np.flatnonzero(added.any(axis=-1))
         placed = [mesh.take(facing) for mesh in meshes]
@@ -141,7 +148,7 @@ def _find_occlusion(
 ) -> Bools:
     """(n,) whether some mesh lies between points and a light."""
     origins = points.positions + points.bias_m[:, None] * points.normals
-    directions, distance = shading.direction_to_light(light, origins + centre)
+    directions, distance = direction_to_light(light, origins + centre)
     is_occluded = np.zeros(len(origins), dtype=bool)
     for placed in meshes:
         transform = placed.world_from_mesh
@@ -149,17 +156,6 @@ def _find_occlusion(
             transform.inverse_points(origins), transform.inverse_vectors(directions), distance
         )
     return is_occluded
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _LabelledRays:
-    """The rays of an image in a row, with their hits."""
-
-    origins: Floats
-    """(n, 3) world frame."""
-    directions: Floats
-    """(n, 3) unit, world frame."""
-    hits: RayHits
 
 
 def label_pixels(

@@ -6,7 +6,7 @@ of sharp frames; effects are drawn everywhere and measured against a second fram
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -58,7 +58,6 @@ from catoptra_server.render.trace.trace_engine import (
     find_ego_body,
     first_state,
     invert_ranges,
-    scene_centre,
 )
 from catoptra_server.world.camera_state import CameraState, FogMedium
 from catoptra_server.world.objects import ObjectMesh
@@ -85,7 +84,7 @@ class ReferenceEngine:
         """
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trace")
         self._world = world
-        self._centre = scene_centre(scene)
+        self._centre = scene.centre
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
@@ -215,12 +214,12 @@ class _ReferenceRays:
 
     def _measure(self, exposure: TracedExposure, *, is_linear: bool, **without: Any) -> float:
         """Largest difference from frames without an effect, encoded grey levels."""
-        unshadowed = tuple(replace(s, **without) for s in camera_states(exposure))
-        lit = unshadowed[0] if len(unshadowed) == 1 else MovingExposure(unshadowed)
+        states = tuple(replace(state, **without) for state in camera_states(exposure))
+        plain = states[0] if len(states) == 1 else MovingExposure(states)
         develop = mean_pixels if is_linear else _mean_clipped_pixels
         levels = [
             255.0 * srgb_from_linear(np.clip(self._render(each, develop, 0.0), 0.0, 1.0))
-            for each in (exposure, lit)
+            for each in (exposure, plain)
         ]
         return float(np.abs(levels[0] - levels[1]).max(initial=0.0))
 
@@ -303,11 +302,13 @@ class _ReferenceRays:
         """Work on all batches; no two write the same tiles, so the threads share no element."""
 
         def work_on(tiles: slice) -> None:
-            work(read_batch(self._table, tiles))
+            work(_read_batch(self._table, tiles))
 
+        step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * self._table.samples**2))
+        batches = [slice(n, n + step) for n in range(0, len(self._table.tiles), step)]
         # list() waits for all batches and raises the first error of any. Embree and NumPy release
         # the GIL.
-        list(self._pool.map(work_on, split_tiles(self._table)))
+        list(self._pool.map(work_on, batches))
 
     def close(self) -> None:
         """Do nothing: threads and scene belong to the engine."""
@@ -332,14 +333,7 @@ class _RayBatch:
     """(n,) times within the exposure, if the table has times."""
 
 
-def split_tiles(table: RayTable) -> Iterator[slice]:
-    """Yield all tiles of a table in parts of one batch each."""
-    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
-    for first in range(0, len(table.tiles), step):
-        yield slice(first, first + step)
-
-
-def read_batch(table: RayTable, tiles: slice) -> _RayBatch:
+def _read_batch(table: RayTable, tiles: slice) -> _RayBatch:
     """The valid rays of some tiles."""
     is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
     rays = np.flatnonzero(is_valid)
@@ -394,7 +388,7 @@ def mean_pixels(values: Floats, samples: int) -> Floats:
 
 def encode_pixels(radiance: Floats, samples: int) -> npt.NDArray[np.uint8]:
     """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, each clipped as on a sensor."""
-    means = mean_pixels(np.clip(radiance, 0.0, 1.0), samples)
+    means = _mean_clipped_pixels(radiance, samples)
     return np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
 
 

@@ -1,5 +1,5 @@
 /* Provides camera_rays.h: blocks of the table's rays in the world.
- * Float64 twin: reference/reference_engine.py:read_batch and
+ * Float64 twin: reference/reference_engine.py:_read_batch and
  * reference/meshes.py:interpolate_poses. Owns nothing: writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "camera_rays.h"
