@@ -54,6 +54,7 @@ COMMANDS = {
         "SET {Type Camera} {Robot R} {Client 127.0.0.1}",
         "SET {Type Viewports} {Config SingleView} {Viewport1 OmniCamPillar_Link4}",
     ],
+    "STEPPER": ["STEPPER"],
     "TRACE": ["TRACE {On true} {Interval 0.1} {Color Red}"],
     "GETCONF": ["GETCONF {Type Camera}", "GETCONF {Type Robot}", "GETCONF {Type RangeScanner}"],
     "GETGEO": ["GETGEO {Type Robot}", "GETGEO {Type RangeScanner}", "GETGEO {Type Camera}"],
