@@ -251,6 +251,43 @@ def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
     run_scenario(scenario())
 
 
+@pytest.mark.parametrize("prefetch", [True, False])
+def test_clients_of_a_frame_are_those_that_wait_or_would_request_it_next(prefetch: bool) -> None:
+    async def scenario() -> None:
+        boxes = Mailboxes(lambda event: None, prefetch=prefetch)
+        assert boxes.find_clients(IMAGE_PORT) is None
+        held = boxes.get(IMAGE_PORT)
+        tasks = [asyncio.create_task(held.wait_for_newer(0, client)) for client in "ab"]
+        await let_it_wait(tasks[-1])
+        assert boxes.find_clients(IMAGE_PORT) == {"a", "b"}
+        tasks[0].cancel()
+        await asyncio.gather(tasks[0], return_exceptions=True)
+        assert boxes.find_clients(IMAGE_PORT) == {"b"}
+        boxes.put(frame(1))
+        await tasks[1]
+        # The next one is drawn ahead for the client that receives this one.
+        assert boxes.find_clients(IMAGE_PORT) == ({"b"} if prefetch else None)
+        del held, tasks
+        assert boxes.find_clients(IMAGE_PORT) is None
+
+    run_scenario(scenario())
+
+
+def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> None:
+    async def scenario() -> None:
+        posted: list[SimulationEvent] = []
+        boxes = Mailboxes(posted.append, prefetch=True)
+        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+        await let_it_wait(waiting)
+        boxes.drop_frame(IMAGE_PORT)
+        await asyncio.sleep(0)
+        assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
+        boxes.put(frame(1))
+        assert (await waiting).sequence == 1
+
+    run_scenario(scenario())
+
+
 def test_channel_that_restarts_its_count_is_requested_again() -> None:
     async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         mailbox.put(frame(9), is_next_requested=True)

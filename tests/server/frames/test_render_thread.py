@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest.mock import ANY
@@ -19,9 +19,6 @@ from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
     Frame,
-    FrameComposition,
-    FrameMetadata,
-    FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.frame_plan import ViewState
@@ -31,7 +28,7 @@ from catoptra_server.frames.render_thread import PlanFailure, RenderThread, rend
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
-from helpers.frame_requests import SINGLE, VIEW, make_request
+from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
 
@@ -42,6 +39,8 @@ class FrameStore:
     def __init__(self, stop_after: int = -1) -> None:
         self.frames: list[Frame] = []
         self.rejections: list[tuple[Channel, str]] = []
+        self.dropped: list[Channel] = []
+        self.clients: dict[Channel, set[Hashable] | None] = {}
         self.render_thread: RenderThread | None = None
         self._stop_after = stop_after
 
@@ -52,6 +51,12 @@ class FrameStore:
     def fail_frame(self, channel: Channel, reason: str) -> None:
         self.rejections.append((channel, reason))
         self._count()
+
+    def drop_frame(self, channel: Channel) -> None:
+        self.dropped.append(channel)
+
+    def find_clients(self, channel: Channel) -> set[Hashable] | None:
+        return self.clients.get(channel, {channel})
 
     def _count(self) -> None:
         if len(self.frames) + len(self.rejections) == self._stop_after:
@@ -273,35 +278,41 @@ def test_long_frames_under_lockstep_wait_for_no_other_channel() -> None:
     assert [frame.sequence for frame in store.frames] == [0, 1, 2]
 
 
-def test_variants_of_all_cameras_share_one_account() -> None:
-    (render_thread, store), views = make_render_thread(stop_after=4), FakeViewProvider()
-    variants = [CameraChannel("R", "", CameraVariant(max_error_px=px)) for px in (1.0, 2.0, 3.0)]
-    channels: list[Channel] = [*variants, IMAGE_PORT]
-    # The clock stands still: every frame is long for the queue's purposes only by its charge.
+def draw(store: FrameStore, channels: Sequence[Channel]) -> list[Channel]:
+    """Order in which frames are drawn that each take one second, or are dropped."""
     times = iter(range(1000))
-    render_thread = RenderThread(store, monotonic=lambda: float(next(times)))
-    store.render_thread = render_thread
-    for channel in channels:
-        render_thread.submit(dataclasses.replace(make_request(VIEW), channel=channel))
-    render_thread.run(lambda: views, lambda: None)
-    # After the first variant the others wait behind the image port, which has used nothing.
-    assert [frame.channel for frame in store.frames] == [variants[0], IMAGE_PORT, *variants[1:]]
-
-
-def test_channels_of_one_camera_share_one_account() -> None:
-    times = iter(range(1000))
-    store, views = FrameStore(stop_after=4), FakeViewProvider()
     store.render_thread = RenderThread(store, monotonic=lambda: float(next(times)))
-    # An empty name selects the displayed robot, or its first camera: here the same one.
-    names = [("", "omni"), ("R", ""), ("R", "omni"), ("R", "front")]
-    channels = [CameraChannel(robot, camera) for robot, camera in names]
     for channel in channels:
-        metadata = FrameMetadata("R", camera="Front" if channel.camera == "front" else "Omni")
-        composition = FrameComposition(SINGLE, (VIEW,), metadata)
-        store.render_thread.submit(FrameRequest(channel, 1, 0.5, 2.0, composition))
-    store.render_thread.run(lambda: views, lambda: None)
-    # After the first frame of one camera its others wait behind the other camera.
-    assert [frame.channel for frame in store.frames] == [channels[0], channels[3], *channels[1:3]]
+        store.render_thread.submit(dataclasses.replace(make_request(VIEW), channel=channel))
+    store.render_thread.run(FakeViewProvider, lambda: None)
+    return [frame.channel for frame in store.frames]
+
+
+VARIANTS: list[Channel] = [
+    CameraChannel("R", "", CameraVariant(max_error_px=px)) for px in (1.0, 2.0, 3.0)
+]
+
+
+def test_client_pays_for_all_that_it_requests_by_whatever_names() -> None:
+    store = FrameStore(stop_after=4)
+    store.clients = {one: {"greedy"} for one in VARIANTS}
+    # After the first variant the others wait behind the image port, whose client has used nothing.
+    drawn = draw(store, [*VARIANTS, IMAGE_PORT])
+    assert drawn == [VARIANTS[0], IMAGE_PORT, *VARIANTS[1:]]
+
+
+def test_frame_of_several_clients_has_the_place_of_the_one_that_has_used_least() -> None:
+    store = FrameStore(stop_after=4)
+    store.clients = {one: {"greedy"} for one in VARIANTS} | {VARIANTS[2]: {"greedy", "modest"}}
+    drawn = draw(store, [*VARIANTS, IMAGE_PORT])
+    assert drawn == [VARIANTS[0], VARIANTS[2], IMAGE_PORT, VARIANTS[1]]
+
+
+def test_frame_that_nobody_waits_for_is_not_drawn() -> None:
+    store = FrameStore(stop_after=2)
+    store.clients = {VARIANTS[0]: None}
+    assert draw(store, VARIANTS) == VARIANTS[1:]
+    assert store.dropped == VARIANTS[:1]
 
 
 def find_attempts(times_s: Sequence[float], works_at: Collection[float] = ()) -> list[float]:
@@ -327,6 +338,12 @@ def find_attempts(times_s: Sequence[float], works_at: Collection[float] = ()) ->
         def fail_frame(self, channel: Channel, reason: str) -> None:
             assert reason == "broken"
             self.put(ANY)
+
+        def drop_frame(self, channel: Channel) -> None:
+            raise AssertionError("somebody waits")
+
+        def find_clients(self, channel: Channel) -> set[Hashable]:
+            return {channel}
 
     render_thread = RenderThread(Sink(), monotonic=lambda: clock.now_s)
     render_thread.submit(make_request(VIEW))

@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 from weakref import WeakValueDictionary
 
@@ -179,12 +179,27 @@ class Mailbox:
         # Sequence number of the request for the next frame; None if there is none so far.
         self._requested_after: float | None = None
         # One future a coroutine: a shared one would have to be shielded, at twice the cost.
-        self._waiting: list[asyncio.Future[Frame]] = []
+        self._waiting: list[tuple[Hashable, asyncio.Future[Frame]]] = []
+        # Clients that have the newest frame.
+        self._served: set[Hashable] = set()
 
     @property
     def wants_next(self) -> bool:
         """Whether the next frame is to be requested before this one arrives; from any thread."""
         return self._prefetch and bool(self._waiting)
+
+    def find_clients(self) -> set[Hashable] | None:
+        """Clients that the next frame is for; None if nobody waits for it. From any thread."""
+        waiting = {client for client, _ in tuple(self._waiting)}
+        if not waiting and not self._prefetch:
+            return None
+        return waiting | self._served
+
+    def request_again(self) -> None:
+        """Request the frame that coroutines wait for, after another one was not drawn."""
+        self._requested_after = None
+        if self._waiting:
+            self._request_after(math.inf)
 
     def put(self, frame: Frame, *, is_next_requested: bool = False) -> None:
         """Store a frame and resume all waiting coroutines.
@@ -195,6 +210,7 @@ class Mailbox:
         """
         self._newest = frame
         self._requested_after = frame.sequence if is_next_requested else None
+        self._served = {client for client, _ in self._waiting}
         for future in self._take_waiting():
             future.set_result(frame)
 
@@ -207,10 +223,14 @@ class Mailbox:
     def _take_waiting(self) -> list[asyncio.Future[Frame]]:
         """Futures of the coroutines that wait now, without cancelled ones."""
         waiting, self._waiting = self._waiting, []
-        return [future for future in waiting if not future.done()]
+        return [future for _, future in waiting if not future.done()]
 
-    async def wait_for_newer(self, sequence: int) -> Frame:
+    async def wait_for_newer(self, sequence: int, client: Hashable = None) -> Frame:
         """Wait for a fresh frame with a larger sequence number.
+
+        Args:
+            sequence: Number of the last frame that the client has.
+            client: Account that pays for the frame, with the others that wait for it.
 
         Raises:
             ChannelUnavailableError: The channel has no frame.
@@ -220,23 +240,24 @@ class Mailbox:
             # Sequence numbers from before this mailbox are unknown here; infinity requests a new
             # frame whatever the channel's number is.
             self._request_after(self._newest.sequence if self._newest else math.inf)
-            frame = await self._next_arrival()
+            frame = await self._next_arrival(client)
+        self._served.add(client)
         if self._prefetch:
             # The next frame is rendered while this one travels: a client that requests frame after
             # frame receives them without a pause.
             self._request_after(frame.sequence)
         return frame
 
-    async def _next_arrival(self) -> Frame:
+    async def _next_arrival(self, client: Hashable) -> Frame:
         """Wait for the next frame, of any number."""
         future: asyncio.Future[Frame] = self._loop.create_future()
-        self._waiting.append(future)
+        self._waiting.append((client, future))
         try:
             return await future
         except asyncio.CancelledError:
             # At once: with the next frame is too late for a client that often changes channels.
-            if future in self._waiting:
-                self._waiting.remove(future)
+            if (client, future) in self._waiting:
+                self._waiting.remove((client, future))
             raise
 
     def _request_after(self, sequence: float) -> None:
@@ -299,6 +320,21 @@ class Mailboxes:
         if is_next_requested:
             self._request_frame(frame.channel, frame.sequence)
         self._loop.call_soon_threadsafe(self._put_on_loop, frame, is_next_requested)
+
+    def find_clients(self, channel: Channel) -> set[Hashable] | None:
+        """Clients that a frame of a channel is for; None if nobody waits. From any thread."""
+        mailbox = self._mailboxes.get(channel)
+        return None if mailbox is None else mailbox.find_clients()
+
+    def drop_frame(self, channel: Channel) -> None:
+        """Record that a captured frame of a channel was not drawn, since nobody waited for it."""
+        self._post(FrameRendered(channel))
+        self._loop.call_soon_threadsafe(self._drop_on_loop, channel)
+
+    def _drop_on_loop(self, channel: Channel) -> None:
+        mailbox = self._mailboxes.get(channel)
+        if mailbox is not None:
+            mailbox.request_again()
 
     def fail(self, channel: Channel, reason: str) -> None:
         """Reject all requests for a channel, from any thread.

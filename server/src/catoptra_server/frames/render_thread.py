@@ -1,9 +1,11 @@
 """The render thread: frame requests become frames, one after the other.
 
 The thread owns the views, because an OpenGL context belongs to one thread; the simulation goes on
-meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
-others, and all variants pay from one account. A channel whose frame fails is rejected with the
-reason, and the others go on.
+meanwhile. Clients share the time of the thread, as measured: one whose frames take long waits
+behind the others, whatever it names the cameras, variants and labels that it requests. Each client
+that waits for a frame pays for it, so that a camera with many viewers has no more of the time than
+one with a single viewer. A frame that nobody waits for any more is not drawn. A channel whose frame
+fails is rejected with the reason, and the others go on.
 
 * A failing channel rests for a second, then twice as long each time, up to a minute: a failed frame
   costs more than others, since renderers are made anew. Under lockstep each is tried.
@@ -15,7 +17,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Protocol
 
@@ -23,7 +25,6 @@ import numpy as np
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.frames.frame import (
-    CameraChannel,
     Channel,
     Frame,
     FrameComposition,
@@ -31,7 +32,6 @@ from catoptra_server.frames.frame import (
     FrameRequest,
     ViewRequest,
     append_difference,
-    is_variant,
 )
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import compose_tiles
@@ -43,8 +43,8 @@ from catoptra_server.runtime.queues import FairQueue
 
 log = logging.getLogger(__name__)
 
-# Part of the thread's time that one channel may use before others come first.
-_CHANNEL_SHARE = 0.1
+# Part of the thread's time that one client may use before others come first.
+_CLIENT_SHARE = 0.1
 # Longest pause between two requests of a viewer that requests frame after frame. A frame that takes
 # longer, as the first one of an expensive accuracy target does, leaves such a viewer time.
 _PATIENCE_S = 0.2
@@ -53,8 +53,6 @@ _LONG_FRAME_S = 0.05
 _MAX_WEIGHT = 4.0
 # Interval at which a long frame is tried again that waits for such a viewer.
 _RETRY_S = 0.01
-# No camera has this name.
-_VARIANTS = CameraChannel("", "\0variants")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +90,8 @@ class RenderThread:
         self._backoff = None if is_lockstep else _ChannelBackoff(monotonic)
         # Guards all below.
         self._changed = threading.Condition()
-        self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
-            share=_CHANNEL_SHARE,
+        self._frames: FairQueue[Hashable, _PendingFrame] = FairQueue(
+            share=_CLIENT_SHARE,
             patience_s=0.0 if is_lockstep else _PATIENCE_S,
             monotonic=monotonic,
         )
@@ -116,10 +114,12 @@ class RenderThread:
         future.result()
 
     def _put(self, request: FrameRequest, future: Future[None] | None) -> None:
+        clients = self._sink.find_clients(request.channel)
         with self._changed:
             # Under the lock a request is either cancelled here or found by `_cancel_pending`.
             if not self._has_ended:
-                self._frames.put(_account_of(request), (request, future))
+                payer = self._frames.find_least_used(clients or {request.channel})
+                self._frames.put(payer, (request, future))
                 self._changed.notify()
             elif future is not None:
                 future.cancel()
@@ -188,6 +188,11 @@ class RenderThread:
         self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
     ) -> None:
         """Put the frame of a request, or reject the channel."""
+        clients = self._sink.find_clients(request.channel)
+        # Under lockstep every request is drawn: frames must not depend on who has left.
+        if clients is None and future is None:
+            self._sink.drop_frame(request.channel)
+            return
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
         if reason:
@@ -197,7 +202,8 @@ class RenderThread:
         duration_s = self._monotonic() - begin_s
         weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
-            self._frames.charge(_account_of(request), duration_s, weight=weight)
+            for client in clients or {request.channel}:
+                self._frames.charge(client, duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
         """Render and put a frame; the reason of a failure, empty after success."""
@@ -285,6 +291,12 @@ class _FrameSink(Protocol):
     def fail_frame(self, channel: Channel, reason: str) -> None:
         """Receive the rejection of a request, with a reason for clients."""
 
+    def drop_frame(self, channel: Channel) -> None:
+        """Receive that a request was not drawn, since nobody waited for it."""
+
+    def find_clients(self, channel: Channel) -> Collection[Hashable] | None:
+        """Clients that a frame of a channel is for; None if nobody waits for it."""
+
 
 class _ViewProvider(Protocol):
     """Source of rendered views; the server's is `ViewCache`."""
@@ -312,18 +324,6 @@ class _PlanQuery:
 
     camera: OmniCameraSpec
     reply: PlanCallback
-
-
-def _account_of(request: FrameRequest) -> Channel:
-    """Account that pays for a frame: the camera's, whatever names the channel has."""
-    channel, metadata = request.channel, request.composition.metadata
-    # One for all variants, of which a client may request another one for each frame.
-    if is_variant(channel):
-        return _VARIANTS
-    # Either name of a channel may be empty: one camera has up to four channels.
-    if isinstance(channel, CameraChannel) and metadata.camera:
-        return CameraChannel(metadata.robot, metadata.camera)
-    return channel
 
 
 def _find_plan(camera: OmniCameraSpec, views: _ViewProvider | None) -> ViewState | PlanFailure:

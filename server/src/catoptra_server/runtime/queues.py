@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import field
 from typing import Generic, TypeVar
 
@@ -90,6 +90,16 @@ class FairQueue(Generic[_Key, _Item]):
         account = self._accounts.get(key)
         return account.items[-1][1] if account and account.items else None
 
+    def find_least_used(self, keys: Iterable[_Key]) -> _Key:
+        """The client, of some, that has used least; the first of equal ones."""
+        now_s = self._monotonic()
+
+        def find_use_s(key: _Key) -> float:
+            account = self._accounts.get(key)
+            return self._present_use_s(account, now_s) if account else 0.0
+
+        return min(keys, key=find_use_s)
+
     def put(self, key: _Key, item: _Item) -> None:
         """Append an item to the work of a client."""
         self._num_arrived += 1
@@ -122,9 +132,7 @@ class FairQueue(Generic[_Key, _Item]):
     def charge(self, key: _Key, duration_s: float, *, weight: float = 1.0) -> None:
         """Record that work of a client took some time, which counts by a weight as its use."""
         now_s = self._monotonic()
-        account = self._accounts.get(key)
-        if account is None:
-            return
+        account = self._accounts.setdefault(key, _Account())
         account.used_s = self._present_use_s(account, now_s) + weight * duration_s
         account.last_s, account.updated_s = duration_s, now_s
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:

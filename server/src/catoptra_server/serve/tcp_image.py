@@ -144,7 +144,7 @@ class _ImagePeer:
         """Next frame of a channel that this client has not received."""
         # Per channel: a client may alternate between the full picture and tiles.
         mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
-        frame = await mailbox.wait_for_newer(last)
+        frame = await mailbox.wait_for_newer(last, self._account)
         self._subscriptions[channel] = (mailbox, frame.sequence)
         return frame
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 from catoptra_protocol.errors import DomainError
@@ -69,6 +69,7 @@ class FrameSender:
         *,
         send_reply: SendReply,
         encode: Callable[[Reply], bytes],
+        account: Hashable = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start without a request.
@@ -78,12 +79,14 @@ class FrameSender:
             mailboxes: Newest frame of each channel.
             send_reply: Sends an error to the client.
             encode: Encodes the header of a frame.
+            account: Pays for the frames; None: this client alone.
             monotonic: Clock of the frame age, in seconds.
         """
         self._outbox = outbox
         self._mailboxes = mailboxes
         self._send_reply = send_reply
         self._encode = encode
+        self._account = self if account is None else account
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
         # A request waits for a frame, then the frame is encoded, then sent.
@@ -145,7 +148,7 @@ class FrameSender:
         """Reply to the request that waits for a channel when a frame arrives."""
         mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
         try:
-            frame = await mailbox.wait_for_newer(last)
+            frame = await mailbox.wait_for_newer(last, self._account)
         except ChannelUnavailableError as error:
             self._subscriptions.pop(channel, None)
             self._send_reply(_channel_error(self._take_waiting(), error.reason))

@@ -18,7 +18,7 @@ import logging
 import socket
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Hashable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import assert_never
@@ -101,12 +101,19 @@ class StreamPeer:
     """One client, from its first request to the end of the connection."""
 
     def __init__(
-        self, outbox: Outbox, context: StreamContext, *, address: str, encode: _EncodeReply
+        self,
+        outbox: Outbox,
+        context: StreamContext,
+        *,
+        address: str,
+        account: Hashable = None,
+        encode: _EncodeReply,
     ) -> None:
         """Begin without a robot.
 
         Args:
             address: Host and port of the client, for logs.
+            account: Pays for frames; None: this client alone.
             outbox: Messages to the client.
             context: What the clients of the server share.
             encode: Encodes a reply for the client's transport.
@@ -118,7 +125,11 @@ class StreamPeer:
         self._encode = encode
         self._pending = PendingRequests(self.send_reply)
         self.frame_sender = FrameSender(
-            outbox, context.mailboxes, send_reply=self.send_reply, encode=encode
+            outbox,
+            context.mailboxes,
+            send_reply=self.send_reply,
+            encode=encode,
+            account=account,
         )
         self.robot = RobotSession(context.post, on_fault=self._replace_robot)
         context.clients.add(self)
@@ -396,7 +407,11 @@ class StreamServer:
         connection = self._socket.find_connection(identity)
         address = connection.address if connection else identity.hex()
         peer = self._peers[identity] = StreamPeer(
-            outbox, self._context, address=address, encode=bytes_from_message
+            outbox,
+            self._context,
+            address=address,
+            account=connection.account if connection else None,
+            encode=bytes_from_message,
         )
         if connection is not None:
             connection.has_robot = lambda: peer.robot.has_robot

@@ -92,7 +92,13 @@ class PageSocket:
             on_blocked=lambda: None,  # the end of each message sends the next
             on_overflow=self._disconnect,
         )
-        self.peer = StreamPeer(outbox, context, address=connection.address, encode=_encode_reply)
+        self.peer = StreamPeer(
+            outbox,
+            context,
+            address=connection.address,
+            account=connection.account,
+            encode=_encode_reply,
+        )
 
     async def serve(self) -> None:
         """Reply to requests until the WebSocket ends; removes the robot then."""
@@ -266,7 +272,8 @@ class WebConnection(web.RequestHandler):
         self.opened_at_s = opened_at_s
         self.page: PageSocket | None = None
         """The WebSocket that the connection has become."""
-        self._account = account
+        self.account = account
+        """Use of the event loop, and of the renderer."""
         self._on_lost = on_lost
         self._open_loop = loop
         self._hold: asyncio.TimerHandle | None = None
@@ -299,11 +306,11 @@ class WebConnection(web.RequestHandler):
         self._num_unanswered += 1
         self._num_request_bytes = 0
         self._charge(_REQUEST_COST_S)
-        await self._account.wait()
+        await self.account.wait()
 
     def _charge(self, duration_s: float) -> None:
         # A peer that waits for replies occupies the loop with few requests at any time.
-        self._account.charge(duration_s, is_dialogue=self._is_dialogue)
+        self.account.charge(duration_s, is_dialogue=self._is_dialogue)
         self._hold_back()
 
     def note_reply(self) -> None:
@@ -370,7 +377,7 @@ class WebConnection(web.RequestHandler):
         return response
 
     def _hold_back(self) -> None:
-        wait_s = self._account.remaining_wait_s
+        wait_s = self.account.remaining_wait_s
         if wait_s > 0.0 and self._hold is None and self.transport is not None:
             self.transport.pause_reading()
             self._hold = self._open_loop.call_later(wait_s, self._release)
