@@ -167,6 +167,9 @@ def test_camera_of_a_channel_is_found_by_robot_and_name(
     found = cameras.cameras.find(channel)
     assert found is not None
     assert (found[0].name, found[1].name) == (expected, "OmniCam")
+    variant = CameraVariant(samples=2)
+    one = CameraChannel(expected, "OmniCam", variant)
+    assert cameras.cameras.resolve(replace(channel, variant=variant)) == one
     assert cameras.compose(channel).metadata.robot == expected
 
 
@@ -180,6 +183,16 @@ def test_channel_without_such_a_robot_or_camera_has_no_frame(channel: CameraChan
     cameras.spawn("R")
     assert cameras.cameras.find(channel) is None
     assert cameras.cameras.compose_frame(channel) is None
+    assert cameras.cameras.resolve(channel) == channel
+
+
+def test_names_of_a_removed_robot_stand_for_nothing_and_the_empty_one_for_the_next() -> None:
+    cameras = Cameras()
+    cameras.spawn("R", "S")
+    cameras.remove("R")
+    assert cameras.cameras.resolve(CameraChannel("R", "")) == CameraChannel("R", "")
+    assert cameras.cameras.resolve(CameraChannel("", "")) == CameraChannel("S", "OmniCam")
+    assert cameras.cameras.resolve(IMAGE_PORT) == IMAGE_PORT
 
 
 def test_camera_sees_all_robots_but_its_own() -> None:

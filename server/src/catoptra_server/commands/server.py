@@ -245,12 +245,13 @@ class ServerThreads:
         is_realtime = options.clock is ClockMode.REALTIME
         # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
         # frames follow from commands alone, so that the same commands give the same bytes.
-        self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
+        fleet = self._create_fleet()
+        self.mailboxes = Mailboxes(self._post, prefetch=is_realtime, resolve=fleet.cameras.resolve)
         self.render_thread = render_thread = RenderThread(
             self.mailboxes, is_lockstep=not is_realtime
         )
         self.simulation = Simulation(
-            self._create_fleet(),
+            fleet,
             clock=options.clock,
             render=render_thread.submit if is_realtime else render_thread.submit_and_wait,
             reject=self.mailboxes.fail,

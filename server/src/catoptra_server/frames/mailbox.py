@@ -280,13 +280,21 @@ class Mailbox:
 class Mailboxes:
     """Mailboxes of all channels that a connection displays."""
 
-    def __init__(self, post: Callable[[FrameEvent], object], *, prefetch: bool) -> None:
+    def __init__(
+        self,
+        post: Callable[[FrameEvent], object],
+        *,
+        prefetch: bool,
+        resolve: Callable[[Channel], Channel] = lambda channel: channel,
+    ) -> None:
         """Create no mailbox yet.
 
         Args:
             post: Hands an event to the simulation thread; called from any thread.
             prefetch: See `Mailbox`.
+            resolve: The one channel of a camera, whatever names a request has for it.
         """
+        self.resolve = resolve
         self._post = post
         self._prefetch = prefetch
         self._loop = asyncio.get_running_loop()

@@ -7,6 +7,7 @@ camera sees; `FleetEnvironment` is the world with the other robots as boxes, for
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import assert_never
 
 from catoptra_protocol.optics.transforms import Pose
@@ -100,7 +101,7 @@ _DEFAULT_BLANK_SIZE_PX = (320, 240)
 
 
 class FleetCameras:
-    """Cameras of all robots. Only the simulation thread may call methods."""
+    """Cameras of all robots. Only the simulation thread may call methods, except `resolve`."""
 
     def __init__(
         self,
@@ -124,15 +125,40 @@ class FleetCameras:
         self._environment = environment
         self._error_bound_of = error_bound_of
         self._meshes = RobotMeshes(classes)
+        # Replaced as a whole, so that other threads may read it.
+        self._names: dict[tuple[str, str], tuple[str, str]] = {}
         self._layout = ImagePortLayout(multi_view, blank_size_px=_blank_size_px(classes))
 
     def assign_tiles(self, robot: Robot) -> None:
         """Assign free tiles to the cameras of a new robot."""
         self._layout.assign_tiles(robot)
+        self._names = self._list_names()
 
     def release(self, robot: Robot) -> None:
         """Free the tiles of a robot that is removed."""
         self._layout.release(robot)
+        self._names = self._list_names()
+
+    def _list_names(self) -> dict[tuple[str, str], tuple[str, str]]:
+        """Names of robot and camera, by each pair of names that may stand for them."""
+        names: dict[tuple[str, str], tuple[str, str]] = {}
+        displayed = find_displayed_robot(self._robots)
+        for robot in self._robots:
+            for camera in robot.all_cameras:
+                for robot_name in (robot.name, "") if robot is displayed else (robot.name,):
+                    for camera_name in (camera.name.lower(), ""):
+                        names.setdefault((robot_name, camera_name), (robot.name, camera.name))
+        return names
+
+    def resolve(self, channel: Channel) -> Channel:
+        """The one channel of a camera, whatever names a request has for it; from any thread.
+
+        Without such a robot at present it stays: commands on their way may spawn the robot.
+        """
+        if not isinstance(channel, CameraChannel):
+            return channel
+        found = self._names.get((channel.robot, channel.camera.lower()))
+        return replace(channel, robot=found[0], camera=found[1]) if found else channel
 
     def compose_frame(self, channel: Channel) -> FrameComposition | None:
         """Compose the frame of a channel; None without such a robot or camera."""

@@ -91,6 +91,7 @@ class FrameSender:
         self._task: asyncio.Task[None] | None = None
         # A request waits for a frame, then the frame is encoded, then sent.
         self._waiting: GetFrameRequest | None = None
+        self._channel: Channel = IMAGE_PORT
         self._encoding: GetFrameRequest | None = None
         self._last_sent_id = 0
         self._last_received_id = 0
@@ -113,7 +114,7 @@ class FrameSender:
             return
         self._last_received_id = request.id
         try:
-            channel = select_channel(request)
+            channel = self._mailboxes.resolve(select_channel(request))
         except DomainError as error:
             self._send_reply(Error(request.id, str(error)))
             return
@@ -121,8 +122,9 @@ class FrameSender:
         if replaced is not None:
             self._reject_old_request(replaced.id, by=request.id)
             # A wait for another channel's frame would delay this one.
-            if self._encoding is None and select_channel(replaced) != channel:
+            if self._encoding is None and self._channel != channel:
                 self.close()
+        self._channel = channel
         # A running task serves the replaced request: one task per client at most.
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._answer_requests())
@@ -137,7 +139,7 @@ class FrameSender:
         """Reply to requests until none waits."""
         while self._waiting is not None:
             try:
-                await self._answer(select_channel(self._waiting))
+                await self._answer(self._channel)
             except Exception:
                 log_fault(log, "a frame request failed")
                 failed = self._encoding or self._take_waiting()
