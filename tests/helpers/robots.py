@@ -259,6 +259,9 @@ class FakeViewProvider:
         )
         return ViewState(PlanChoice(plan, error_bound(camera.camera, plan)), 12.5)
 
+    def close_idle(self) -> None:
+        """Close nothing: there is one view."""
+
     def close(self) -> None:
         """Close the view."""
         self.view.close()

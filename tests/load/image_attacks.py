@@ -74,6 +74,20 @@ def storm_connections(ports: AttackedPorts) -> None:
             connection.close()
 
 
+def post_as_a_page(ports: AttackedPorts) -> None:
+    """POST commands to control and image port, as a page of another site has a browser do."""
+    body = (
+        b"INIT {ClassName USARBot.OmniP2AT} {Location 2,1,0}\r\nDRIVE {Left 5} {Right 5}\r\nOK\r\n"
+    )
+    head = b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: %d\r\n\r\n" % len(body)
+    while True:
+        for port in (ports.control, ports.image):
+            with connect(port) as connection, contextlib.suppress(OSError):
+                connection.sendall(head + body)
+                connection.recv(1024)
+        time.sleep(0.02)
+
+
 def send_garbage(ports: AttackedPorts) -> None:
     """Send random bytes to all ports, each until the server ends the connection."""
     random_bytes = random.Random(13)

@@ -5,9 +5,12 @@ Each function attacks until the server ends the connection; `attacker_process` c
 
 from __future__ import annotations
 
+import contextlib
+import time
 from itertools import count, repeat
 
 from catoptra_protocol.stream.requests import (
+    FrameVariant,
     GetFrameRequest,
     GetLandmarksRequest,
     GetStatusRequest,
@@ -17,6 +20,7 @@ from catoptra_protocol.stream.requests import (
 )
 from helpers import zmtp
 from load.attack_tools import (
+    HONEST_ROBOT,
     TIMEOUT_S,
     AttackedPorts,
     AttackingPeer,
@@ -60,6 +64,48 @@ def request_unknown_cameras(ports: AttackedPorts) -> None:
             GetFrameRequest(id_, f"Robot{id_ % 2 * id_}", f"Camera{id_}", ImageEncoding.RAW)
             for id_ in count(1)
         )
+
+
+def spell_one_camera(ports: AttackedPorts) -> None:
+    """Request frames of one camera, whose name has another case each time, 200 a second."""
+    name = "OmniCamPillar_Link4"
+    with connect_peer(ports) as peer:
+        for id_ in count(1):
+            spelled = "".join(
+                letter.upper() if id_ >> place & 1 else letter.lower()
+                for place, letter in enumerate(name)
+            )
+            peer.send(GetFrameRequest(id_, HONEST_ROBOT, spelled, ImageEncoding.JPEG))
+            peer.discard_replies()
+            time.sleep(0.005)
+
+
+def request_expensive_labels(ports: AttackedPorts) -> None:
+    """Request ever other variants with 4096 polygons, 16 samples and labels, six a second."""
+    with connect_peer(ports) as peer:
+        for id_ in count(1):
+            variant = FrameVariant(max_error_px=1e-6 * id_, polygons=4096, samples=4)
+            peer.send(
+                GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, variant, ("range", "ids"))
+            )
+            peer.discard_replies()
+            time.sleep(0.16)
+
+
+def hold_variants_unread(ports: AttackedPorts) -> None:
+    """Request a variant of its own on each of 40 connections, and read none."""
+    with contextlib.ExitStack() as peers:
+        for number in range(40):
+            peer = peers.enter_context(connect_peer(ports, receive_buffer=4096))
+            variant = FrameVariant(max_error_px=0.5 + 0.001 * number)
+            peer.send(
+                *(
+                    GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, variant)
+                    for id_ in range(1, 9)
+                )
+            )
+            time.sleep(0.02)
+        time.sleep(TIMEOUT_S)
 
 
 def request_in_bursts(ports: AttackedPorts) -> None:

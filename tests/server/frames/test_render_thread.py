@@ -14,6 +14,7 @@ import pytest
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.frames import render_thread as render_thread_module
 from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
@@ -243,6 +244,19 @@ def test_plans_do_not_keep_frames_waiting() -> None:
     render_thread.run(_RecordingViews, lambda: None)
     assert order == ["frame", "plan", "frame", "plan", "plan", "plan"]
     assert len(store.frames) == 2
+
+
+def test_idle_thread_closes_idle_views(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(render_thread_module, "_IDLE_S", 0.01)
+    render_thread, _ = make_render_thread()
+
+    class Views(FakeViewProvider):
+        def close_idle(self) -> None:
+            render_thread.stop()
+
+    thread = start_render_thread(render_thread, Views())
+    thread.join(DEADLINE_S)
+    assert not thread.is_alive()
 
 
 SLOW = ViewRequest(

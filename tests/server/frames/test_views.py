@@ -289,6 +289,21 @@ def test_view_that_has_grown_counts_with_its_new_size(
     assert fakes.closed == closed
 
 
+def test_view_that_nobody_requests_is_closed_but_for_the_one_prepared_at_the_start() -> None:
+    fakes = Fakes()
+    own, *others = sampled(2, 3, 4)
+    fakes.views.prepare(own)
+    fakes.render(*others)
+    fakes.now_s += 5.0
+    fakes.render(others[1])
+    fakes.now_s += 5.0
+    fakes.views.close_idle()
+    assert fakes.closed == [3]
+    fakes.now_s += 100.0
+    fakes.views.close_idle()
+    assert (fakes.closed, len(fakes.views)) == ([3, 4], 1)
+
+
 def test_freed_memory_is_given_back_once_enough_was_prepared_and_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

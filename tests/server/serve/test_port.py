@@ -266,6 +266,27 @@ def test_connection_without_a_word_in_time_or_with_a_reason_is_ended(
     assert "too old" in caplog.text
 
 
+def test_memory_is_released_once_after_connections_have_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    releases: list[int] = []
+    monkeypatch.setattr(port_module, "_TRIM_DELAY_S", 0.1)
+    monkeypatch.setattr(port_module, "release_freed_memory", lambda: releases.append(1))
+
+    async def scenario() -> None:
+        with open_port() as port:
+            clients = [socket.create_connection((HOST, port.number)) for _ in range(3)]
+            await wait_until(lambda: len(port) == 3, "connections")
+            for connection, client in zip(port, clients, strict=True):
+                port.remove(connection)
+                connection.end()
+                client.close()
+            await wait_until(lambda: bool(releases), "release")
+            assert len(releases) == 1
+
+    run_scenario(scenario())
+
+
 def test_connection_that_is_refused_is_closed_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async def scenario() -> None:
         with open_port(refusal="no room") as port:

@@ -53,6 +53,8 @@ _LONG_FRAME_S = 0.05
 _MAX_WEIGHT = 4.0
 # Interval at which a long frame is tried again that waits for such a viewer.
 _RETRY_S = 0.01
+# Time without work after which idle views are closed.
+_IDLE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,16 +170,18 @@ class RenderThread:
         """Answer requests until stopped."""
         while True:
             with self._changed:
-                self._changed.wait_for(
-                    lambda: self._is_stopping or len(self._frames) or self._plans
+                has_work = self._changed.wait_for(
+                    lambda: self._is_stopping or len(self._frames) or self._plans, _IDLE_S
                 )
                 if self._is_stopping:
                     return
                 pending = self._frames.take()
                 query = self._plans.pop(next(iter(self._plans))) if self._plans else None
-                if pending is None and query is None:
+                if pending is None and query is None and has_work:
                     self._changed.wait(_RETRY_S)
                     continue
+            if not has_work and views is not None:
+                views.close_idle()
             # At most one plan a frame: neither a flood of one kind keeps the other waiting.
             if pending is not None:
                 self._answer_frame(*pending[1], views)
@@ -309,6 +313,9 @@ class _ViewProvider(Protocol):
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
+
+    def close_idle(self) -> None:
+        """Close views that nobody has requested for long."""
 
     def close(self) -> None:
         """Close all views and renderers."""

@@ -64,6 +64,9 @@ log = logging.getLogger(__name__)
 _MAX_VIEW_BYTES = 256 * 2**20
 # A view of few pixels still holds tables of the scene's edges, and framebuffers on the device.
 _MAX_VIEWS = 64
+# Idle time after which a view is closed that no camera has of its own: a client that tries variants
+# leaves no memory behind.
+_MAX_IDLE_S = 8.0
 # Seven views of 193 MB in all left 62 MB of gaps between them. Closing the gaps takes 0.4 to 9 ms,
 # beside 30 ms or more for the rays of so many bytes.
 _RELEASE_BYTES = 4 * 2**20
@@ -129,7 +132,9 @@ class ViewCache:
             clock=clock,
         )
         self._clock = clock
-        self._views = _ViewStore(self._renderers, max_bytes=max_bytes, max_views=max_views)
+        self._views = _ViewStore(
+            self._renderers, max_bytes=max_bytes, max_views=max_views, clock=clock
+        )
         self._labeller = _FrameLabeller(self._renderers, summarizer)
         self._request_labels = request_labels or self._labeller.request
 
@@ -145,7 +150,7 @@ class ViewCache:
         """
 
         def prepare_view(camera_plan: CameraPlan) -> str:
-            self._views.get(camera_plan.view_key)
+            self._views.get(camera_plan.view_key, is_kept=True)
             self._views.trim()
             return camera_plan.plan_text
 
@@ -256,6 +261,10 @@ class ViewCache:
         """Plan that the next frame of a camera will have; prepares no view."""
         return self._frames.find_state(camera)
 
+    def close_idle(self) -> None:
+        """Close views of variants and former targets that nobody has requested for long."""
+        self._views.trim()
+
     def close(self) -> None:
         """Close all views, and the renderers."""
         self._labeller.close()
@@ -267,6 +276,9 @@ class ViewCache:
 class _StoredView:
     view: View
     memory_bytes: int
+    used_at_s: float
+    is_kept: bool
+    """Whether the view stays however long it is not used: that of a camera's own plan."""
 
 
 class _ViewStore:
@@ -278,6 +290,7 @@ class _ViewStore:
         *,
         max_bytes: int,
         max_views: int,
+        clock: Callable[[], float],
     ) -> None:
         """Create an empty store.
 
@@ -286,7 +299,9 @@ class _ViewStore:
             max_bytes: Memory above which the view used longest ago is closed; one view is kept
                 whatever its size.
             max_views: Number of views above which the view used longest ago is closed.
+            clock: Clock of the use, seconds.
         """
+        self._clock = clock
         self._renderers = renderers
         self._max_bytes = max_bytes
         self._max_views = max_views
@@ -303,15 +318,18 @@ class _ViewStore:
         """Memory of all views, each as of its last use; of a single view as of its preparation."""
         return sum(stored.memory_bytes for stored in self._views.values())
 
-    def get(self, key: ViewKey) -> View:
+    def get(self, key: ViewKey, *, is_kept: bool = False) -> View:
         """View of a camera by its plan, prepared at the first use."""
         # By identity first: hashing camera and plan takes longer than all else here.
         if self._newest is not None and self._newest[0] is key:
+            self._newest[1].used_at_s = self._clock()
             return self._newest[1].view
         if len(self._views) == 1:
             self._measure_newest()  # `trim` has not, as long as there was no other
         # Removed and inserted again: dicts keep the order of insertion.
         stored = self._views.pop(key, None) or self._prepare(key)
+        stored.used_at_s = self._clock()
+        stored.is_kept |= is_kept
         self._views[key] = stored
         self._newest = key, stored
         return stored.view
@@ -326,12 +344,15 @@ class _ViewStore:
         else:
             assert isinstance(camera, OmniCamera), "a mirror has a render plan"
             view = renderer.prepare(camera, plan)
-        stored = _StoredView(view, view.memory_bytes)
+        stored = _StoredView(view, view.memory_bytes, self._clock(), is_kept=False)
         self._changed_bytes += stored.memory_bytes
         return stored
 
     def trim(self) -> None:
-        """Close the views used longest ago, down to the limits; to be called after each use."""
+        """Close the views used longest ago, down to the limits, and those that have been idle.
+
+        To be called after each use, and now and then without one.
+        """
         # A single view stays whatever its size; to have its memory counted by the renderer's
         # library takes a quarter of the time that a frame takes here beside the drawing.
         if len(self._views) > 1:
@@ -340,6 +361,10 @@ class _ViewStore:
             len(self._views) > self._max_views or self.memory_bytes > self._max_bytes
         ):
             self._close(next(iter(self._views)))
+        used_before_s = self._clock() - _MAX_IDLE_S
+        for key, stored in [*self._views.items()] if len(self._views) > 1 else ():
+            if stored.used_at_s < used_before_s and not stored.is_kept:
+                self._close(key)
         if self._changed_bytes >= _RELEASE_BYTES:
             release_freed_memory()
             self._changed_bytes = 0

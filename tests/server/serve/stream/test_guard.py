@@ -271,6 +271,19 @@ def test_relay_when_closed_in_a_pause_reads_nothing_more() -> None:
     run_scenario(scenario())
 
 
+def test_relay_when_closed_holds_no_bytes() -> None:
+    async def scenario() -> None:
+        with open_relay(lambda data: (data, 0.0)) as fixture:
+            loop = asyncio.get_running_loop()
+            sending = asyncio.create_task(loop.sock_sendall(fixture.near, bytes(10_000_000)))
+            await wait_until(lambda: fixture.relay.is_blocked, "bytes that wait for the sink")
+            fixture.relay.close()
+            assert not fixture.relay.is_blocked
+            sending.cancel()
+
+    run_scenario(scenario())
+
+
 HELLO = GREETING + READY
 REQUEST = zmtp_frame(b"request")
 

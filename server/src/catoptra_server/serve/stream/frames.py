@@ -135,6 +135,11 @@ class FrameSender:
             self._task.cancel()
             self._task = None
 
+    def end(self) -> None:
+        """End the task, and hold no frame any longer."""
+        self.close()
+        self._subscriptions.clear()
+
     async def _answer_requests(self) -> None:
         """Reply to requests until none waits."""
         while self._waiting is not None:

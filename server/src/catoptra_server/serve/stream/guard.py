@@ -60,8 +60,8 @@ _MAX_PARTS = 8
 # Requests are small: one read has a few, so that a flood is held back before it has cost
 # much.
 _UPSTREAM_READ_BYTES = 1024
-# A frame should take few turns of the loop.
-_DOWNSTREAM_READ_BYTES = 256 * 1024
+# A frame should take few turns of the loop; a client that reads nothing holds one read.
+_DOWNSTREAM_READ_BYTES = 128 * 1024
 # Time of the thread of ZeroMQ for a request with its reply, beside the loop's own, which is
 # measured; for a part, and for a read.
 _MESSAGE_COST_S = 0.2e-3
@@ -298,6 +298,8 @@ class Relay:
             self._pause.cancel()
         self._loop.remove_reader(self._source)
         self._loop.remove_writer(self._sink)
+        # Not when the collector finds the cycle of connection and relays: up to 256 KiB each.
+        self._pending = memoryview(b"")
 
     def _receive(self) -> None:
         try:

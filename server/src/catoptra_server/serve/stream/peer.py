@@ -141,7 +141,7 @@ class StreamPeer:
         self._context.clients.discard(self)
         self.outbox.close()
         self._pending.cancel_all()
-        self.frame_sender.close()
+        self.frame_sender.end()
         self.robot.close()
 
     def send_reply(self, reply: Reply) -> None:
