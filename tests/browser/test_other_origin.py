@@ -1,4 +1,4 @@
-"""A page of another site in the same browser: nothing that it sends reaches a robot or the clock."""
+"""A page of another site in the same browser: nothing that it sends moves a robot or the clock."""
 
 from __future__ import annotations
 
