@@ -32,7 +32,7 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.simulation import collision_index
+from catoptra_server.simulation import collision_index, spawning
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.joint_chain import STANDARD_PACKAGES
@@ -235,12 +235,21 @@ def test_robot_when_spawned_into_a_wall_is_moved_out_of_it(class_: str) -> None:
     assert true_x_m(client) == pytest.approx(location[0] - 0.65, abs=1e-6)
 
 
-def test_robot_without_a_free_place_is_refused_in_words() -> None:
+def test_newcomer_among_sixty_two_robots_finds_a_place() -> None:
+    fleet = make_fleet()
+    clients = [spawn(fleet, "P2AT", 0.5 * (n % 8) - 2.0, 0.5 * (n // 8) - 2.0) for n in range(62)]
+    newcomer = spawn(fleet, "P2AT", 0.0)
+    assert newcomer.spawns
+    assert not any(client.rejections for client in clients)
+
+
+def test_robot_without_a_free_place_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spawning, "_SEARCH_OFFSETS_M", spawning._SEARCH_OFFSETS_M[:1000])
     fleet = make_fleet()
     clients = [spawn(fleet, "P2AT", 0.0) for _ in range(60)]
     refused = [client for client in clients if client.rejections]
     assert len(refused) > 10
-    assert refused[0].rejections == ["there is no free place within 2 m of 0,0"]
+    assert refused[0].rejections == ["there is no free place within 8 m of 0,0"]
     assert not refused[0].spawns
     assert not refused[0].reports
     assert fleet.find_robot(refused[0]) is None

@@ -104,20 +104,21 @@ def test_free_pose_is_kept_to_the_last_bit_after_one_test() -> None:
     assert counts == [1]
 
 
-@pytest.mark.parametrize("radius_m", [0.05, 0.3, 1.0, 1.95, 2.0])
+@pytest.mark.parametrize("radius_m", [0.05, 0.3, 1.0, 1.95, 2.0, 2.1, 5.0, 8.0])
 def test_pose_that_is_not_free_moves_to_the_nearest_place(radius_m: float) -> None:
     _, are_free = nothing_within(radius_m - 1e-9)
     pose = find_free_pose(are_free)
     moved_m = math.hypot(pose.x_m - 3.0, pose.y_m - 4.0)
-    # The grid has steps of 0.1 m.
-    assert radius_m - 1e-9 <= moved_m <= min(radius_m + 0.1, 2.0 + 1e-9)
+    # The grid has steps of 0.1 m, and of 0.4 m beyond 2 m.
+    step_m, end_m = (0.1, 2.0) if radius_m <= 2.0 else (0.4, 8.0)
+    assert radius_m - 1e-9 <= moved_m <= min(radius_m + step_m, end_m + 1e-9)
     assert pose.yaw_rad == REQUESTED.yaw_rad
     assert pose == find_free_pose(are_free)
 
 
-def test_pose_without_a_free_place_within_2_m_is_refused() -> None:
-    _, are_free = nothing_within(2.0 + 0.01)
-    with pytest.raises(SpawnError, match="no free place within 2 m of 3,4"):
+def test_pose_without_a_free_place_within_8_m_is_refused() -> None:
+    _, are_free = nothing_within(8.0 + 0.01)
+    with pytest.raises(SpawnError, match="no free place within 8 m of 3,4"):
         find_free_pose(are_free)
 
 

@@ -155,10 +155,9 @@ def _check_limits(key: str, values: tuple[float, float, float], limit: float) ->
         raise SpawnError(f"{key} {text} is out of limits: each number is at most {limit:g}")
 
 
-# Sixteen robots of half a metre find places about one, side by side.
-_SEARCH_RADIUS_M = 2.0
-# A fifth of a small base: 1256 places within the radius.
-_SEARCH_STEP_M = 0.1
+# Radius and step of two grids. Sixteen robots of half a metre find places about one in the first,
+# side by side, by steps of a fifth of a base. Around 62 of another client only the second has room.
+_SEARCH_GRIDS_M = ((2.0, 0.1), (8.0, 0.4))
 # The nearest 314 reach 1 m far, where most searches end; all take 2 to 6 ms in crowded places.
 _PLACES_PER_TEST = 314
 # Left on all sides of a robot that is moved: room to turn a little, and to drive off.
@@ -166,7 +165,7 @@ _CLEARANCE_M = 0.02
 
 
 def _find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
-    """Requested pose if free, else the nearest free one of the same heading, within 2 m.
+    """Requested pose if free, else the nearest free one of the same heading, within 8 m.
 
     Args:
         requested: Pose to begin with.
@@ -187,20 +186,26 @@ def _find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
             x, y = group[free.argmax()].tolist()
             return replace(requested, x_m=x, y_m=y)
     raise SpawnError(
-        f"there is no free place within {_SEARCH_RADIUS_M:g} m of "
+        f"there is no free place within {_SEARCH_GRIDS_M[-1][0]:g} m of "
         f"{requested.x_m:g},{requested.y_m:g}"
     )
 
 
 def _search_offsets_m() -> Floats:
-    """(n, 2) offsets of a grid along the heading within the search radius, the nearest first."""
-    # Along the heading, so that bases of equal heading fit side by side.
-    num_steps = round(_SEARCH_RADIUS_M / _SEARCH_STEP_M)
-    steps = range(-num_steps, num_steps + 1)
-    # Squares of whole numbers: equal distances are equal, and ties have a fixed order.
-    ranked = sorted((i * i + j * j, i, j) for i in steps for j in steps)
-    near = [(i, j) for square, i, j in ranked if 0 < square <= num_steps**2]
-    return _SEARCH_STEP_M * np.array(near, dtype=float)
+    """(n, 2) offsets of the grids along the heading, the nearest of each first."""
+    offsets: list[Floats] = []
+    inner_m = 0.0
+    for radius_m, step_m in _SEARCH_GRIDS_M:
+        # Along the heading, so that bases of equal heading fit side by side.
+        num_steps = round(radius_m / step_m)
+        steps = range(-num_steps, num_steps + 1)
+        # Squares of whole numbers: equal distances are equal, and ties have a fixed order.
+        ranked = sorted((i * i + j * j, i, j) for i in steps for j in steps)
+        first = (inner_m / step_m) ** 2
+        near = [(i, j) for square, i, j in ranked if first < square <= num_steps**2]
+        offsets.append(step_m * np.array(near, dtype=float))
+        inner_m = radius_m
+    return np.concatenate(offsets)
 
 
 _SEARCH_OFFSETS_M = _search_offsets_m()
