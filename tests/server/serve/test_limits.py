@@ -14,7 +14,9 @@ from catoptra_server.serve.limits import (
     LoopCalls,
     LoopShare,
     fit_connections,
+    limits_table,
 )
+from helpers.configs import REPOSITORY
 from helpers.loopback import run_scenario
 
 
@@ -41,6 +43,10 @@ def test_limit_fits_into_the_share_of_the_descriptors(
     limit = fit_connections(64, share=share, descriptors_each=descriptors_each, name="image")
     assert limit == fitting
     assert (f"the image port has {fitting} connections" in caplog.text) is (fitting < 64)
+
+
+def test_specification_has_the_table_of_limits() -> None:
+    assert limits_table() in (REPOSITORY / "protocol/SPEC.md").read_text(encoding="utf-8")
 
 
 class Clock:

@@ -51,7 +51,11 @@ from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
-from catoptra_server.serve.limits import LoopShare, fit_connections
+from catoptra_server.serve.limits import (
+    MAX_PAGE_CONNECTIONS,
+    LoopShare,
+    fit_connections,
+)
 from catoptra_server.serve.port import (
     ConnectionLimits,
     Listener,
@@ -61,13 +65,11 @@ from catoptra_server.serve.port import (
 )
 from catoptra_server.serve.stream.guard import (
     DESCRIPTORS_PER_CONNECTION,
-    MAX_CONNECTIONS,
 )
 from catoptra_server.serve.tcp_control import serve_control
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import TcpServer
 from catoptra_server.serve.web.web_access import (
-    MAX_VIEW_CONNECTIONS,
     WebAccess,
     create_web_access,
 )
@@ -557,12 +559,12 @@ def _make_limits(settings: ServerSettings) -> _PortLimits:
     )
     fit_tcp = partial(fit_connections, share=_TCP_DESCRIPTOR_SHARE)
     stream = fit_connections(
-        MAX_CONNECTIONS,
+        MAX_STREAM_CONNECTIONS,
         share=_STREAM_DESCRIPTOR_SHARE,
         descriptors_each=DESCRIPTORS_PER_CONNECTION,
         name="stream",
     )
-    view = fit_connections(MAX_VIEW_CONNECTIONS, share=_VIEW_DESCRIPTOR_SHARE, name="view")
+    view = fit_connections(MAX_PAGE_CONNECTIONS, share=_VIEW_DESCRIPTOR_SHARE, name="view")
     return _PortLimits(
         replace(limits, max_connections=fit_tcp(settings.max_connections, name="control")),
         replace(limits, max_connections=fit_tcp(settings.max_image_connections, name="image")),

@@ -120,7 +120,7 @@ class RenderThread:
         with self._changed:
             # Under the lock a request is either cancelled here or found by `_cancel_pending`.
             if not self._has_ended:
-                payer = self._frames.find_least_used(clients or {request.channel})
+                payer = self._frames.find_payer(clients or {request.channel})
                 self._frames.put(payer, (request, future))
                 self._changed.notify()
             elif future is not None:

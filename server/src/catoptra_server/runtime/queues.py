@@ -90,7 +90,7 @@ class FairQueue(Generic[_Key, _Item]):
         account = self._accounts.get(key)
         return account.items[-1][1] if account and account.items else None
 
-    def find_least_used(self, keys: Iterable[_Key]) -> _Key:
+    def find_payer(self, keys: Iterable[_Key]) -> _Key:
         """The client, of some, that has used least; the first of equal ones."""
         now_s = self._monotonic()
 

@@ -26,7 +26,41 @@ from contextlib import contextmanager
 from ipaddress import ip_address
 from weakref import WeakValueDictionary
 
+from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+
 log = logging.getLogger(__name__)
+
+# Connections: of control port and image port each, 64 as in UDK; of one address that is not of
+# this machine; of the stream, all clients and some more, which get an error in reply; of the page,
+# two WebSockets each and six at most while one loads files.
+MAX_CONNECTIONS = 64
+MAX_PER_ADDRESS = 16
+MAX_STREAM_CONNECTIONS = 288
+MAX_PAGE_CONNECTIONS = 128
+# Each client of the stream may have a robot.
+MAX_PEERS = 256
+# Age up to which a connection without a robot has a place of the quarter that is kept for others;
+# likewise the time for which a connection counts as watching after a request.
+NEWCOMER_AGE_S = 10.0
+# Connections opened at once, and per second.
+MAX_BURST = 64
+MAX_OPENED_PER_S = 20.0
+# Requests of a client without a reply: more than any program has on its way that waits for them.
+MAX_PENDING = 64
+# Parts of a message: a request is one; with a few more the client gets an error in words, which
+# helps the author.
+MAX_PARTS = 8
+# Unsent lines of a controller: above the first, periodic reports are dropped, above the second
+# (queries without reading the replies) the client is disconnected, so that memory stays bounded.
+DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
+DISCONNECT_ABOVE_BYTES = 1024 * 1024
+# Unsent replies of a client of the stream: twice the pending requests, a program that reads at all
+# stays far below; bytes of all but the frame, eight of the largest replies.
+MAX_UNSENT_MESSAGES = 128
+MAX_UNSENT_BYTES = 4 * 1024 * 1024
+# A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
+# its queue is full. A host that vanished is disconnected after the same time.
+MAX_BLOCKED_S = 6.0
 # An idle server has 66 descriptors open; the rest is for files and libraries of a late moment.
 _RESERVED_DESCRIPTORS = 100
 # Parts of the loop's time for the input of all clients together. While the loop runs, the threads
@@ -40,6 +74,32 @@ _MEMORY_S = 1.0
 _LEVEL_AGE_S = 0.05
 # Longest wait after one read.
 _MAX_WAIT_S = 1.0
+
+
+def limits_table() -> str:
+    """Table of SPEC 9.8, in Markdown."""
+    kib = 1024
+    rows = (
+        ("connections to control port and image port, each", MAX_CONNECTIONS),
+        ("connections to the stream; clients among them", f"{MAX_STREAM_CONNECTIONS}; {MAX_PEERS}"),
+        ("connections to the page's port", MAX_PAGE_CONNECTIONS),
+        ("of these, of one address that is not of this machine", MAX_PER_ADDRESS),
+        ("connections opened at once; then per second", f"{MAX_BURST}; {MAX_OPENED_PER_S:g}"),
+        ("age of a newcomer, and of the last request of a viewer", f"{NEWCOMER_AGE_S:g} s"),
+        ("commands or requests of a client that wait", MAX_PENDING),
+        ("bytes of a request; parts of a message", f"{MAX_REQUEST_BYTES // kib} KiB; {MAX_PARTS}"),
+        ("unsent lines of a controller: periodic reports are dropped",
+         f"{DROP_PERIODIC_ABOVE_BYTES // kib} KiB"),
+        ("unsent lines of a controller: it is disconnected",
+         f"{DISCONNECT_ABOVE_BYTES // kib} KiB"),
+        ("unsent replies of the stream, and their bytes; beside one frame",
+         f"{MAX_UNSENT_MESSAGES}; {MAX_UNSENT_BYTES // kib} KiB"),
+        ("time in which a client reads nothing of what waits", f"{MAX_BLOCKED_S:g} s"),
+        ("time of the server's messages for floods; for clients that wait for each reply",
+         f"{_FLOOD_SHARE:.0%}; {_DIALOGUE_SHARE:.0%}"),
+    )  # fmt: skip
+    lines = ["| limit | value |", "|---|---|", *(f"| {what} | {value} |" for what, value in rows)]
+    return "\n".join(lines)
 
 
 def fit_connections(wanted: int, *, share: float, descriptors_each: int = 1, name: str) -> int:

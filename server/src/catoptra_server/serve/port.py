@@ -28,21 +28,25 @@ from typing import Generic, Protocol, TypeVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import release_freed_memory
-from catoptra_server.serve.limits import LoopShare, find_shared_address
+from catoptra_server.serve.limits import (
+    MAX_BLOCKED_S,
+    MAX_BURST,
+    MAX_CONNECTIONS,
+    MAX_OPENED_PER_S,
+    MAX_PER_ADDRESS,
+    NEWCOMER_AGE_S,
+    LoopShare,
+    find_shared_address,
+)
 
 log = logging.getLogger(__name__)
 Listener = socket.socket
 # Connections that the kernel completes before they are accepted. One that does not fit is tried
 # again by the peer's kernel after a second.
 BACKLOG = 128
-# Age up to which a connection without a robot has a place of the kept quarter; likewise the time
-# for which a connection counts as watching after a request.
-NEWCOMER_AGE_S = 10.0
 # Sockets accepted in one turn of the loop, and those that wait to be opened.
 _MAX_ACCEPTS_PER_TURN = 16
 _MAX_WAITING = 256
-_MAX_BURST = 64
-_MAX_OPENED_PER_S = 20.0
 # Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
 # and only burn processor time.
 _ACCEPT_RETRY_S = 1.0
@@ -53,7 +57,7 @@ _TRIM_DELAY_S = 2.0
 _KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 # A host that vanished is disconnected after this time, with or without bytes on their way;
 # so is a client whose buffers stay full. The kernel of a busy program replies by itself.
-_VANISHED_AFTER_S = 6
+_VANISHED_AFTER_S = int(MAX_BLOCKED_S)
 _VANISHED_OPTIONS = {
     "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
     "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
@@ -66,9 +70,9 @@ _VANISHED_OPTIONS = {
 class ConnectionLimits:
     """Limits of the connections to one port."""
 
-    max_connections: int = 64
+    max_connections: int = MAX_CONNECTIONS
     """Concurrent connections, as in UDK."""
-    max_per_address: int = 16
+    max_per_address: int = MAX_PER_ADDRESS
     """Those of one address that is not of this machine."""
     handshake_timeout_s: float = 0.0
     """Time for the first valid input; 0 = no limit."""
@@ -139,7 +143,7 @@ class Port(Generic[_ConnectionT]):
         self._waiting: list[tuple[socket.socket, str]] = []
         self._num_failures = 0
         # Connections that may be opened at once, at a time of the loop's clock.
-        self._num_free = float(_MAX_BURST)
+        self._num_free = float(MAX_BURST)
         self._counted_at_s = self._loop.time()
         self._opening: asyncio.TimerHandle | None = None
         self._trimming: asyncio.TimerHandle | None = None
@@ -221,7 +225,7 @@ class Port(Generic[_ConnectionT]):
         for accepted, address in opened:
             self._open(accepted, address)
         if self._waiting:
-            pause_s = (1.0 - self._num_free) / _MAX_OPENED_PER_S
+            pause_s = (1.0 - self._num_free) / MAX_OPENED_PER_S
             self._opening = self._loop.call_later(max(0.0, pause_s), self._open_waiting)
 
     def _sort_waiting(self) -> None:
@@ -238,8 +242,8 @@ class Port(Generic[_ConnectionT]):
     def _count_free(self) -> int:
         """Number of connections that may be opened now."""
         now_s = self._loop.time()
-        earned = _MAX_OPENED_PER_S * (now_s - self._counted_at_s)
-        self._num_free = min(self._num_free + earned, float(_MAX_BURST))
+        earned = MAX_OPENED_PER_S * (now_s - self._counted_at_s)
+        self._num_free = min(self._num_free + earned, float(MAX_BURST))
         self._counted_at_s = now_s
         return int(self._num_free)
 

@@ -20,7 +20,12 @@ from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
 from catoptra_protocol.vectors import Vector3
-from catoptra_server.serve.limits import LoopAccount, LoopCalls
+from catoptra_server.serve.limits import (
+    DISCONNECT_ABOVE_BYTES,
+    DROP_PERIODIC_ABOVE_BYTES,
+    LoopAccount,
+    LoopCalls,
+)
 from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
 from catoptra_server.simulation.events import (
@@ -34,11 +39,6 @@ from catoptra_server.simulation.events import (
 
 log = logging.getLogger(__name__)
 _PostEvent = Callable[[SimulationEvent], bool]
-# Bounds on the unsent bytes of a client that does not read: above the first, periodic reports
-# are dropped, above the second (queries without reading the replies) the client is disconnected,
-# so that memory stays bounded.
-_DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
-_DISCONNECT_ABOVE_BYTES = 1024 * 1024
 # Commands in one read of a client that waits for the replies, such as SET, DRIVE and STEP.
 _MAX_DIALOGUE_COMMANDS = 4
 # Time of the loop for one read and for handing over one command, beside parser and replies, whose
@@ -208,13 +208,13 @@ class _ControlPeer:
         unsent = self._connection.num_unsent_bytes
         if self._connection.is_closing:
             return
-        if unsent > _DISCONNECT_ABOVE_BYTES:
+        if unsent > DISCONNECT_ABOVE_BYTES:
             address = self._connection.address
             log.warning("%s reads nothing: disconnected, %d bytes unsent", address, unsent)
             self._connection.abort()
             return
         is_periodic = all(report.WORD in _PERIODIC_WORDS for report in reports)
-        if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
+        if unsent > DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
         # Replies are the client's use of the loop; periodic reports are the server's.
         with (

@@ -25,7 +25,8 @@ from contextlib import asynccontextmanager
 from typing import cast
 
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.serve.port import NEWCOMER_AGE_S, ConnectionLimits, Port, create_listener
+from catoptra_server.serve.limits import NEWCOMER_AGE_S
+from catoptra_server.serve.port import ConnectionLimits, Port, create_listener
 
 log = logging.getLogger(__name__)
 # A chunk of input: a turn of the loop handles at most some 100 commands.

@@ -329,7 +329,7 @@ def inject_fault(
 def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", 0.0)
+    monkeypatch.setattr(peer_module, "MAX_BLOCKED_S", 0.0)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:

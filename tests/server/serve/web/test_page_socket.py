@@ -297,8 +297,8 @@ def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # A slow machine must not end the page before it has sent its requests.
-    monkeypatch.setattr(page_socket, "_MAX_SENDING_S", math.inf)
-    monkeypatch.setattr(peer_module, "_MAX_BLOCKED_S", math.inf)
+    monkeypatch.setattr(page_socket, "MAX_BLOCKED_S", math.inf)
+    monkeypatch.setattr(peer_module, "MAX_BLOCKED_S", math.inf)
     simulation = FakeSimulation(1280, 960)
 
     async def scenario() -> None:
@@ -316,7 +316,7 @@ def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
                 # One is being sent, one waits.
                 assert len(socket.peer.outbox._waiting) <= 20
                 assert sum(len(parts) == 2 for parts in socket.peer.outbox._waiting) <= 1
-                monkeypatch.setattr(page_socket, "_MAX_SENDING_S", 0.0)
+                monkeypatch.setattr(page_socket, "MAX_BLOCKED_S", 0.0)
                 await wait_until(lambda: socket not in session.server.sockets, "its end")
                 transport.resume_reading()
 
@@ -324,7 +324,7 @@ def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
 
 
 def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(router_module, "_MAX_MESSAGES", 16)
+    monkeypatch.setattr(router_module, "MAX_UNSENT_MESSAGES", 16)
 
     async def scenario() -> None:
         async with serve_fake_page(FakeSimulation(1280, 960)) as session:

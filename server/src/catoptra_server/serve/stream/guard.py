@@ -29,18 +29,15 @@ import struct
 from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.serve.limits import LoopAccount
+from catoptra_server.serve.limits import MAX_PARTS, NEWCOMER_AGE_S, LoopAccount
 from catoptra_server.serve.port import (
     CHECK_INTERVAL_S,
-    NEWCOMER_AGE_S,
     ConnectionLimits,
     Port,
     set_vanished_timeout,
 )
 
 log = logging.getLogger(__name__)
-# All clients and some more, which get an error in reply.
-MAX_CONNECTIONS = 288
 # The client's socket, and two ends of the local one.
 DESCRIPTORS_PER_CONNECTION = 3
 _GREETING_BYTES = 64
@@ -55,8 +52,6 @@ _IDENTITY = b"identity"
 _REPLACEMENT = b"X-Unused"
 # Socket type and identity are at most 300 bytes.
 _MAX_READY_BYTES = 1024
-# A request is one part; with a few more the client gets an error in words, which helps the author.
-_MAX_PARTS = 8
 # Requests are small: one read has a few, so that a flood is held back before it has cost
 # much.
 _UPSTREAM_READ_BYTES = 1024
@@ -428,8 +423,8 @@ class ZmtpPartCounter:
             self._is_last_part = True
             return
         self._num_parts_of_message += 1
-        if self._num_parts_of_message == _MAX_PARTS:
-            raise RemoteProtocolError(f"a message of more than {_MAX_PARTS} parts")
+        if self._num_parts_of_message == MAX_PARTS:
+            raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
 
 
 class IdentityFilter:

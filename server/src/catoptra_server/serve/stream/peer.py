@@ -56,6 +56,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_server.frames.encode import Payload
 from catoptra_server.runtime.faults import log_fault
+from catoptra_server.serve.limits import MAX_BLOCKED_S, MAX_PEERS, MAX_PENDING
 from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.stream.frames import FrameSender
 from catoptra_server.serve.stream.replies import (
@@ -71,14 +72,11 @@ from catoptra_server.serve.stream.replies import (
 from catoptra_server.serve.stream.router import Outbox, RouterSocket, SendResult
 from catoptra_server.serve.stream.session import (
     INTERNAL_FAULT,
-    MAX_PENDING,
     PendingRequests,
     RobotSession,
 )
 
 log = logging.getLogger(__name__)
-# Each client may have a robot.
-MAX_PEERS = 256
 # A client treats three missed heartbeats as a lost server.
 HEARTBEAT_INTERVAL_S = 0.5
 # In a row, to a client without a pending request: a quarter of the queue of ZeroMQ, which has
@@ -87,9 +85,6 @@ _MAX_IDLE_HEARTBEATS = 16
 # Encoded once: all clients get the same bytes.
 _HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 _NO_ROBOT = "this client has no robot: spawn one first (a lost connection removes its robot)"
-# A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
-# its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
-_MAX_BLOCKED_S = 6.0
 # Messages that ZeroMQ had no room for are tried again: 400 a second cost less than a hundredth
 # of the loop's time.
 _FLUSH_INTERVAL_S = 0.02
@@ -170,7 +165,7 @@ class StreamPeer:
             return False
         now_s = self._loop.time()
         self._blocked_since_s = self._blocked_since_s or now_s
-        return now_s - self._blocked_since_s > _MAX_BLOCKED_S
+        return now_s - self._blocked_since_s > MAX_BLOCKED_S
 
     def serve(self, request: Request) -> None:
         """Reply to a request; a fault ends this request only."""

@@ -29,15 +29,12 @@ from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
 from catoptra_server.frames.encode import Payload
+from catoptra_server.serve.limits import MAX_UNSENT_BYTES, MAX_UNSENT_MESSAGES
 from catoptra_server.serve.port import BACKLOG, ConnectionLimits
 from catoptra_server.serve.stream.guard import ConnectionGuard, GuardedConnection
 
 log = logging.getLogger(__name__)
 _MessageHandler = Callable[[bytes, list[bytes]], None]
-# Twice the pending requests of a client: a program that reads at all stays far below.
-_MAX_MESSAGES = 128
-# Of all waiting messages but the frame: eight of the largest replies.
-_MAX_BYTES = 4 * 1024 * 1024
 # Messages of one peer in the queue of ZeroMQ, besides the TCP connection; replies that find no room
 # wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
 _SEND_HIGH_WATER_MARK = 2
@@ -147,7 +144,7 @@ class Outbox:
             self._num_bytes += len(parts[0])
         if len(self._waiting) == 1:
             self._on_blocked()
-        if len(self._waiting) > _MAX_MESSAGES or self._num_bytes > _MAX_BYTES:
+        if len(self._waiting) > MAX_UNSENT_MESSAGES or self._num_bytes > MAX_UNSENT_BYTES:
             self._on_overflow()
         return False
 

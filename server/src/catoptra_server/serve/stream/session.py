@@ -41,8 +41,6 @@ from catoptra_server.simulation.events import (
 )
 
 log = logging.getLogger(__name__)
-# More than any program has on its way that waits for replies (SPEC.md 9.2).
-MAX_PENDING = 64
 # Text for clients; the traceback is in the log.
 INTERNAL_FAULT = "an internal fault ended this request: see the server's log"
 SendReply = Callable[[Reply], None]

@@ -27,8 +27,7 @@ from catoptra_protocol.stream.replies import Error, Reply
 from catoptra_protocol.stream.requests import DriveRequest
 from catoptra_server.frames.encode import Payload
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.serve.limits import LoopAccount
-from catoptra_server.serve.port import NEWCOMER_AGE_S
+from catoptra_server.serve.limits import MAX_BLOCKED_S, NEWCOMER_AGE_S, LoopAccount
 from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.serve.stream.replies import StreamContext
 from catoptra_server.serve.stream.router import Outbox, SendResult
@@ -63,9 +62,6 @@ _MAX_LINE_BYTES = 4 * 1024
 _MAX_FIELD_BYTES = 8 * 1024
 _MAX_FIELDS = 64
 _LENGTH_BYTES = 4
-# A message that the page has not read after this time ends the WebSocket; TCP ends the
-# connection at the same time where the host has vanished.
-_MAX_SENDING_S = 6.0
 
 
 class PageSocket:
@@ -118,7 +114,7 @@ class PageSocket:
         """End a WebSocket that reads nothing; to be called regularly."""
         is_sending = self._sending is not None
         sending_s = self._loop.time() - self._sending_since_s
-        if self.peer.has_stalled_outbox() or (is_sending and sending_s > _MAX_SENDING_S):
+        if self.peer.has_stalled_outbox() or (is_sending and sending_s > MAX_BLOCKED_S):
             self._disconnect()
 
     def _close(self) -> None:

@@ -17,8 +17,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.serve.port import Listener
 
-MAX_VIEW_CONNECTIONS = 128
-"""Connections of all pages: two WebSockets each, and six at most while one loads files."""
 # Name or IPv4 address, or IPv6 address in brackets; and a port, which `ssh -L` may change.
 _HOST = re.compile(r"([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?", re.ASCII)
 _LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
