@@ -53,6 +53,7 @@ from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.serve.limits import (
     MAX_PAGE_CONNECTIONS,
+    MAX_STREAM_CONNECTIONS,
     LoopShare,
     fit_connections,
 )
