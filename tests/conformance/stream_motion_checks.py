@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 from catoptra_client.frame import Frame
 from conformance.check import (
@@ -55,9 +54,9 @@ def check_poses(server: ServerUnderTest) -> None:
 def check_clock(server: ServerUnderTest) -> None:
     """time_s of the state advances with the wall clock, time_s + age_s of frames with it."""
     with spawn_on_stream(server) as robot:
-        first_s, start_s = robot.read_time_s(), time.monotonic()
+        first_s, start_s = robot.read_time_s(), robot.clock()
         _require_present(robot)
-        while (elapsed_s := time.monotonic() - start_s) < _CLOCK_S:
+        while (elapsed_s := robot.clock() - start_s) < _CLOCK_S:
             time_s = robot.read_time_s()
         _require_present(robot)
     if abs(time_s - first_s - elapsed_s) > _CLOCK_TOLERANCE_S:
@@ -81,9 +80,9 @@ def _require_equal_poses(robot: StreamRobot, standing_s: float) -> None:
     """Fail where a standing robot has different poses; a reading may come a report later."""
     in_frame = planar_pose(pose_of(robot.get_frame_after(standing_s)))
     _require_equal(in_frame, robot.planar_pose_in_state(), "state")
-    deadline_s = time.monotonic() + _READING_TIMEOUT_S
+    deadline_s = robot.clock() + _READING_TIMEOUT_S
     while (in_reading := robot.planar_pose_in_readings()) is not None:
-        if _are_equal(in_frame, in_reading) or time.monotonic() > deadline_s:
+        if _are_equal(in_frame, in_reading) or robot.clock() > deadline_s:
             _require_equal(in_frame, in_reading, "GroundTruth")
             return
 

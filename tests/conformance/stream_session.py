@@ -6,8 +6,7 @@ The library's client reads and validates every message; what a check observes is
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -48,6 +47,7 @@ class StreamRobot:
 
     client: StreamClient
     name: str
+    clock: Callable[[], float]
 
     def get_frame(self, encoding: ImageEncoding = ImageEncoding.RAW) -> Frame:
         """New frame of the robot's first camera."""
@@ -59,9 +59,9 @@ class StreamRobot:
         Raises:
             CheckFailed: No frame of this time came.
         """
-        deadline_s = time.monotonic() + REPLY_TIMEOUT_S
+        deadline_s = self.clock() + REPLY_TIMEOUT_S
         times: list[float] = []
-        while time.monotonic() < deadline_s and len(times) < _MAX_OLD_FRAMES:
+        while self.clock() < deadline_s and len(times) < _MAX_OLD_FRAMES:
             frame = self.get_frame()
             times.append(frame.time_s or 0.0)
             if times[-1] >= time_s:
@@ -75,8 +75,8 @@ class StreamRobot:
         """Turn on the place by an angle or for a time, and stand; the time when it stands."""
         start = self.planar_pose_in_state()
         self.client.drive(_TURN_PERCENT, -_TURN_PERCENT, normalized=True)
-        deadline_s = time.monotonic() + _TURN_TIMEOUT_S
-        while time.monotonic() < deadline_s:
+        deadline_s = self.clock() + _TURN_TIMEOUT_S
+        while self.clock() < deadline_s:
             if abs(wrap(self.planar_pose_in_state().yaw_rad - start.yaw_rad)) >= turn_rad:
                 break
         self.client.drive(0.0, 0.0)
@@ -84,9 +84,9 @@ class StreamRobot:
 
     def wait_until_standing(self) -> float:
         """Wait until the robot moves no more; the time of the state then."""
-        deadline_s = time.monotonic() + _TURN_TIMEOUT_S
+        deadline_s = self.clock() + _TURN_TIMEOUT_S
         last_s, last = self._read_state()
-        while time.monotonic() < deadline_s:
+        while self.clock() < deadline_s:
             time_s, pose = self._read_state()
             if time_s >= last_s + _STANDING_S:
                 motion = last.motion_to(pose)
@@ -125,7 +125,10 @@ class StreamRobot:
 def connect_stream(server: ServerUnderTest) -> Iterator[StreamClient]:
     """Connect to the stream for the length of a block."""
     host, port = server.addresses["stream"]
-    with StreamClient.connect(host, port, REPLY_TIMEOUT_S) as client:
+    with StreamClient(host, port, timeout_s=REPLY_TIMEOUT_S, clock=server.clock) as client:
+        if server.replace_socket is not None:
+            client._socket = server.replace_socket(client._socket)
+        client.get_status()
         yield client
 
 
@@ -154,7 +157,7 @@ def spawn_on_stream(
             raise CheckFailed(
                 f"a robot of {server.robot_class} was spawned, but the state has none"
             )
-        robot = StreamRobot(client, robots[-1])
+        robot = StreamRobot(client, robots[-1], server.clock)
         try:
             robot.get_frame()
         except (RemoteProtocolError, ConnectionLostError, DeadlineExceededError):
