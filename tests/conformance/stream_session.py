@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
@@ -22,12 +23,15 @@ from catoptra_protocol.errors import (
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.stream.replies import Reply
+from catoptra_protocol.stream.requests import ImageEncoding, Request
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.value_format import vector_from_text
 from catoptra_protocol.vectors import Vector3
 from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_readings import PlanarPose, wrap
+
+_ReplyT = TypeVar("_ReplyT", bound=Reply)
 
 # Ten times a slow server's reply, on a busy machine.
 REPLY_TIMEOUT_S = 10.0
@@ -119,6 +123,19 @@ class StreamRobot:
                 x, y, _ = vector_from_text(location)
                 return PlanarPose(x, y, vector_from_text(angles)[2])
         return None
+
+
+def ask(
+    client: StreamClient, request: Callable[..., Request], reply: type[_ReplyT], *values: object
+) -> _ReplyT:
+    """Reply to a request with these fields, as the server sent it."""
+    return client._call(request, reply, *values)
+
+
+def require(observed: object, expected: object, name: str) -> None:
+    """Fail where two values differ."""
+    if observed != expected:
+        raise CheckFailed(f"{name}: {observed!r:.300}, expected {expected!r:.300}")
 
 
 @contextmanager
