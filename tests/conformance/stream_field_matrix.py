@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +17,10 @@ from conformance.stream_checks import STREAM_CHECKS
 from conformance.stream_field_mutants import FieldMutant, generate_mutants, is_changed
 from conformance.stream_replay import Exchange, record_check, replay_check
 from conformance.suite import Outcome
-from helpers.configs import OMNI_ROBOT
+from helpers.configs import OMNI_ROBOT, ROBOTS
 from helpers.server_process import start_server
+
+REAL_ROBOT = ROBOTS / "p2at_omni_real.ini"
 
 Recording = tuple[Check, list[Exchange]]
 
@@ -66,14 +67,25 @@ def play_mutant(
     return None if is_equivalent else FieldResult(mutant, "", "")
 
 
-def play_stream_mutants(dialect: str = "ut2004", names: Sequence[str] = ()) -> list[FieldResult]:
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        running = stack.enter_context(start_server(folder, "--dialect", dialect, robot=OMNI_ROBOT))
-        server = server_under_test(running, spawn_pose="{Start Centre}", dialect=dialect)
-        recordings = record_checks(
-            server, [c for c in STREAM_CHECKS if not names or any(n in c.name for n in names)]
-        )
+def play_stream_mutants(
+    dialect: str = "ut2004", checks: Sequence[Check] = STREAM_CHECKS
+) -> list[FieldResult]:
+    """Results of all mutants of the checks' recordings in our own server.
+
+    Args:
+        dialect: `ut2004` or `udk`.
+        checks: Checks of the stream.
+    """
+    recordings: list[Recording] = []
+    for robot in (OMNI_ROBOT, REAL_ROBOT):
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            start_server(Path(folder), "--dialect", dialect, robot=robot) as running,
+        ):
+            server = server_under_test(running, spawn_pose="{Start Centre}", dialect=dialect)
+            # The second robot is there for its effects.
+            wanted = [one for one in checks if robot == OMNI_ROBOT or one.name == "stream_effects"]
+            recordings += record_checks(server, wanted)
     recordings.sort(key=lambda one: len(one[1]))
     mutants = generate_mutants(one for _, exchanges in recordings for one in exchanges)
     results = (play_mutant(one, server, recordings) for one in mutants)

@@ -16,13 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from conformance.stream_replay import Exchange
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.stream.codec import dataclass_from_fields
+from catoptra_protocol.stream.replies import REPLIES
+from conformance.stream_replay import Exchange, Fields
 
 Path = tuple[str | int, ...]
 # Value of a message and those of the messages before in, another value out.
 _Change = Callable[[Any, list[Any]], Any]
 
-_DROP = object()
+# Of a sine of pi.
+_ROUNDING = 1e-9
 # Of a field that ends so: its usual confusion.
 _UNITS = {"_rad": 180.0 / math.pi, "_m": 1000.0, "_s": 1000.0, "_ms": 1e-3, "_px": 1e-2}
 _NUMBERS: dict[str, _Change] = {
@@ -106,7 +110,7 @@ def generate_mutants(exchanges: Iterable[Exchange]) -> list[FieldMutant]:
         for path, value in _walk(one.reply):
             values.setdefault((one.reply["kind"], path), []).append(value)
         if one.parts:
-            parts |= {("part", name) for name, _ in _arrays(one)}
+            parts |= {("part", name) for name, _, _ in _arrays(one)}
     mutants = [mutant for (kind, path), seen in values.items() for mutant in _of(kind, path, seen)]
     neighbours = itertools.groupby(
         (key for key, seen in values.items() if isinstance(seen[0], float)),
@@ -123,11 +127,36 @@ def generate_mutants(exchanges: Iterable[Exchange]) -> list[FieldMutant]:
 
 
 def is_changed(before: Sequence[Exchange], after: Sequence[Exchange]) -> bool:
-    """Whether a mutant concerns a recording."""
+    """Whether a mutant concerns a recording: by more than the rounding of its numbers."""
     return any(
-        one.reply != other.reply or one.parts != other.parts
+        one.parts != other.parts
+        or not (_are_close(one.reply, other.reply) or _have_one_meaning(one.reply, other.reply))
         for one, other in zip(before, after, strict=True)
     )
+
+
+def _have_one_meaning(one: Fields, other: Fields) -> bool:
+    """Whether the reader of two messages sees no difference: a default in place of a field."""
+    if one["kind"] != other["kind"]:
+        return False
+    try:
+        return dataclass_from_fields(REPLIES[one["kind"]], one) == dataclass_from_fields(
+            REPLIES[other["kind"]], other
+        )
+    except CatoptraError:
+        return False
+
+
+def _are_close(one: Any, other: Any) -> bool:
+    if one == other:
+        return True
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=0.0, abs_tol=_ROUNDING)
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_are_close(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_are_close, one, other))
+    return False
 
 
 def _of(kind: str, path: Path, seen: list[Any]) -> Iterator[FieldMutant]:
@@ -209,37 +238,37 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _arrays(exchange: Exchange) -> Iterator[tuple[str, Any]]:
-    """Uncompressed image and channels of a frame, by name."""
+def _arrays(exchange: Exchange) -> Iterator[tuple[str, int, Any]]:
+    """Uncompressed image and channels of a frame: name, part, array."""
     reply = exchange.reply
     size = reply["height_px"], reply["width_px"]
     if reply["encoding"] == "raw":
-        yield "rgb", np.frombuffer(exchange.parts[0], np.uint8).reshape(*size, 3)
-    labels = reply["labels"]
-    for record, part in zip(labels["channels"] if labels else (), exchange.parts[1:], strict=True):
-        shape = size if record["depth"] == 1 else (*size, record["depth"])
-        yield record["name"], np.frombuffer(part, record["dtype"]).reshape(shape)
+        yield "rgb", 0, np.frombuffer(exchange.parts[0], np.uint8).reshape(*size, 3)
+    records = reply["labels"]["channels"] if reply["labels"] else ()
+    for part, record in enumerate(records, 1):
+        if record["encoding"] == "raw":
+            shape = size if record["depth"] == 1 else (*size, record["depth"])
+            array = np.frombuffer(exchange.parts[part], record["dtype"])
+            yield record["name"], part, array.reshape(shape)
 
 
 def _change_parts(mutant: FieldMutant, exchanges: Sequence[Exchange]) -> list[Exchange]:
     before: list[bytes] = []
     changed = []
     for one in exchanges:
-        arrays = dict(_arrays(one)) if one.parts else {}
-        name = str(mutant.path[1])
-        if name in arrays:
-            array = arrays[name]
-            index = 0 if name == "rgb" else list(arrays).index(name) + len(one.parts) - len(arrays)
+        arrays = {name: (part, array) for name, part, array in _arrays(one)} if one.parts else {}
+        if found := arrays.get(str(mutant.path[1])):
+            part, array = found
             parts = list(one.parts)
             if mutant.name in _ARRAYS:
                 with np.errstate(invalid="ignore", over="ignore"):
-                    new = _ARRAYS[mutant.name](array)
-                    part = np.ascontiguousarray(new.astype(array.dtype)).tobytes()
+                    new = _ARRAYS[mutant.name](array).astype(array.dtype)
+                data = np.ascontiguousarray(new).tobytes()
             else:
-                part = _SEQUENCES[mutant.name](parts[index], before)
-                before.append(parts[index])
-            # Of another size: of another camera.
-            parts[index] = part if len(part) == len(parts[index]) else parts[index]
+                data = _SEQUENCES[mutant.name](parts[part], before)
+                before.append(parts[part])
+            if len(data) == len(parts[part]):
+                parts[part] = data
             one = replace(one, parts=parts)
         changed.append(one)
     return changed
