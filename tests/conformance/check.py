@@ -10,6 +10,7 @@ import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from conformance.conversation_file import Address
@@ -42,6 +43,8 @@ class ServerUnderTest:
     """Clock of the checks of the stream, seconds."""
     replace_socket: Callable[[StreamSocket], StreamSocket] | None = None
     """Takes the place of a new socket of the stream: records it, replays it, or is a page's."""
+    change_document: Callable[[str, dict[str, Any]], dict[str, Any]] | None = None
+    """Deliberate fault of a JSON document of the page, by its path."""
 
 
 @dataclass(frozen=True, slots=True)

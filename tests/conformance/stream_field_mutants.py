@@ -93,7 +93,8 @@ class FieldMutant:
                 continue
             if self.other:
                 key = self.other[-1]
-                if holder[key] is not None:
+                is_there = not isinstance(holder, dict) or key in holder
+                if is_there and holder[key] is not None:
                     holder[place[-1]], holder[key] = holder[key], value
                 continue
             before = history.setdefault(place, [])
