@@ -78,7 +78,7 @@ def check_halt(server: ServerUnderTest) -> None:
 
 @retry_once
 def check_end(server: ServerUnderTest) -> None:
-    """A shared robot halts when the WebSocket that drives it ends, a page's own robot is removed."""
+    """A robot halts when the WebSocket that drives it ends; a page's own one is removed."""
     with spawn_on_stream(on_page(server)) as robot:
         owner = robot.client
         owner.share_control()
@@ -141,7 +141,7 @@ def check_access(server: ServerUnderTest) -> None:
 
 
 def check_server_document(server: ServerUnderTest) -> None:
-    """server.json names the world, classes, start poses and landmarks of the WebSocket's replies."""
+    """server.json names the classes, start poses and landmarks of the WebSocket's replies."""
     document = get_document(server, "/api/server.json")
     with spawn_on_stream(on_page(server)) as robot:
         status, frame = robot.client.get_status(), robot.get_frame()

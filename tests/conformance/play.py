@@ -1,11 +1,11 @@
 """Conformance test of a live server, ours or another's: conversations and checks by physics.
 
 Run: make conformance ADDRESS=host:port [IMAGE=host:port] [STREAM=host:port] [PAGE=host:port]
-[DIALECT=udk] [LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations are the files
-of data/conversations, the checks those of suite.py; rows for ports without an address, or for
-servers of another kind, are left out. The server's clock must be realtime. Prints a table; exits
-with 0 if every required row passes or is skipped with a reason, with 1 if one fails, with 2 without
-a server.
+[DIALECT=udk] [LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations
+are the files of data/conversations, the checks those of suite.py; rows for ports without an
+address, or for servers of another kind, are left out. The server's clock must be realtime. Prints a
+table; exits with 0 if every required row passes or is skipped with a reason, with 1 if one fails,
+with 2 without a server.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import msgpack
 
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from conformance.check import Check, ServerUnderTest
+from conformance.page_session import on_page
 from conformance.suite import RowResult, play_check
 
 Fields = dict[str, Any]  # Any: every value of msgpack
@@ -77,29 +78,26 @@ class _RecordingSocket:
 def record_check(check: Check, server: ServerUnderTest) -> tuple[RowResult, list[Exchange]]:
     """Result of a check, and what it exchanged; without the server's other ports."""
     recorder = Recorder(server.clock)
-    wrap = server.replace_socket
+    wrap = (on_page(server) if check.port == "page" else server).replace_socket
 
     def replace_socket(socket: StreamSocket) -> StreamSocket:
         return recorder.replace_socket(socket if wrap is None else wrap(socket))
 
-    addresses = {"stream": server.addresses["stream"]}
-    result = play_check(check, replace(server, addresses=addresses, replace_socket=replace_socket))
-    return result, recorder.exchanges
+    addresses = {check.port: server.addresses[check.port]}
+    recorded = replace(server, addresses=addresses, replace_socket=replace_socket)
+    return play_check(check, recorded), recorder.exchanges
 
 
 def replay_check(check: Check, server: ServerUnderTest, exchanges: Sequence[Exchange]) -> RowResult:
     """Result of a check against a recording."""
     replay = _Replay(exchanges)
-    addresses = {"stream": ("127.0.0.1", 1)}
-    return play_check(
-        check,
-        replace(
-            server,
-            addresses=addresses,
-            clock=lambda: replay.now_s,
-            replace_socket=replay.replace_socket,
-        ),
+    replayed = replace(
+        server,
+        addresses={check.port: ("127.0.0.1", 1)},
+        clock=lambda: replay.now_s,
+        replace_socket=replay.replace_socket,
     )
+    return play_check(check, replayed)
 
 
 class _Replay:
