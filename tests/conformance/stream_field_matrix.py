@@ -163,7 +163,8 @@ def _play_mutant(
 
 def _play_document_mutant(mutant: FieldMutant, server: ServerUnderTest) -> FieldResult:
     def change(path: str, document: dict[str, Any]) -> dict[str, Any]:
-        return mutant.apply([_as_exchange(path, document)])[0].reply
+        changed = mutant.apply([_as_exchange(path, document)])[0]
+        return dict(changed.reply["document"])
 
     for check in DOCUMENT_CHECKS:
         result = play_check(check, replace(server, change_document=change))
@@ -173,7 +174,7 @@ def _play_document_mutant(mutant: FieldMutant, server: ServerUnderTest) -> Field
 
 
 def _as_exchange(path: str, document: dict[str, Any]) -> Exchange:
-    return Exchange(0, {}, 0.0, 0.0, {"kind": path, **document}, [])
+    return Exchange(0, {}, 0.0, 0.0, {"kind": path, "document": document}, [])
 
 
 if __name__ == "__main__":

@@ -19,9 +19,10 @@ from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelledObject
 from catoptra_protocol.optics.camera_rays import pixel_from_point, rays_from_pixel_grid
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import LandmarksReply, PixelReply
+from catoptra_protocol.stream.replies import FrameHeader, LandmarksReply, PixelReply
 from catoptra_protocol.stream.requests import (
     ChannelEncoding,
+    GetFrameRequest,
     GetLandmarksRequest,
     GetPixelRequest,
     ImageEncoding,
@@ -212,6 +213,15 @@ def check_label_encodings(server: ServerUnderTest) -> None:
         names = ("classes", "ids", "range")
         raw = _get_labels(robot, standing_s, names)
         packed = _get_labels(robot, standing_s, names, ChannelEncoding.ZLIB)
+        values = robot.name, "", ImageEncoding.RAW, None, names
+        request = GetFrameRequest(next(robot.client._ids), *values)
+        header, parts = robot.client._exchange(request, FrameHeader, "a frame")
+    labels = header.labels
+    if labels is None:
+        raise CheckFailed("a frame without labels, of a request with channels")
+    require(labels.times in ("middle", "rows"), True, f"times {labels.times}")
+    sizes = [len(part) for part in parts[1:]]
+    require([one.num_bytes for one in labels.channels], sizes, "num_bytes of parts")
     for name in names:
         same = np.array_equal(_channels(raw)[name], _channels(packed)[name])
         require(same, True, f"raw and compressed {name}")

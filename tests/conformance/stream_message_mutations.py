@@ -25,6 +25,7 @@ Path = tuple[str | int, ...]
 # Value of a message and those of the messages before in, another value out.
 _Change = Callable[[Any, list[Any]], Any]
 
+_PROSE = ("reason", "reference_plan")
 # A transform's rotation; longer lists of numbers are tables.
 _MAX_VECTOR = 9
 # Of a sine of pi.
@@ -173,7 +174,8 @@ def _of(kind: str, path: Path, seen: list[Any]) -> Iterator[FieldMutant]:
         has_unit = any(field.endswith(end) for end in _UNITS)
         names = [*_NUMBERS, *(["unit"] if has_unit else []), *_SEQUENCES]
     else:
-        names = list(_TEXTS)
+        # Texts for people may be any.
+        names = ["empty"] if path[-1] in _PROSE else list(_TEXTS)
     if isinstance(path[-1], str) and path[-1] != "*":
         names.append("absent")
     for name in names:

@@ -129,13 +129,18 @@ def check_spawn(server: ServerUnderTest) -> None:
     """Two robots spawned at one place have names and places of their own, and reports."""
     with spawn_on_stream(server) as robot, connect_stream(server) as client:
         first = find_robot(robot.client, robot.name)
-        x, y, z = first.world_from_robot.position_m
-        values = server.robot_class, robot.name, (x, y, 0.0 * z), None
+        x, y, _ = first.world_from_robot.position_m
+        yaw_rad = 0.4
+        values = server.robot_class, robot.name, (x, y, 0.0), None, (0.0, 0.0, yaw_rad)
         reply = ask(client, SpawnRequest, SensorReports, *values)
         second = find_robot(client, reply.robot)
         readings = ask(client, GetReadingsRequest, SensorReports)
         known = client.get_state().robots
     require(reply.robot != robot.name, True, "another name for the second robot")
+    start = pose_from_transform(second.world_from_start)
+    require_upright(start, "world_from_start")
+    turn_rad = abs(wrap(planar_pose(start).yaw_rad - yaw_rad))
+    require(turn_rad < _PLACE_TOLERANCE_RAD, True, f"yaw {yaw_rad} rad of a start at {start}")
     place = second.world_from_start.position_m
     if math.dist(place[:2], (x, y)) > _PLACE_TOLERANCE_M:
         if reply.moved_to is None:
