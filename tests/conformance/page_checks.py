@@ -94,6 +94,7 @@ def check_end(server: ServerUnderTest) -> None:
             require(server.clock() < deadline_s, True, f"{name} of a closed page removed: {names}")
 
 
+@retry_once
 def check_messages(server: ServerUnderTest) -> None:
     """A message that is no request has an error, one too long or not UTF-8 ends its WebSocket."""
     with open_page(server) as page:

@@ -357,8 +357,7 @@ def check_cameras(server: ServerUnderTest) -> None:
         raise CheckFailed("a frame of one camera has no robot_from_mirror")
     require_close(reply.robot_from_mirror, header.robot_from_mirror, "robot_from_mirror")
     require_rigid(reply.robot_from_mirror, "robot_from_mirror")
-    require(bool(reply.plan), bool(header.plan), "plan of get_camera")
-    require(reply.plan, header.plan, "plan of get_camera")
+    require(reply.plan in (header.plan, None), True, "plan of get_camera, as of a frame")
 
 
 @retry_once
@@ -380,8 +379,9 @@ def check_counts(server: ServerUnderTest) -> None:
         require(step, 1 + missed, "step of sequence, which is 1 + the step of missed_frames")
         require(after.dropped_frames, 0, "dropped_frames of a client that reads all")
     missed = headers[-1].missed_frames
-    # The first frame of the viewer, and the last one, may be frames of the other client.
-    is_right = sum(max(0, number - 2) for number in others) <= missed <= sum(others)
+    # The first frame of the viewer, and the last one, may be frames of the other client; a server
+    # may draw the next one ahead.
+    is_right = sum(max(0, number - 2) for number in others) <= missed <= 2 * sum(others)
     require(is_right, True, f"{missed} missed_frames after {sum(others)} frames of another client")
     require(headers[0].missed_frames, 0, "missed_frames of a new client")
     require("nosuchcamera" in error.lower(), True, f"name of the missing camera in {error!r}")
