@@ -44,9 +44,7 @@ _PLAN_TOLERANCE_M = 0.03
 # These drive for longer than a page's command lasts, or need the other ports.
 _NOT_ON_PAGE = {
     "stream_turn",
-    "stream_poses",
     "stream_path",
-    "stream_clock",
     "stream_label_motion",
     "stream_moving_labels",
     "stream_landmark_lists",

@@ -52,7 +52,10 @@ class PageSocket:
     def close(self) -> None:
         """End the WebSocket."""
         if not self._loop.is_closed():
+            self._run(self._socket.close())
             self._run(self._session.close())
+            # Transports close in the iteration of the loop after.
+            self._run(self._loop.shutdown_asyncgens())
             self._loop.close()
 
     def send(self, data: bytes, deadline_s: float) -> None:

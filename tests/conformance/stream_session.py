@@ -114,16 +114,6 @@ class StreamRobot:
                 return state.time_s, planar_pose(pose_from_transform(robot.world_from_robot))
         raise CheckFailed(f"the state does not list the robot {self.name}")
 
-    def planar_pose_in_readings(self) -> PlanarPose | None:
-        """Pose of the newest GroundTruth reading; None without such a sensor."""
-        for line in self.client.get_state(self.name).reports:
-            message = parse_message(line)
-            location, angles = message.get("Location"), message.get("Orientation")
-            if message.get("Type") == "GroundTruth" and location and angles:
-                x, y, _ = vector_from_text(location)
-                return PlanarPose(x, y, vector_from_text(angles)[2])
-        return None
-
 
 def ask(
     client: StreamClient, request: Callable[..., Request], reply: type[_ReplyT], *values: object
