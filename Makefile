@@ -123,14 +123,15 @@ cameras: $(READY) ## Draw a gallery of all camera models in one world; writes ou
 dataset-extras: $(READY) ## Install Ray, pyarrow, webdataset and pycocotools, with which more tests of data sets run; 0.5 GB
 	$(BIN)/pip install --constraint constraints.txt ray==2.60.0 pyarrow==26.0.1 webdataset==1.0.2 pycocotools==2.0.11
 
-conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= CLASS= DIALECT=udk LEGACY=yes]
-	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
+conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= PAGE= CLASS= DIALECT=udk LEGACY=yes]
+	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [PAGE=127.0.0.1:5080] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
 	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
-	  $(if $(STREAM),--stream $(STREAM)) $(if $(CLASS),--robot-class $(CLASS)) \
+	  $(if $(STREAM),--stream $(STREAM)) $(if $(PAGE),--page $(PAGE)) $(if $(CLASS),--robot-class $(CLASS)) \
 	  $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
 mutations: $(READY) ## Play the conformance suite through each of its deliberate faults; prints the rows that notice it
 	PYTHONPATH=tests $(BIN)/python -m conformance.mutations
+	PYTHONPATH=tests $(BIN)/python -m conformance.stream_field_matrix
 
 fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1

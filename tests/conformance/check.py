@@ -7,9 +7,12 @@ describe one world: odometry, scan, pose and picture against each other.
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
+from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from conformance.conversation_file import Address
 
 
@@ -36,6 +39,12 @@ class ServerUnderTest:
     """`ut2004` or `udk`."""
     legacy_images: bool
     """Whether the image port sends a frame before any request."""
+    clock: Callable[[], float] = time.monotonic
+    """Clock of the checks of the stream, seconds."""
+    replace_socket: Callable[[StreamSocket], StreamSocket] | None = None
+    """Takes the place of a new socket of the stream: records it, replays it, or is a page's."""
+    change_document: Callable[[str, dict[str, Any]], dict[str, Any]] | None = None
+    """Deliberate fault of a JSON document of the page, by its path."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,11 @@
 """Conformance test of a live server, ours or another's: conversations and checks by physics.
 
-Run: make conformance ADDRESS=host:port [IMAGE=host:port] [STREAM=host:port] [DIALECT=udk]
-[LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations are the files
-of data/conversations, the checks those of suite.py; rows for ports without an address, or for
-servers of another kind, are left out. The server's clock must be realtime. Prints a table; exits
-with 0 if every required row passes or is skipped with a reason, with 1 if one fails, with 2 without
-a server.
+Run: make conformance ADDRESS=host:port [IMAGE=host:port] [STREAM=host:port] [PAGE=host:port]
+[DIALECT=udk] [LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations
+are the files of data/conversations, the checks those of suite.py; rows for ports without an
+address, or for servers of another kind, are left out. The server's clock must be realtime. Prints a
+table; exits with 0 if every required row passes or is skipped with a reason, with 1 if one fails,
+with 2 without a server.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def find_missing_server(addresses: dict[str, Address]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play all applicable rows; exit status."""
     options = _parse_arguments(arguments)
-    ports = {"control": options.control, "image": options.image, "stream": options.stream}
+    ports = {port: getattr(options, port) for port in PLAYERS}
     addresses = {port: address for port, address in ports.items() if address}
     if reason := find_missing_server(addresses):
         print(reason, file=sys.stderr)
@@ -133,6 +133,7 @@ def _parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("control", type=_parse_address, help="host:port of the control server")
     parser.add_argument("--image", type=_parse_address, help="host:port of the image server")
     parser.add_argument("--stream", type=_parse_address, help="host:port of the ZeroMQ stream")
+    parser.add_argument("--page", type=_parse_address, help="host:port of the live page")
     parser.add_argument("--dialect", choices=("ut2004", "udk"), default="ut2004")
     parser.add_argument(
         "--legacy-images", action="store_true", help="server sends an unsolicited frame"

@@ -36,7 +36,6 @@ _PIXEL_TOLERANCE_PX = 0.25
 # Of numbers with at least four decimals, in pixels, radians and metres.
 _CONF_TOLERANCE = 1e-3
 _HEIGHT_TOLERANCE_M = 0.02
-_RAY_TOLERANCE_RAD = 0.01
 # Distance to a beacon from which its bands are several pixels wide.
 _VIEW_DISTANCE_M = 0.8
 # Half a band must be this large in the image for the middle of its colour to be seen.
@@ -138,32 +137,6 @@ def check_landmark_colours(server: ServerUnderTest) -> None:
         raise CheckSkipped("no beacon is near enough to show its colours")
 
 
-def check_pixel_rays(server: ServerUnderTest) -> None:
-    """Rays of get_pixel have the directions of the camera model, and end at visible beacons."""
-    for robot, frame, projections in _visit_beacons(server):
-        if not isinstance(frame.camera, OmniCamera):
-            raise CheckSkipped("the camera has no mirror")
-        for one in projections:
-            if one.pixel is None or not one.visible or one.landmark.kind != "beacon":
-                continue
-            reply = robot.client.get_pixel(*one.pixel, robot=robot.name)
-            x, y, z = _direction_in_camera(frame, _band_points(one.landmark)[1])
-            expected = math.atan2(math.hypot(x, y), z), math.atan2(y, x)
-            angles = reply.theta_rad, reply.azimuth_rad
-            observed = [math.nan if angle is None else angle for angle in angles]
-            if not math.dist(observed, expected) <= _RAY_TOLERANCE_RAD:
-                raise CheckFailed(
-                    f"get_pixel at {one.landmark.name}: incidence angle and azimuth {observed}, "
-                    f"by the poses {_format(expected)} rad"
-                )
-            distance_m = math.hypot(x, y, z)
-            range_m = reply.range_m or math.inf
-            if abs(range_m - distance_m) > one.landmark.width_m + 0.05:
-                raise CheckFailed(
-                    f"get_pixel at {one.landmark.name}, {distance_m:.2f} m away: {range_m:.2f} m"
-                )
-
-
 def _visit_beacons(
     server: ServerUnderTest,
 ) -> Iterator[tuple[StreamRobot, Frame, tuple[LandmarkProjection, ...]]]:
@@ -258,5 +231,4 @@ CAMERA_CHECKS = (
     check_from_function("stream_camera_conf", "stream", check_camera_conf),
     check_from_function("stream_landmark_pixels", "stream", check_landmark_pixels),
     check_from_function("stream_landmark_colours", "stream", check_landmark_colours),
-    check_from_function("stream_pixel_rays", "stream", check_pixel_rays),
 )

@@ -1,185 +1,69 @@
-"""Mutations of the stream, and what notices each of them.
+"""Mutations of the form of the stream's messages, played live, and what notices each of them.
 
-The first group shows in the form of one message, the second one in its meaning alone.
+Those of the fields are generated, and played against recordings: stream_message_mutations.py.
 """
 
 from __future__ import annotations
 
-from conformance.mutation import Mutation
-from conformance.stream_message_mutations import (
-    Connect,
-    Fields,
-    drop_field,
-    freeze_field,
-    of_kind,
-    of_messages,
-    of_messages_with_state,
-    repeat_first_image,
-    set_field,
-    set_landmark,
-    set_model_field,
-    set_raw_picture,
-)
+from collections.abc import Callable
+from typing import Any
 
-_OFFSET_PX = 5.0
+import msgpack
+
+from conformance.mutation import ConnectionMutation, MutateBytes, Mutation
+from conformance.stream_zmtp import is_command, message_from_parts, parts_from_message
+
+Fields = dict[str, Any]  # Any: every value of msgpack
+# Fields and parts behind them in, the same out; None drops the message.
+_ChangeMessage = Callable[[Fields, list[bytes]], "tuple[Fields, list[bytes]] | None"]
 
 
-def _mutation(name: str, connect: Connect, *noticed_by: str) -> Mutation:
-    return Mutation(name, "stream", connect, noticed_by)
+def _of_kind(name: str, kind: str, change: _ChangeMessage, noticed_by: str) -> Mutation:
+    """Mutation of the server's messages of one kind; the others pass."""
+
+    def change_kind(fields: Fields, parts: list[bytes]) -> tuple[Fields, list[bytes]] | None:
+        return change(fields, parts) if fields["kind"] == kind else (fields, parts)
+
+    def connect() -> ConnectionMutation:
+        return ConnectionMutation(mutate_reply=_on_bytes(change_kind))
+
+    return Mutation(name, "stream", connect, (noticed_by,))
 
 
-def _move_pixel(landmark: Fields) -> Fields:
-    if landmark["pixel"] is None:
-        return landmark
-    u, v = landmark["pixel"]
-    return {**landmark, "pixel": [u + _OFFSET_PX, v]}
+def _set(**values: object) -> _ChangeMessage:
+    return lambda fields, parts: ({**fields, **values}, parts)
 
 
-def _negate_visible(landmark: Fields) -> Fields:
-    visible = landmark["visible"]
-    return {**landmark, "visible": None if visible is None else not visible}
+def _on_bytes(change: _ChangeMessage) -> MutateBytes:
+    def mutate(message: bytes) -> bytes:
+        # The greeting and commands of ZMTP are not ours: a message of ours is a map of msgpack.
+        parts = [] if is_command(message) else parts_from_message(message)
+        if not parts or not parts[0] or not _is_map(parts[0]):
+            return message
+        changed = change(msgpack.unpackb(parts[0]), parts[1:])
+        if changed is None:
+            return b""
+        fields, rest = changed
+        return message_from_parts([msgpack.packb(fields), *rest])
+
+    return mutate
 
 
-def _swap_colours(landmark: Fields) -> Fields:
-    lower, upper = landmark["lower_colour"], landmark["upper_colour"]
-    return {**landmark, "lower_colour": upper, "upper_colour": lower}
+def _is_map(data: bytes) -> bool:
+    """Whether bytes begin like a map of msgpack."""
+    return data[0] & 0xF0 == 0x80 or data[0] in (0xDE, 0xDF)
 
 
-def _transpose(transform: Fields) -> Fields:
-    """Rotation in the opposite sense."""
-    rotation = transform["rotation"]
-    return {**transform, "rotation": [rotation[i] for i in (0, 3, 6, 1, 4, 7, 2, 5, 8)]}
-
-
-FORM_MUTATIONS = (
-    _mutation("no pulse", of_messages(of_kind("heartbeat", lambda *_: None)), "stream_heartbeats"),
-    _mutation(
-        "camera without a field",
-        of_messages(of_kind("frame", set_model_field("CentreU", lambda _: None))),
-        "stream_frame_raw",
-    ),
-    _mutation(
-        "camera of an unknown mirror",
-        of_messages(of_kind("frame", set_model_field("Mirror", lambda _: "spherical"))),
-        "stream_frame_raw",
-    ),
-    _mutation(
-        "constant sequence",
-        of_messages(of_kind("frame", set_field("sequence", lambda _: 1))),
-        "stream_frame_raw",
-    ),
-    _mutation(
+STREAM_MUTATIONS: tuple[Mutation, ...] = (
+    _of_kind("no pulse", "heartbeat", lambda *_: None, "stream_heartbeats"),
+    _of_kind(
         "short picture",
-        of_messages(of_kind("frame", lambda fields, parts: (fields, [parts[0][:-3]]))),
+        "frame",
+        lambda fields, parts: (fields, [parts[0][:-3]]),
         "stream_frame_raw",
     ),
-    _mutation(
-        "mislabelled picture",
-        of_messages(of_kind("frame", set_field("encoding", lambda _: "png"))),
-        "stream_frame_raw",
-    ),
-    _mutation(
-        "version 2",
-        of_messages(of_kind("frame", set_field("version", lambda _: 2))),
-        "stream_frame_raw",
-    ),
-    _mutation(
-        "wrong id",
-        of_messages(of_kind("status", set_field("id", lambda id_: id_ + 1))),
-        "stream_status",
-    ),
-    _mutation(
-        "missing field", of_messages(of_kind("frame", drop_field("age_s"))), "stream_frame_raw"
-    ),
+    _of_kind("mislabelled picture", "frame", _set(encoding="png"), "stream_frame_raw"),
+    _of_kind("constant sequence", "frame", _set(sequence=1), "stream_frame_raw"),
+    _of_kind("version 2", "frame", _set(version=2), "stream_frame_raw"),
+    _of_kind("wrong id", "status", _set(id=2**40), "stream_status"),
 )
-
-MEANING_MUTATIONS = (
-    _mutation(
-        "landmark's pixel + 5 px", of_messages(set_landmark(_move_pixel)), "stream_landmark_pixels"
-    ),
-    _mutation(
-        "visible negated", of_messages(set_landmark(_negate_visible)), "stream_landmark_colours"
-    ),
-    _mutation(
-        "colours swapped", of_messages(set_landmark(_swap_colours)), "stream_landmark_colours"
-    ),
-    _mutation(
-        "HorizonRadius + 10 %",
-        of_messages(set_model_field("HorizonRadius", lambda text: repr(1.1 * float(text)))),
-        "stream_camera_conf",
-        "stream_landmark_pixels",
-    ),
-    _mutation(
-        "UpAzimuth wrong",
-        of_messages(set_model_field("UpAzimuth", lambda text: repr(float(text) + 0.5))),
-        "stream_camera_conf",
-        "stream_landmark_pixels",
-    ),
-    _mutation(
-        "HorizonRadius of frames + 10 %",
-        of_messages(
-            of_kind("frame", set_model_field("HorizonRadius", lambda text: repr(1.1 * float(text))))
-        ),
-        "stream_camera_model",
-    ),
-    _mutation(
-        "world_from_robot frozen",
-        of_messages_with_state(freeze_field("world_from_robot")),
-        "stream_turn",
-        "stream_poses",
-    ),
-    _mutation(
-        "world_from_robot inverted",
-        of_messages(of_kind("frame", set_field("world_from_robot", _transpose))),
-        "stream_turn",
-        "stream_landmark_pixels",
-    ),
-    _mutation("time_s frozen", of_messages_with_state(freeze_field("time_s")), "stream_clock"),
-    _mutation(
-        "R and B swapped",
-        of_messages(set_raw_picture(lambda picture: picture[..., ::-1])),
-        "stream_encodings",
-        "stream_landmark_colours",
-    ),
-    _mutation(
-        "raw rows upside down",
-        of_messages(set_raw_picture(lambda picture: picture[::-1])),
-        "stream_encodings",
-        "stream_landmark_colours",
-        "stream_turn",
-    ),
-    _mutation(
-        "raw rows mirrored",
-        of_messages(set_raw_picture(lambda picture: picture[:, ::-1])),
-        "stream_encodings",
-        "stream_turn",
-    ),
-    _mutation("picture stale", of_messages_with_state(repeat_first_image), "stream_turn"),
-    _mutation(
-        "no bound",
-        of_messages(of_kind("frame", set_field("error_bound_px", lambda _: None))),
-        "stream_bound",
-    ),
-    _mutation(
-        "negative bound",
-        of_messages(of_kind("frame", set_field("error_bound_px", lambda bound: -bound))),
-        "stream_bound",
-    ),
-    _mutation(
-        "age_s in milliseconds",
-        of_messages(of_kind("frame", set_field("age_s", lambda age_s: 1000.0 * age_s))),
-        "stream_clock",
-    ),
-    _mutation(
-        "azimuth of get_pixel reversed",
-        of_messages(of_kind("pixel", set_field("azimuth_rad", lambda angle: -angle))),
-        "stream_pixel_rays",
-    ),
-    _mutation(
-        "range of get_pixel in centimetres",
-        of_messages(of_kind("pixel", set_field("range_m", lambda range_m: 100.0 * range_m))),
-        "stream_pixel_rays",
-    ),
-)
-
-STREAM_MUTATIONS: tuple[Mutation, ...] = (*FORM_MUTATIONS, *MEANING_MUTATIONS)

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.stream.requests import ImageEncoding
 from conformance.check import (
     Check,
-    CheckFailed,
     CheckSkipped,
     ServerUnderTest,
     check_from_function,
@@ -41,28 +36,7 @@ def check_image_port(server: ServerUnderTest) -> None:
             require_equal_pictures(images.get_picture(), on_stream, names)
 
 
-def check_bound(server: ServerUnderTest) -> None:
-    """A frame of a hyperbolic camera has a bound, the sum of its parts as error_bounds."""
-    with spawn_on_stream(server) as robot:
-        frame = robot.get_frame()
-    if not (
-        isinstance(frame.camera, OmniCamera) and isinstance(frame.camera.mirror, HyperbolicMirror)
-    ):
-        raise CheckSkipped("only cameras with a hyperbolic mirror have a bound in any case")
-    bound, parts = frame.error_bound_px, frame.error_bounds or {}
-    if bound is None or not (math.isfinite(bound) and bound >= 0.0):
-        raise CheckFailed(f"error_bound_px is {bound}: expected a finite number of at least 0")
-    total = parts.get("max_px", math.nan) + parts.get("edge_px", math.nan)
-    for name, value in (
-        ("outline_px", parts.get("outline_px", math.nan)),
-        ("max_px + edge_px", total),
-    ):
-        if not math.isclose(bound, value, rel_tol=_RELATIVE_TOLERANCE):
-            raise CheckFailed(f"error_bound_px is {bound:g}, {name} of error_bounds {value:g}")
-
-
 PICTURE_CHECKS: tuple[Check, ...] = (
     check_from_function("stream_encodings", "stream", check_encodings),
     check_from_function("stream_image_port", "stream", check_image_port),
-    check_from_function("stream_bound", "stream", check_bound),
 )

@@ -6,10 +6,10 @@ The library's client reads and validates every message; what a check observes is
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
@@ -23,12 +23,15 @@ from catoptra_protocol.errors import (
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.stream.replies import Reply
+from catoptra_protocol.stream.requests import ImageEncoding, Request
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.value_format import vector_from_text
 from catoptra_protocol.vectors import Vector3
 from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_readings import PlanarPose, wrap
+
+_ReplyT = TypeVar("_ReplyT", bound=Reply)
 
 # Ten times a slow server's reply, on a busy machine.
 REPLY_TIMEOUT_S = 10.0
@@ -48,6 +51,7 @@ class StreamRobot:
 
     client: StreamClient
     name: str
+    clock: Callable[[], float]
 
     def get_frame(self, encoding: ImageEncoding = ImageEncoding.RAW) -> Frame:
         """New frame of the robot's first camera."""
@@ -59,9 +63,9 @@ class StreamRobot:
         Raises:
             CheckFailed: No frame of this time came.
         """
-        deadline_s = time.monotonic() + REPLY_TIMEOUT_S
+        deadline_s = self.clock() + REPLY_TIMEOUT_S
         times: list[float] = []
-        while time.monotonic() < deadline_s and len(times) < _MAX_OLD_FRAMES:
+        while self.clock() < deadline_s and len(times) < _MAX_OLD_FRAMES:
             frame = self.get_frame()
             times.append(frame.time_s or 0.0)
             if times[-1] >= time_s:
@@ -75,8 +79,8 @@ class StreamRobot:
         """Turn on the place by an angle or for a time, and stand; the time when it stands."""
         start = self.planar_pose_in_state()
         self.client.drive(_TURN_PERCENT, -_TURN_PERCENT, normalized=True)
-        deadline_s = time.monotonic() + _TURN_TIMEOUT_S
-        while time.monotonic() < deadline_s:
+        deadline_s = self.clock() + _TURN_TIMEOUT_S
+        while self.clock() < deadline_s:
             if abs(wrap(self.planar_pose_in_state().yaw_rad - start.yaw_rad)) >= turn_rad:
                 break
         self.client.drive(0.0, 0.0)
@@ -84,9 +88,9 @@ class StreamRobot:
 
     def wait_until_standing(self) -> float:
         """Wait until the robot moves no more; the time of the state then."""
-        deadline_s = time.monotonic() + _TURN_TIMEOUT_S
+        deadline_s = self.clock() + _TURN_TIMEOUT_S
         last_s, last = self._read_state()
-        while time.monotonic() < deadline_s:
+        while self.clock() < deadline_s:
             time_s, pose = self._read_state()
             if time_s >= last_s + _STANDING_S:
                 motion = last.motion_to(pose)
@@ -110,22 +114,28 @@ class StreamRobot:
                 return state.time_s, planar_pose(pose_from_transform(robot.world_from_robot))
         raise CheckFailed(f"the state does not list the robot {self.name}")
 
-    def planar_pose_in_readings(self) -> PlanarPose | None:
-        """Pose of the newest GroundTruth reading; None without such a sensor."""
-        for line in self.client.get_state(self.name).reports:
-            message = parse_message(line)
-            location, angles = message.get("Location"), message.get("Orientation")
-            if message.get("Type") == "GroundTruth" and location and angles:
-                x, y, _ = vector_from_text(location)
-                return PlanarPose(x, y, vector_from_text(angles)[2])
-        return None
+
+def ask(
+    client: StreamClient, request: Callable[..., Request], reply: type[_ReplyT], *values: object
+) -> _ReplyT:
+    """Reply to a request with these fields, as the server sent it."""
+    return client._call(request, reply, *values)
+
+
+def require(observed: object, expected: object, name: str) -> None:
+    """Fail where two values differ."""
+    if observed != expected:
+        raise CheckFailed(f"{name}: {observed!r:.300}, expected {expected!r:.300}")
 
 
 @contextmanager
 def connect_stream(server: ServerUnderTest) -> Iterator[StreamClient]:
     """Connect to the stream for the length of a block."""
     host, port = server.addresses["stream"]
-    with StreamClient.connect(host, port, REPLY_TIMEOUT_S) as client:
+    with StreamClient(host, port, timeout_s=REPLY_TIMEOUT_S, clock=server.clock) as client:
+        if server.replace_socket is not None:
+            client._socket = server.replace_socket(client._socket)
+        client.get_status()
         yield client
 
 
@@ -154,7 +164,7 @@ def spawn_on_stream(
             raise CheckFailed(
                 f"a robot of {server.robot_class} was spawned, but the state has none"
             )
-        robot = StreamRobot(client, robots[-1])
+        robot = StreamRobot(client, robots[-1], server.clock)
         try:
             robot.get_frame()
         except (RemoteProtocolError, ConnectionLostError, DeadlineExceededError):

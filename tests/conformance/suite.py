@@ -16,6 +16,7 @@ from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_checks import CONTROL_CHECKS, SPAWN_CHECK
 from conformance.conversation_file import Address, Conversation, read_conversation
 from conformance.image_checks import IMAGE_CHECKS
+from conformance.page_checks import PAGE_CHECKS
 from conformance.stream_checks import STREAM_CHECKS
 
 CONVERSATIONS = Path(__file__).parent / "data/conversations"
@@ -25,14 +26,16 @@ PLAYERS: dict[str, Player] = {
     "control": tcp_player.play_conversation,
     "image": tcp_player.play_conversation,
     "stream": stream_player.play_conversation,
+    "page": stream_player.play_conversation,
 }
 _TCP_STEP_KEYS = {*tcp_player.STEP_HANDLERS, *tcp_player.STEP_OPTIONS}
 STEP_KEYS: dict[str, Iterable[str]] = {
     "control": _TCP_STEP_KEYS,
     "image": _TCP_STEP_KEYS,
     "stream": {*stream_player.STEP_HANDLERS, *stream_player.STEP_OPTIONS},
+    "page": (),
 }
-CHECKS: tuple[Check, ...] = (*CONTROL_CHECKS, *IMAGE_CHECKS, *STREAM_CHECKS)
+CHECKS: tuple[Check, ...] = (*CONTROL_CHECKS, *IMAGE_CHECKS, *STREAM_CHECKS, *PAGE_CHECKS)
 
 
 class Outcome(Enum):

@@ -69,7 +69,7 @@ class PixelView:
     """Distance along the ray, from the viewpoint, or from the mirror's point of a mirror without
     one; None if there is nothing."""
     object_name: str = ""
-    """Name of the world's item or of the robot; empty for none."""
+    """Name of the world's object, as of labels, or of the robot; empty for none."""
     bound_px: float | None = None
     """Bound on the displacement of outlines at this point; None without a bound."""
 
@@ -93,7 +93,7 @@ class NamedScene:
         distances, triangles = self.ray_caster.closest_triangles(origins, directions)
         nearest_m, name = float(distances[0]), ""
         if triangles[0] >= 0:
-            name = self.scene.item_names[self.scene.item_index[triangles[0]]]
+            name = self.scene.objects[self.scene.object_index[triangles[0]]].name
         for robot, box in zip(self.robot_names, self.robot_boxes, strict=True):
             robot_m = float(box_distances((box,), origins, directions)[0])
             if robot_m < nearest_m:

@@ -445,7 +445,7 @@ def records_from_decisions(
     decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
 ) -> tuple[EffectRecord, ...]:
     """Records of effect decisions, with the durations of a frame by stage."""
-    # A disabled effect has no stage, nor has one that changes the scene.
+    # An effect that changes the scene has no stage; one that was measured and left out has one.
     return tuple(
         _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
     )
@@ -459,7 +459,7 @@ def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectR
         threshold=decision.threshold,
         displacement_px=decision.displacement_px,
         reason=decision.reason,
-        duration_ms=None if ms is None else float(ms),
+        duration_ms=float(ms) if decision.enabled and ms is not None else None,
         basis=decision.basis.value,
         change=decision.change,
     )
