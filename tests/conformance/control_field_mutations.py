@@ -112,11 +112,22 @@ def _make_field(kind: str, path: str) -> NumericField:
     )
     neighbour = f"{key}.{(int(index) + 1) % 3}" if index else _NEIGHBOURS.get(key, "")
     faults = MEASURED if kind.partition(" ")[0] in ("SEN", "STA", "MISSTA", "ASTA") else CONSTANT
+    if _UNMEASURED.fullmatch(f"{kind} {path}"):
+        faults = _IMPLAUSIBLE
     if not neighbour and key not in _LISTED:
         faults = tuple(fault for fault in faults if fault is not Fault.EXCHANGED)
     return NumericField(kind, path, quantity or Quantity.LENGTH, neighbour, faults)
 
 
+# Numbers that no other statement of a server repeats and no motion shows: only what makes them
+# implausible can be noticed. MISSTA prints the torque of a link at rest, 0.
+_UNMEASURED = re.compile(
+    r"CONF \w+ (Mass|MaxTorque|MinRange|Diameter|BeamAngle|beamAngle|maxAngle\w*|\w+Cone\w*)|"
+    r"CONF (RFID|VictSensor) \w+|CONF MisPkg Max\w+|CONF Camera Error\w+|"
+    r"GEO GroundVehicle (Dimensions.\d|WheelBase)|GEO (?!Sonar|GroundVehicle).* Location.\d|"
+    r"GEO Sonar Location.2|GEO MisPkg Orientation.\d|\w+ Torque|SEN GPS Satellites|STA \w+Flipper"
+)
+_IMPLAUSIBLE = (Fault.LARGER_UNIT_NUMBER, Fault.TEN_TIMES, Fault.ABSENT)
 _LISTED = ("Range", "Tick", "Link", "Vel", "Pos")
 
 
@@ -177,6 +188,8 @@ def _write_numbers(line: str, places: list[_PlacedNumber], numbers: Numbers) -> 
 
 
 def _format_like(text: str, value: float) -> str:
+    if text[-1].isdigit() and value == float(text):
+        return text
     if text[-1] in "NSEW":
         sides = "NS" if text[-1] in "NS" else "EW"
         decimals = len(text.rpartition(",")[0].partition(".")[2])

@@ -31,7 +31,9 @@ PlayerStarts=(Tag="East",Location=(X=-5,Y=30,Z=0),Rotation=(X=0,Y=0,Z=-1.2))
 PlayerStarts=(Tag="South",Location=(X=-20,Y=-25,Z=0),Rotation=(X=0,Y=0,Z=2.3))
 RfidTags=(ID=1001,Position=(X=13,Y=7,Z=-0.5))
 Victims=(Name="Chest",Position=(X=14.2,Y=6.4,Z=-0.4))
-Victims=(Name="Leg",Position=(X=14.1,Y=5.7,Z=-0.3))
+Victims=(Name="Leg",Position=(X=14.1,Y=5.7,Z=-0.9))
+Victims=(Name="Head",Position=(X=12.7,Y=7.2,Z=-0.8))
+Victims=(Name="Arm",Position=(X=12.6,Y=4.9,Z=-0.8))
 """
 _SENSORS = """
 +Sensors=(ItemClass=class'USARSensor.Tachometer',ItemName="Tach",Position=(X=0,Y=0,Z=0),Direction=(X=0,Y=0,Z=0))
