@@ -9,6 +9,7 @@ from conformance.control_motion_checks import MOTION_CHECKS
 from conformance.control_range_checks import RANGE_CHECKS
 from conformance.control_session import spawn_robot
 from conformance.control_text_checks import TEXT_CHECKS
+from conformance.control_tour_checks import TOUR_ROWS
 
 
 def check_spawn(server: ServerUnderTest) -> None:
@@ -25,4 +26,5 @@ CONTROL_CHECKS: tuple[Check, ...] = (
     *MOTION_CHECKS,
     *COMMAND_CHECKS,
     *RANGE_CHECKS,
+    *TOUR_ROWS,
 )

@@ -163,6 +163,12 @@ def record_tour(server: ServerUnderTest) -> Tour:
     return replace(tour, cameras=_read_cameras(server, filter(None, names)))
 
 
+def record_standing(server: ServerUnderTest) -> Tour:
+    """The start of a tour."""
+    with spawn_robot(server) as session:
+        return Tour(server, tuple(session.lines), {})
+
+
 def record_visits(tour: Tour) -> Tour:
     """The tour with robots at some start poses, which must be free, one after the other."""
     return replace(tour, visits=tuple(_visit_start_poses(tour)))

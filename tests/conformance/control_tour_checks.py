@@ -11,12 +11,18 @@ from __future__ import annotations
 import math
 import re
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from catoptra_protocol.usarsim.grammar import Message, items_from_message, split_groups
-from conformance.check import CheckFailed
+from conformance.check import (
+    CheckFailed,
+    ServerUnderTest,
+    check_from_function,
+    retry_once,
+)
 from conformance.control_forms import find_form, matches_form
 from conformance.control_readings import (
     Floats,
@@ -36,6 +42,9 @@ from conformance.control_tour import (
     Tour,
     joint_names,
     number_of,
+    record_standing,
+    record_tour,
+    record_visits,
     start_poses,
 )
 
@@ -828,6 +837,40 @@ TOUR_CHECKS: dict[str, Callable[[Tour], None]] = {
     "robot": check_robot,
     "parts": check_parts,
     "cameras": check_cameras,
-    "visits": check_visits,
-    "gps": check_gps,
 }
+VISIT_CHECKS: dict[str, Callable[[Tour], None]] = {"visits": check_visits, "gps": check_gps}
+
+
+def find_contradiction(tour: Tour, checks: Mapping[str, Callable[[Tour], None]]) -> str:
+    """Name and reason of the first check that fails; empty if none does."""
+    for name, check in checks.items():
+        try:
+            check(tour)
+        except CheckFailed as failure:
+            return f"{name}: {failure}"
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            return f"{name}: a reply that cannot be read: {type(error).__name__}: {error}"
+    return ""
+
+
+@retry_once
+def check_tour(server: ServerUnderTest) -> None:
+    """Standing, turning, driving, commanded: all numbers of reports, CONF and GEO agree."""
+    reason = find_contradiction(record_tour(server), TOUR_CHECKS)
+    _require(not reason, reason)
+
+
+@retry_once
+def check_start_pose_visits(server: ServerUnderTest) -> None:
+    """Robots stand at the start poses that are named, and GPS measures the way between them."""
+    reason = find_contradiction(record_visits(record_standing(server)), VISIT_CHECKS)
+    _require(not reason, reason)
+
+
+TOUR_ROWS = (
+    check_from_function("tour", "control", check_tour),
+    replace(
+        check_from_function("start_pose_visits", "control", check_start_pose_visits),
+        needs_empty_world=True,
+    ),
+)

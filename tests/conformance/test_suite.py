@@ -18,7 +18,7 @@ from conformance.conversation_file import Address, read_conversation
 from conformance.mutation import ConnectionMutation
 from conformance.mutation_play import make_unmutated
 from conformance.mutation_proxy import run_mutation_proxy
-from conformance.parallel_play import ParallelPlayer, places_of, run_parallel_player
+from conformance.parallel_play import ParallelPlayer, parallel_rows, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
 from conformance.suite import (
     CHECKS,
@@ -62,7 +62,7 @@ def play_port(server: ServerUnderTest, port: str) -> list[RowResult]:
 
 def play_control_rows(player: ParallelPlayer, server: ServerUnderTest) -> list[RowResult]:
     """Results of the rows of the control port."""
-    names = [check.name for check in applicable_checks(server) if check.port == "control"]
+    names = parallel_rows(server, "control")
     return player.play(make_unmutated("control"), names)
 
 
