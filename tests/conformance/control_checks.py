@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from conformance.check import Check, ServerUnderTest, check_from_function
-from conformance.control_clock_checks import CLOCK_CHECKS
 from conformance.control_command_checks import COMMAND_CHECKS
 from conformance.control_motion_checks import MOTION_CHECKS
 from conformance.control_range_checks import RANGE_CHECKS
@@ -22,7 +21,6 @@ SPAWN_CHECK = check_from_function("spawn", "control", check_spawn, needs_robot=F
 CONTROL_CHECKS: tuple[Check, ...] = (
     SPAWN_CHECK,
     *TEXT_CHECKS,
-    *CLOCK_CHECKS,
     *MOTION_CHECKS,
     *COMMAND_CHECKS,
     *RANGE_CHECKS,

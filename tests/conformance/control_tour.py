@@ -104,7 +104,10 @@ class Tour:
         found = [
             one.message
             for one in self.lines[first:last]
-            if one.message.word == word and _type_of(one.message) == type_
+            if one.message.word == word
+            and _type_of(one.message) == type_
+            # An empty reply has the type alone.
+            and len(one.message.pairs) > 1
         ]
         return [
             item for one in found for item in (items_from_message(one) if word == "GEO" else [one])

@@ -319,7 +319,9 @@ def check_progress(tour: Tour) -> None:
         common = np.median(np.array(list(shares.values())), axis=0)
         for name, share in shares.items():
             late = _delay(share, common)
-            _require(abs(late) < 0.5, f"{phase}: {name} is late by {late:.2f} intervals")
+            # A beam may meet another part of a surface.
+            most = 0.75 if name.startswith(("sonar", "scan")) else 0.5
+            _require(abs(late) < most, f"{phase}: {name} is late by {late:.2f} intervals")
 
 
 def check_odometry_origin(tour: Tour) -> None:
@@ -369,7 +371,9 @@ def check_sonars(tour: Tour) -> None:
     surfaces = np.concatenate([one for one in points if one is not None] or [np.zeros((0, 2))])
     checked, wrong = 0, []
     for stop in stops if len(surfaces) else ():
-        pose = _poses(stop)["groundtruth"]
+        pose = _poses(stop).get("groundtruth")
+        if pose is None:
+            continue
         for name, range_m in find_sonar_ranges({"sonar": stop.find("sonar")}).items():
             beam_rad = next(
                 read_number(confs[name], key)
@@ -702,7 +706,10 @@ def _motion_series(tour: Tour, phase: str, instants: list[Instant]) -> Iterator[
     for side, angles in _tachometer(instants).items():
         yield f"tachometer {side}", angles
     if phase in STRAIGHTS:
-        yield from _approaches(tour, instants)
+        lengths = [math.hypot(*(x[-1] - x[0])[:2]) for x in _tracks(tour, phase).values()]
+        for name, ranges in _approaches(tour, instants):
+            if _is_close(float(ranges[0] - ranges[-1]), statistics.median(lengths), 0.1, 0.02):
+                yield name, ranges
 
 
 def _approaches(tour: Tour, instants: list[Instant]) -> Iterator[tuple[str, Floats]]:

@@ -83,7 +83,7 @@ def _is_selected(name: str, request: pytest.FixtureRequest) -> bool:
 
 @pytest.mark.parametrize(
     ("server", "skipped"),
-    [("P2AT", []), ("form", []), ("Kenaf", ["sonar_ranges"])],
+    [("P2AT", []), ("form", []), ("Kenaf", [])],
     ids=SERVERS,
 )
 def test_our_server_passes_each_row_that_the_sensors_allow(

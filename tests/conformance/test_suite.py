@@ -78,7 +78,7 @@ def test_our_server_when_it_speaks_udk_and_sends_legacy_images_passes(tmp_path: 
         with run_parallel_player(places_of(server, CELL_POSES)) as player:
             results = play_control_rows(player, server)
     assert describe_failures(results) == []
-    assert skipped_rows(results) == ["battery"]
+    assert skipped_rows(results) == []
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_rows_of_sensors_that_a_class_has_not_are_skipped(corridor: ServerUnderT
     rows = [row for row in applicable_checks(server) if of_sensors.search(row.name)]
     results = list(play_checks(rows, server))
     assert describe_failures(results) == []
-    assert skipped_rows(results) == ["scan_geometry", "scan_distance", "scan_turn", "sonar_ranges"]
+    assert skipped_rows(results) == ["scan_turn"]
 
 
 def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest) -> None:
