@@ -132,6 +132,7 @@ conformance: $(READY) ## Test a live server by conversations and by physics: ADD
 mutations: $(READY) ## Play the conformance suite through each of its deliberate faults; prints the rows that notice it
 	PYTHONPATH=tests $(BIN)/python -m conformance.mutations
 	PYTHONPATH=tests $(BIN)/python -m conformance.stream_field_matrix
+	PYTHONPATH=tests $(BIN)/python -m conformance.control_field_matrix
 
 fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1

@@ -63,6 +63,8 @@ class Check:
     """Whether it fails without being run on a server where no robot spawns."""
     is_required: bool = True
     """Whether a server must pass it."""
+    needs_empty_world: bool = False
+    """Whether robots of other connections would be in its way."""
 
 
 def check_from_function(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from conformance.check import Check, ServerUnderTest, check_from_function
-from conformance.control_clock_checks import CLOCK_CHECKS
 from conformance.control_command_checks import COMMAND_CHECKS
 from conformance.control_motion_checks import MOTION_CHECKS
 from conformance.control_range_checks import RANGE_CHECKS
 from conformance.control_session import spawn_robot
 from conformance.control_text_checks import TEXT_CHECKS
+from conformance.control_tour_checks import TOUR_ROWS
 
 
 def check_spawn(server: ServerUnderTest) -> None:
@@ -21,8 +21,8 @@ SPAWN_CHECK = check_from_function("spawn", "control", check_spawn, needs_robot=F
 CONTROL_CHECKS: tuple[Check, ...] = (
     SPAWN_CHECK,
     *TEXT_CHECKS,
-    *CLOCK_CHECKS,
     *MOTION_CHECKS,
     *COMMAND_CHECKS,
     *RANGE_CHECKS,
+    *TOUR_ROWS,
 )

@@ -82,24 +82,6 @@ def check_stop(server: ServerUnderTest) -> None:
         raise CheckFailed(f"both sides 0: the robot still moves, observed {describe(motions)}")
 
 
-def check_odometry_reset(server: ServerUnderTest) -> None:
-    """SET Odometry RESET makes the pose of the robot the origin, and has a RES (UT2004)."""
-    with spawn_robot(server) as session:
-        base = read_drive_base(session)
-        cycle = drive_forward(session, base, _FORWARD_M).after
-        if "odometry" not in cycle:
-            raise CheckSkipped("no odometry reports")
-        before = find_poses(cycle)["odometry"]
-        name = cycle["odometry"][0].get("Name")
-        command = f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}"
-        is_acknowledged = any(one.get("Status") == "OK" for one in session.query(command))
-        after = find_poses(session.read_next_cycle())["odometry"]
-    if server.dialect == "ut2004" and not is_acknowledged:
-        raise CheckFailed(f"{command}: no RES with {{Status OK}}")
-    if math.hypot(after.x_m, after.y_m) > 0.25 * math.hypot(before.x_m, before.y_m):
-        raise CheckFailed(f"RESET of the odometry at x {before.x_m} m left it at {after.x_m} m")
-
-
 def _world_pose(poses: dict[str, PlanarPose]) -> PlanarPose:
     """Pose in the world frame, without noise if possible."""
     for type_ in ("groundtruth", "ins"):
@@ -112,5 +94,4 @@ COMMAND_CHECKS = (
     check_from_function("drive_normalized", "control", check_normalized),
     check_from_function("drive_stop", "control", check_stop),
     check_from_function("spawn_pose", "control", check_spawn_pose),
-    check_from_function("odometry_reset", "control", check_odometry_reset),
 )

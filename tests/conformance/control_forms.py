@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from functools import cache
 
+from catoptra_protocol.usarsim.grammar import Message
+
 _NUMBER = r"-?\d+(?:\.\d+)?"
 _PLACEHOLDERS = {
     "n": _NUMBER,
@@ -30,6 +32,7 @@ _COMMON_READINGS = {
     "rfid": "SEN {Time n} {Type RFID} {Name w}",
     "victsensor": "SEN [{Time n}] {Type VictSensor} {Name w}",
     "gps": "SEN [{Time n}] {Type GPS} {Name w}",
+    "tachometer": "SEN {Time n} {Type Tachometer} {Name w} {Vel l} {Pos l}",
 }
 # By dialect and type in lower case. UT2004 lists the sensors of some types in one line.
 READING_FORMS = {
@@ -58,6 +61,16 @@ _COMMON_CONFIGURATIONS = {
     "odometry": "CONF {Type Odometry} {Name w} {ScanInterval n} {EncoderResolution n}",
     "groundtruth": "CONF {Type GroundTruth} {Name w} {ScanInterval n}",
     "ins": "CONF {Type INS} {Name w} {ScanInterval n}",
+    "tachometer": "CONF {Type Tachometer} {Name w} {ScanInterval n}",
+    "gps": "CONF {Type GPS} {Name w} {ScanInterval n}",
+    "touch": "CONF {Type Touch} {Name w} {Diameter n}",
+    "rfid": "CONF {Type RFID} {Name w} {MaxRange n}",
+    "victsensor": "CONF {Type VictSensor} {Name w} {MaxRange n} {Fov n}",
+    "camera": "CONF {Type Camera} {Name w} [{TextureOffsetX n}] [{TextureOffsetY n}] "
+    "[{TextureResolutionX n}] [{TextureResolutionY n}] "
+    "{CameraDefFov n} {CameraMinFov n} {CameraMaxFov n} {CameraFov n}",
+    "mispkg": "CONF {Type MisPkg} {Name w} {Link n} {JointType w} {MaxSpeed n} {MaxTorque n} "
+    "{MinRange n} {MaxRange n}",
 }
 CONFIGURATION_FORMS = {
     "ut2004": {
@@ -72,7 +85,8 @@ CONFIGURATION_FORMS = {
         "robot": f"CONF {{Name w}} {{Type w}} {_STEERING}",
         "rangescanner": f"CONF {{Type RangeScanner}} {_RANGES} "
         "{Resolution n} {Fov n} {Panning b} {Tilting b}",
-        "sonar": f"CONF {{Type Sonar}} {_RANGES} {{ScanInterval n}} {{beamAngle n}}",
+        "sonar": f"CONF {{Type Sonar}} {_RANGES} {{ScanInterval n}} {{beamAngle n}} "
+        "{maxAngleOfIncidence n} {tracesPerCone n} {numberOfCones n}",
     },
 }
 ROBOT_GEOMETRY_FORM = (
@@ -82,6 +96,41 @@ PART_GEOMETRY_FORMS = {
     "ut2004": "GEO {Type w} {Name w Location v Orientation v Mount w}...",
     "udk": "GEO {Type w} {Name w} {Location v} {Orientation v} {Mount w}",
 }
+
+
+_PACKAGE_GEOMETRY_FORM = (
+    "GEO {Type MisPkg} {Name w} {Link n} {ParentLink n} {Location v} {Orientation v}"
+)
+# Of the other words, their first blocks.
+_OTHER_FORMS = {
+    "ut2004": {
+        "STA": "STA {Type w} {Time n} {FrontSteer n} {RearSteer n}",
+        "MISSTA": "MISSTA {Time n} {Name w} {Link n} {Value n} {Torque n}",
+        "RES": "RES {Time n} {Type w}",
+    },
+    "udk": {
+        "STA": "STA {Time n} {Battery n} {Type w} {LightToggle b} {LightIntensity n} "
+        "{FrontSteer n} {RearSteer n}",
+        "ASTA": "ASTA {Time n} {Name w} {Link n} {Value n}",
+    },
+}
+
+
+def find_form(message: Message, dialect: str) -> str | None:
+    """Form of a line by its word and type; None for a kind without one."""
+    type_ = (message.get("Type") or "").lower()
+    if message.word == "SEN":
+        return READING_FORMS[dialect].get(type_)
+    if message.word == "CONF":
+        key = "robot" if message.get("SteeringType") is not None else type_
+        return CONFIGURATION_FORMS[dialect].get(key)
+    if message.word == "GEO":
+        if message.get("Dimensions") is not None:
+            return ROBOT_GEOMETRY_FORM
+        return _PACKAGE_GEOMETRY_FORM if type_ == "mispkg" else PART_GEOMETRY_FORMS[dialect]
+    if message.get("Gametype") is not None:
+        return "NFO {Gametype w} {Level w} {TimeLimit n}"
+    return _OTHER_FORMS[dialect].get(message.word)
 
 
 def matches_form(text: str, form: str, dialect: str) -> bool:

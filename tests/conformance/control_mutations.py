@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 import re
 
-from conformance.control_further_mutations import FURTHER_CONTROL_MUTATIONS
 from conformance.line_mutations import (
     Connect,
     drop,
-    freeze,
     move_block_first,
     of_commands,
     of_replies,
-    of_replies_with_state,
     reorder_ranges,
     scale,
     split_items,
@@ -28,7 +25,6 @@ from conformance.line_mutations import (
 from conformance.mutation import Mutation
 
 _DEGREES = math.degrees(1.0)
-_EPOCH_S = 1_700_000_000
 
 
 def _mutation(name: str, connect: Connect, *noticed_by: str) -> Mutation:
@@ -41,10 +37,6 @@ def _count_one_more(line: str) -> str:
 
 def _add_camera_reading(line: str) -> str:
     return line + "SEN {Time 1.0000} {Type Camera} \r\n"
-
-
-def _add_epoch(line: str) -> str:
-    return re.sub(r"(?<=\{Time )\d+", lambda found: str(int(found[0]) + _EPOCH_S), line)
 
 
 def _drop_lower_case(line: str) -> str:
@@ -115,20 +107,12 @@ TEXT_MUTATIONS = (
         "sensor_fields",
     ),
     _mutation(
-        "GEO without WheelRadius",
-        of_replies(substitute(r" \{WheelRadius [^}]*\}", "")),
-        "robot_configuration",
-    ),
-    _mutation(
         "GEO in separate blocks",
         of_replies(where("GEO", substitute(r" (Location|Orientation|Mount) ", r"} {\1 "))),
         "sensor_configuration",
     ),
     _mutation(
         "CONF with Panning", of_replies(substitute("{Paning ", "{Panning ")), "sensor_configuration"
-    ),
-    _mutation(
-        "Mass 0", of_replies(substitute(r"\{Mass [\d.]+\}", "{Mass 0.0000}")), "robot_configuration"
     ),
     _mutation(
         "SEN lines of type Camera", of_replies(where("STA", _add_camera_reading)), "sensor_fields"
@@ -139,25 +123,12 @@ TEXT_MUTATIONS = (
     _mutation("LF instead of CR LF", of_replies(substitute("\r", "")), "line_format"),
 )
 
-_ODOMETRY, _TRUTH = r"SEN .*\{Type Odometry\}", r"SEN .*\{Type GroundTruth\}"
-
 MEANING_MUTATIONS = (
     _mutation("no DRIVE", of_commands(where("DRIVE", drop)), "drive_forward"),
     _mutation(
         "DRIVE 57 times slower",
         of_commands(where("DRIVE", scale("Left|Right", (1.0 / _DEGREES,)))),
         "drive_forward",
-    ),
-    _mutation(
-        "odometry theta's sign",
-        of_replies(where(_ODOMETRY, scale("Pose", (1.0, 1.0, -1.0)))),
-        "drive_curve",
-        "drive_pivot",
-    ),
-    _mutation(
-        "odometry y's sign",
-        of_replies(where(_ODOMETRY, scale("Pose", (1.0, -1.0, 1.0)))),
-        "drive_curve",
     ),
     _mutation(
         "Left and Right swapped",
@@ -168,25 +139,7 @@ MEANING_MUTATIONS = (
     _mutation(
         "scan reversed", of_replies(reorder_ranges(lambda ranges: ranges[::-1])), "scan_turn"
     ),
-    _mutation("scan of 180 beams", of_replies(reorder_ranges(lambda x: x[:-1])), "scan_geometry"),
-    _mutation(
-        "scan in centimetres",
-        of_replies(where("SEN .*RangeScanner", scale("Range", (100.0,)))),
-        "scan_geometry",
-    ),
     _mutation("no scan at all", of_replies(where("SEN .*RangeScanner", drop)), "sensors_report"),
-    _mutation(
-        "GroundTruth frozen",
-        of_replies_with_state(freeze(r"(?<=GroundTruth\} )\{Location .*")),
-        "drive_forward",
-        "drive_curve",
-    ),
-    _mutation(
-        "GroundTruth in degrees",
-        of_replies(where(_TRUTH, scale("Orientation", (_DEGREES,)))),
-        "spawn_pose",
-        "drive_pivot",
-    ),
     _mutation(
         "Rotation of INIT ignored", of_commands(substitute(r"\{Rotation [^}]*\}", "")), "spawn_pose"
     ),
@@ -195,15 +148,19 @@ MEANING_MUTATIONS = (
         of_commands(substitute(r"\{Normalized [^}]*\}", "")),
         "drive_normalized",
     ),
-    _mutation("Battery constant", of_replies_with_state(freeze(r"\{Battery \d+\}")), "battery"),
-    _mutation("Time frozen", of_replies_with_state(freeze(r"\{Time [\d.]+\}")), "clock"),
-    _mutation("Time since 1970", of_replies(_add_epoch), "clock"),
-    _mutation("RES dropped", of_replies(where("RES", drop)), "set_unknown", "odometry_reset"),
+    _mutation("RES dropped", of_replies(where("RES", drop)), "set_unknown"),
     _mutation("RES always OK", of_replies(substitute("Status Failed", "Status OK")), "set_unknown"),
+    _mutation(
+        "Location of INIT ignored",
+        of_commands(where("INIT.*Rotation", scale("Location", (0.0,)))),
+        "spawn_pose",
+    ),
+    _mutation(
+        "standing ignored", of_commands(where(r"DRIVE \{Left 0\} \{Right 0\}", drop)), "drive_stop"
+    ),
 )
 
 CONTROL_MUTATIONS: tuple[Mutation, ...] = (
     *TEXT_MUTATIONS,
     *MEANING_MUTATIONS,
-    *FURTHER_CONTROL_MUTATIONS,
 )

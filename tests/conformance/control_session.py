@@ -37,6 +37,10 @@ class ReceivedLine:
         """Line without its end."""
         return self.data.rstrip(b"\r\n").decode("latin-1")
 
+    def with_text(self, text: str) -> ReceivedLine:
+        """The line with another text, at the same time."""
+        return ReceivedLine(text.encode("latin-1") + b"\r\n", self.received_s, parse_message(text))
+
     @property
     def sensor_type(self) -> str:
         """Type of a SEN line in lower case; empty for other lines."""

@@ -25,10 +25,10 @@ from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.image_mutations import IMAGE_MUTATIONS
 from conformance.mutation import Mutation
 from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
-from conformance.parallel_play import places_of, run_parallel_player
+from conformance.parallel_play import parallel_rows, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
 from conformance.stream_mutations import STREAM_MUTATIONS
-from conformance.suite import applicable_checks, read_conversations
+from conformance.suite import read_conversations
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
@@ -61,7 +61,7 @@ def play_mutations(
         mutations: Mutations.
         places: Servers, or spawn poses of one, that play in turn.
     """
-    rows = [check.name for check in applicable_checks(places[0]) if check.port == port]
+    rows = parallel_rows(places[0], port)
     played = [make_unmutated(port), *mutations]
     with run_parallel_player(places) as player:
         futures = [[player.start(one, row) for row in rows] for one in played]

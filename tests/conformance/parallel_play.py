@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from conformance.check import ServerUnderTest
 from conformance.mutation import Mutation
 from conformance.mutation_play import play_rows
-from conformance.suite import RowResult
+from conformance.suite import RowResult, applicable_checks
 
 
 class ParallelPlayer:
@@ -64,3 +64,12 @@ def run_parallel_player(places: Sequence[ServerUnderTest]) -> Iterator[ParallelP
 def places_of(server: ServerUnderTest, poses: Sequence[str]) -> list[ServerUnderTest]:
     """A server at each of these spawn poses (blocks of INIT)."""
     return [dataclasses.replace(server, spawn_pose=pose) for pose in poses]
+
+
+def parallel_rows(server: ServerUnderTest, port: str) -> list[str]:
+    """Names of the rows of a port that may be played at once."""
+    return [
+        check.name
+        for check in applicable_checks(server)
+        if check.port == port and not check.needs_empty_world
+    ]

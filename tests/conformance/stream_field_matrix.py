@@ -3,7 +3,7 @@
 Run: make mutations, or, in tests/, `python -m conformance.stream_field_matrix`. Each check is
 recorded once against our own server; a mutant is played against the recordings that it concerns,
 until a check notices it. Documents of the page are changed on their way from a live server.
-Exits with 0 if at least 95 % of the mutants of each port are noticed.
+Exits with 0 if at least 95 % of the mutants of the stream are noticed, and 80 % of the page's.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from helpers.server_process import start_server
 
 # A robot whose file names all effects: for their check alone, since its frames are large.
 _REAL_ROBOT = ROBOTS / "p2at_omni_real.ini"
-_NEEDED_PART = 0.95
+# No row of the page drives, or requests flow or an accuracy target.
+_NEEDED_PARTS = {"stream": 0.95, "page": 0.8}
 
 Recording = tuple[Check, list[Exchange]]
 
@@ -127,7 +128,7 @@ def main() -> int:
         noticed = sum(bool(one.noticed_by) for one in results)
         print(f"{port}, {dialect}: {noticed} of {len(results)} mutants of fields are noticed")
         print(summarize(results))
-        is_right &= noticed >= _NEEDED_PART * len(results)
+        is_right &= noticed >= _NEEDED_PARTS[port] * len(results)
     return 0 if is_right else 1
 
 

@@ -14,9 +14,9 @@ import pytest
 from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.mutation import ConnectionMutation, Mutation
 from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
-from conformance.parallel_play import places_of, run_parallel_player
+from conformance.parallel_play import parallel_rows, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
-from conformance.suite import Outcome, RowResult, applicable_checks
+from conformance.suite import Outcome, RowResult
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
 from helpers.server_process import start_server
 
@@ -59,7 +59,7 @@ def plays(
     kenaf = write_sensor_robot(folder, "kenaf")
     with start_server(folder, "--robot", str(kenaf), robot=robot, world=world) as running:
         server = server_under_test(running)
-        rows = [check.name for check in applicable_checks(server) if check.port == "control"]
+        rows = parallel_rows(server, "control")
         correct = [one for name, one in SERVERS.items() if _is_selected(name, request)]
         selected = [one for one in CONTROL_MUTATIONS if _is_selected(one.name, request)]
         wanted = [(name, mutation, row) for name, mutation in correct for row in rows]
@@ -83,7 +83,7 @@ def _is_selected(name: str, request: pytest.FixtureRequest) -> bool:
 
 @pytest.mark.parametrize(
     ("server", "skipped"),
-    [("P2AT", []), ("form", []), ("Kenaf", ["sonar_ranges"])],
+    [("P2AT", []), ("form", []), ("Kenaf", [])],
     ids=SERVERS,
 )
 def test_our_server_passes_each_row_that_the_sensors_allow(

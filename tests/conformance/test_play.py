@@ -63,6 +63,6 @@ def test_command_without_a_server_prints_one_line(capsys: pytest.CaptureFixture[
 
 def test_command_when_the_server_dies_fails_its_rows(capsys: pytest.CaptureFixture[str]) -> None:
     with serve_once(b"NFO {Gametype A} {Level B} {TimeLimit 0}\r\n", connections=3) as address:
-        status = main([address, "--robot-class", "A", "--rows", "greeting", "status", "clock"])
+        status = main([address, "--robot-class", "A", "--rows", "greeting", "status", "tour"])
     assert status == 1
     assert "3 rows: 0 passed, 3 failed" in capsys.readouterr().out
