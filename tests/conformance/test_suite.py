@@ -123,7 +123,9 @@ def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest
         # A conversation, a check of both ports, and one of the control port.
         rows = [CHECKS_BY_NAME["image_turn"], CHECKS_BY_NAME["drive_pivot"]]
         rows += [row for row in applicable_checks(server) if row.name == "image_full_frame"]
-        assert {one.outcome for one in play_checks(rows, server)} == {Outcome.PASSED}
+        results = list(play_checks(rows, server))
+    assert describe_failures(results) == []
+    assert {one.outcome for one in results} == {Outcome.PASSED}
 
 
 @pytest.mark.parametrize(

@@ -81,10 +81,10 @@ def spell_one_camera(ports: AttackedPorts) -> None:
 
 
 def request_expensive_labels(ports: AttackedPorts) -> None:
-    """Request ever other variants with 4096 polygons, 16 samples and labels, six a second."""
+    """Request a variant with 4096 polygons, 16 samples and labels, six times a second."""
     with connect_peer(ports) as peer:
         for id_ in count(1):
-            variant = FrameVariant(max_error_px=1e-6 * id_, polygons=4096, samples=4)
+            variant = FrameVariant(polygons=4096, samples=4)
             peer.send(
                 GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, variant, ("range", "ids"))
             )

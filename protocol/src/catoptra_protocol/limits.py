@@ -49,3 +49,7 @@ MAX_NOTES = 8
 
 # A note's name labels a line of a viewer's legend.
 MAX_NOTE_NAME_CHARS = 64
+
+# The longest request of the stream publishes a note of 8 KiB, whose quotes and backslashes take two
+# bytes each in JSON; the others hold a few numbers and names of at most 256 characters.
+MAX_REQUEST_BYTES = 16 * 1024

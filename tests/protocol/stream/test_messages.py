@@ -16,7 +16,8 @@ from catoptra_protocol.errors import (
     LocalProtocolError,
     RemoteProtocolError,
 )
-from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES, FieldMap
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
+from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, FieldMap
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,

@@ -227,9 +227,6 @@ def _field_names(dataclass_type: Any) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(dataclass_type))
 
 
-# The longest request publishes a note of 8 KiB, whose quotes and backslashes take two bytes each in
-# JSON; the others hold a few numbers and names of at most 256 characters.
-MAX_REQUEST_BYTES = 16 * 1024
 # The largest reply lists landmarks: a thousand of 300 bytes each fit.
 MAX_REPLY_BYTES = 512 * 1024
 # Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.json_object import json_object_from_text, text_from_json_object
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_protocol.stream.codec import (
     MAX_REPLY_BYTES,
-    MAX_REQUEST_BYTES,
     FieldMap,
     dataclass_from_fields,
     fields_from_message,

@@ -91,14 +91,16 @@ class FairQueue(Generic[_Key, _Item]):
         return account.items[-1][1] if account and account.items else None
 
     def find_payer(self, keys: Iterable[_Key]) -> _Key:
-        """The client, of some, that has used least; the first of equal ones."""
+        """The client, of some, that has used least; of equal ones, that has least work waiting."""
         now_s = self._monotonic()
 
-        def find_use_s(key: _Key) -> float:
+        def rank(key: _Key) -> tuple[float, int]:
             account = self._accounts.get(key)
-            return self._present_use_s(account, now_s) if account else 0.0
+            return (
+                (self._present_use_s(account, now_s), len(account.items)) if account else (0.0, 0)
+            )
 
-        return min(keys, key=find_use_s)
+        return min(keys, key=rank)
 
     def put(self, key: _Key, item: _Item) -> None:
         """Append an item to the work of a client."""

@@ -26,7 +26,7 @@ from contextlib import contextmanager
 from ipaddress import ip_address
 from weakref import WeakValueDictionary
 
-from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 import aiohttp
 import pytest
 
-from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Error,

@@ -20,7 +20,7 @@ from contextlib import asynccontextmanager
 
 from aiohttp import web
 
-from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.port import ConnectionLimits, Port, set_vanished_timeout
 from catoptra_server.serve.stream.replies import StreamContext
