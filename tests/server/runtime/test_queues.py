@@ -112,14 +112,32 @@ def test_long_work_waits_for_a_client_that_was_active_a_moment_ago() -> None:
 
 def test_long_work_waits_for_four_times_its_duration_at_most() -> None:
     clock = _Clock()
-    queue = queue_with_long_work(clock, ("viewer", 0.01), ("long", 2.0))
+    queue = queue_with_long_work(clock, ("viewer", 1e-5), ("long", 2.0))
     for num in range(79):
         clock.now_s += 0.1
         assert queue.take() is None, num
-        queue.charge("viewer", 0.001)
+        queue.charge("viewer", 1e-5)
     clock.now_s += 0.2
-    queue.charge("viewer", 0.001)
+    queue.charge("viewer", 1e-5)
     assert queue.take() == ("long", 1)
+
+
+def test_newcomer_comes_before_busy_clients_for_a_moment_only() -> None:
+    clock = _Clock()
+    queue = FairQueue[str, int](share=0.1, monotonic=clock)
+    served = {"viewer": 0, "other": 0, "newcomer": 0}
+    for num in range(3000):
+        # Two clients use all the time for 20 s; then a third one wants all of it, too.
+        for key in list(served)[: 2 if num < 2000 else 3]:
+            if not queue.count(key):
+                queue.put(key, num)
+        taken = queue.take()
+        assert taken is not None
+        served[taken[0]] += num >= 2100
+        clock.now_s += 0.01
+        queue.charge(taken[0], 0.01)
+    # From a second after its arrival on each has a third.
+    assert min(served.values()) > 270
 
 
 def test_short_work_waits_for_nobody() -> None:

@@ -4,6 +4,10 @@ Within a share of the time that a client may use, work is taken in the order of 
 clients above their share waits behind all other work, the least used client first. One queue in the
 order of arrival let four seconds of one client's scans stop the reports of all for sixteen.
 
+Use is forgotten within seconds. Without that, clients that together use all the time owe more and
+more, and a newcomer comes before them until it owes as much: viewers of twenty seconds stood still
+for five, each time that somebody connected.
+
 Long work of a client above its share leaves time to others even while none of theirs waits, if some
 did a moment ago: otherwise it would begin between two requests of a viewer that requests frame
 after frame. Without a share the order of arrival decides alone, as lockstep needs it.
@@ -25,6 +29,9 @@ _Item = TypeVar("_Item")
 
 # Use that a client may have at once before its work waits behind the others'.
 _BURST_S = 0.005
+# Time within which use is forgotten but for a third, and below which an account says nothing.
+_MEMORY_S = 1.0
+_NO_USE_S = 1e-6
 # Time that long work leaves to others, as a multiple of its last duration.
 _PAUSE_OF_LONG_WORK = 4.0
 # Idle accounts above which those without use are removed: keys such as names of channels come
@@ -159,7 +166,8 @@ class FairQueue(Generic[_Key, _Item]):
     def _rank(self, account: _Account[_Item], now_s: float) -> tuple[float, int]:
         used_s = 0.0 if self._share is None else self._present_use_s(account, now_s)
         # Equal for all clients within their share, so that the arrival decides among them.
-        return (used_s if used_s > _BURST_S else 0.0, account.items[0][0])
+        allowed_s = max(_BURST_S, (self._share or 0.0) * _MEMORY_S)
+        return (used_s if used_s > allowed_s else 0.0, account.items[0][0])
 
     def _has_active_rival(self, account: _Account[_Item], now_s: float) -> bool:
         """Whether long work of a client waits for a client with less use, active a moment ago."""
@@ -177,13 +185,13 @@ class FairQueue(Generic[_Key, _Item]):
         )
 
     def _present_use_s(self, account: _Account[_Item], now_s: float) -> float:
-        """Use so far, less the share of the time that has passed since."""
+        """Use so far, as far as it is not forgotten."""
         if not account.used_s:
             return 0.0
-        return max(0.0, account.used_s - (self._share or 0.0) * (now_s - account.updated_s))
+        return account.used_s * math.exp((account.updated_s - now_s) / _MEMORY_S)
 
     def _remove_idle(self, now_s: float) -> None:
-        """Remove accounts that say nothing: without work, and with all use paid back."""
+        """Remove accounts that say nothing: without work, and with all use forgotten."""
         for key, account in list(self._accounts.items()):
-            if not account.items and not self._present_use_s(account, now_s):
+            if not account.items and self._present_use_s(account, now_s) < _NO_USE_S:
                 del self._accounts[key]
