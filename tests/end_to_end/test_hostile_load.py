@@ -14,6 +14,8 @@ from load.soak import run_load
 from load.soak_limits import SoakLimits, evaluate_soak
 
 _CONTROL_S = 3.0
+# Seconds of planning are too much of this short run: `make soak` has those attacks, too.
+ATTACK_NAMES = tuple(name for name, attack in ATTACKS.items() if not attack.is_planned)
 _ATTACK_S = 8.0
 # In eight seconds caches and ports fill up: views to 256 MiB, 64 connections to each TCP port and
 # 288 to the stream, which take two descriptors each.
@@ -28,8 +30,8 @@ _LIMITS = replace(SoakLimits().relax(3.0, fill=_FILL), min_rate_fraction=_MIN_RA
 def test_reports_under_attack_are_in_time_and_viewers_are_served(tmp_path: Path) -> None:
     control = asyncio.run(run_load(tmp_path / "control", _CONTROL_S, *SOAK_ARGUMENTS))
     attacked = asyncio.run(
-        run_load(tmp_path / "attacked", _ATTACK_S, *SOAK_ARGUMENTS, attacks=tuple(ATTACKS))
+        run_load(tmp_path / "attacked", _ATTACK_S, *SOAK_ARGUMENTS, attacks=ATTACK_NAMES)
     )
-    results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(ATTACKS))
+    results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(ATTACK_NAMES))
     missed = [f"{r.requirement}: {r.measurement}" for r in results if not r.is_met]
     assert not missed, "\n".join(missed)

@@ -156,6 +156,7 @@ def test_server_that_serves_the_stream_loads_no_further_module(
             call_all_requests(client, ("Camera", OMNI) if robot == "full" else (OMNI,))
         with connect_control_lines(server.control_port) as control:
             control.send(f"INIT {{ClassName {CLASS}}} {{Start Centre}}", "STEP {Time 0.1}")
+            control.read_until("RES")
             request_all_images(server)
         send_all_commands(server)
         assert server.terminate() == 0

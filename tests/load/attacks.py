@@ -19,6 +19,8 @@ class Attack:
     """Robot file of the server that the attack is shown on alone."""
     arguments: tuple[str, ...] = ()
     """Further arguments of that server."""
+    is_planned: bool = False
+    """Whether the first request has the server plan, for seconds in which it draws nothing."""
     max_descriptors: int = 0
     """Limit of that server's descriptors; 0: the limit of this process."""
 
@@ -50,8 +52,8 @@ _ATTACKS = (
     Attack(stream_attacks.change_max_error),
     Attack(stream_attacks.request_unknown_cameras),
     Attack(stream_attacks.spell_one_camera),
-    Attack(stream_attacks.request_expensive_labels),
-    Attack(stream_attacks.hold_variants_unread),
+    Attack(stream_attacks.request_expensive_labels, is_planned=True),
+    Attack(stream_attacks.hold_variants_unread, is_planned=True),
     Attack(stream_attacks.request_in_bursts),
     Attack(stream_attacks.request_unread_stream_frames),
     Attack(stream_attacks.reuse_identity),

@@ -81,10 +81,10 @@ def spell_one_camera(ports: AttackedPorts) -> None:
 
 
 def request_expensive_labels(ports: AttackedPorts) -> None:
-    """Request a variant with 4096 polygons, 16 samples and labels, six times a second."""
+    """Request a variant with 256 polygons, 16 samples and labels, six times a second."""
     with connect_peer(ports) as peer:
         for id_ in count(1):
-            variant = FrameVariant(polygons=4096, samples=4)
+            variant = FrameVariant(polygons=256, samples=4)
             peer.send(
                 GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, variant, ("range", "ids"))
             )
@@ -93,11 +93,11 @@ def request_expensive_labels(ports: AttackedPorts) -> None:
 
 
 def hold_variants_unread(ports: AttackedPorts) -> None:
-    """Request a variant of its own on each of 40 connections, and read none."""
+    """Request a variant of eight on each of 40 connections, and read none."""
     with contextlib.ExitStack() as peers:
         for number in range(40):
             peer = peers.enter_context(connect_peer(ports, receive_buffer=4096))
-            variant = FrameVariant(max_error_px=0.5 + 0.001 * number)
+            variant = FrameVariant(max_error_px=0.5 + 0.1 * (number % 8))
             peer.send(
                 *(
                     GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, variant)

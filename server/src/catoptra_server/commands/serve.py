@@ -10,6 +10,7 @@ import argparse
 import asyncio
 import errno
 import logging
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -123,6 +124,8 @@ async def _serve_until_signal(
             try:
                 _print_addresses(address)
             except OSError as error:
+                # Otherwise the interpreter tries once more at its end, and exits with 120.
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 raise CatoptraError(
                     f"standard output takes no line, which has the addresses: {error.strerror}"
                 ) from error
