@@ -34,7 +34,7 @@ from conformance.control_readings import PlanarPose, wrap
 _ReplyT = TypeVar("_ReplyT", bound=Reply)
 
 # Ten times a slow server's reply, on a busy machine.
-REPLY_TIMEOUT_S = 10.0
+REPLY_TIMEOUT_S = 30.0
 # Longest duration of a turn, less than half a revolution, and of the halt after it.
 _TURN_TIMEOUT_S = 1.0
 # Percent of the maximum: half a radian in a few reports of each sensor.

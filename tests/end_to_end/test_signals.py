@@ -108,11 +108,16 @@ def test_server_ends_while_its_libraries_load(
 def test_command_that_is_interrupted_says_so_in_one_line(words: list[str]) -> None:
     command = [sys.executable, "-m", "catoptra_server", *words]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
-        wait_for_handler(process)
-        assert terminate(process, signal.SIGINT) == 130
-        assert process.stderr is not None
-        assert process.stderr.read() == "catoptra-server: interrupted\n"
+    statuses = []
+    # On a busy machine a short command may have ended before the signal comes.
+    while 130 not in statuses and len(statuses) < 5:
+        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+            wait_for_handler(process)
+            statuses.append(terminate(process, signal.SIGINT))
+            assert process.stderr is not None
+            messages = process.stderr.read()
+    assert statuses[-1] == 130, statuses
+    assert messages == "catoptra-server: interrupted\n"
 
 
 def test_server_ends_while_it_reads_its_files(tmp_path: Path) -> None:
