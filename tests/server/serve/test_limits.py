@@ -159,8 +159,9 @@ def test_connections_of_another_machine_share_an_account_and_those_of_this_one_d
     share = LoopShare()
     accounts = [share.open_account(f"192.0.2.7:{port}") for port in (1, 2)]
     assert accounts[0] is accounts[1]
+    assert share.open_account("::ffff:192.0.2.7:3") is accounts[0]
     assert share.open_account("192.0.2.8:1") is not accounts[0]
-    for address in ("127.0.0.1:1", "::1:1"):
+    for address in ("127.0.0.1:1", "::1:1", "::ffff:127.0.0.1:1"):
         assert share.open_account(address) is not share.open_account(address)
 
 

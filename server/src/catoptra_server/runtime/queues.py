@@ -98,14 +98,15 @@ class FairQueue(Generic[_Key, _Item]):
         return account.items[-1][1] if account and account.items else None
 
     def find_payer(self, keys: Iterable[_Key]) -> _Key:
-        """The client, of some, that has used least; of equal ones, that has least work waiting."""
+        """The client, of some, that has used least; of equal ones, that has least work waiting.
+
+        All have an account from here on, so that each may be charged.
+        """
         now_s = self._monotonic()
 
         def rank(key: _Key) -> tuple[float, int]:
-            account = self._accounts.get(key)
-            return (
-                (self._present_use_s(account, now_s), len(account.items)) if account else (0.0, 0)
-            )
+            account = self._accounts.setdefault(key, _Account())
+            return self._present_use_s(account, now_s), len(account.items)
 
         return min(keys, key=rank)
 
@@ -141,7 +142,10 @@ class FairQueue(Generic[_Key, _Item]):
     def charge(self, key: _Key, duration_s: float, *, weight: float = 1.0) -> None:
         """Record that work of a client took some time, which counts by a weight as its use."""
         now_s = self._monotonic()
-        account = self._accounts.setdefault(key, _Account())
+        account = self._accounts.get(key)
+        # A client that has left meanwhile is not held by an account.
+        if account is None:
+            return
         account.used_s = self._present_use_s(account, now_s) + weight * duration_s
         account.last_s, account.updated_s = duration_s, now_s
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:

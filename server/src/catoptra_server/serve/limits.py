@@ -132,7 +132,10 @@ def find_shared_address(address: str) -> str | None:
         address: Host and port of a peer, such as 192.0.2.7:40000 or ::1:40000.
     """
     host = address.rpartition(":")[0].partition("%")[0]
-    return None if ip_address(host).is_loopback else host
+    # A socket of both families has IPv4 peers as ::ffff:127.0.0.1, which is no loopback itself.
+    found = ip_address(host)
+    found = getattr(found, "ipv4_mapped", None) or found
+    return None if found.is_loopback else str(found)
 
 
 class LoopShare:

@@ -26,6 +26,7 @@ import math
 import select
 import socket
 import struct
+import sys
 from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
@@ -98,14 +99,17 @@ class ConnectionGuard:
 
     def find_connection(self, router_end: socket.socket) -> GuardedConnection | None:
         """Connection whose bytes arrive at a socket of the ROUTER."""
-        return self._of_name.get(router_end.getpeername())
+        name = router_end.getpeername()
+        # Elsewhere all have an empty one.
+        return self._of_name.get(name) if name else None
 
     def _open(self, client_socket: socket.socket, address: str) -> GuardedConnection:
         set_vanished_timeout(client_socket)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
             # Linux gives the socket a name, by which the ROUTER's end is recognised.
-            router_socket.bind("")
+            if sys.platform == "linux":
+                router_socket.bind("")
             router_socket.setblocking(False)
             router_socket.connect(self._path)
         except OSError:
