@@ -266,12 +266,15 @@ def test_all_renderers_that_can_be_created_are_usable(caplog: pytest.LogCaptureF
     def fail() -> Any:
         raise RendererUnavailableError("no OpenGL")
 
-    assert make_pool(log).create_all() == [TRACE, RASTER]
+    beside_gpu = make_pool(log)
+    beside_gpu.default_kind = RASTER
+    assert beside_gpu.create_candidates("") == [TRACE, RASTER]
+    assert make_pool(log).create_candidates("") == [TRACE]
     renderer: Any = PooledRenderer(log, "trace")
     pool = RendererPool(RendererChoice(renderer, TRACE, "test", {RASTER: fail}))
     with caplog.at_level("INFO"):
-        assert pool.create_all() == [TRACE]
-        assert pool.create_all() == [TRACE]
+        assert pool.create_candidates("raster") == []
+        assert pool.create_candidates("raster") == [TRACE]
     assert caplog.text.count("raster is not available: no OpenGL") == 1
 
 
@@ -281,7 +284,7 @@ def test_replacement_is_the_other_kind_and_can_be_undone() -> None:
     pool.replace(TRACE, RASTER)
     assert pool.default_kind is RASTER
     assert pool.reason == "raster in place of trace, which failed: test"
-    assert pool.create_all() == [RASTER]
+    assert pool.create_candidates("") == [RASTER]
     assert pool.find_replacement(RASTER) is None
     pool.restore(TRACE)
     assert (pool.default_kind, pool.reason) == (TRACE, "test")
@@ -291,7 +294,7 @@ def test_replacement_of_an_alternative_leaves_the_default() -> None:
     pool = make_pool([])
     pool.replace(RASTER, TRACE)
     assert pool.default_kind is TRACE
-    assert pool.create_all() == [TRACE]
+    assert pool.create_candidates("") == [TRACE]
 
 
 @pytest.mark.parametrize("settings", [{"named": True}, {"may_replace": False}], ids=str)

@@ -77,7 +77,7 @@ def test_auto_without_embreex_renders_by_raster_alone(
     assert choice.kind is RendererKind.RASTER
     assert "embreex" in choice.reason
     pool = RendererPool(choice)
-    assert pool.create_all() == [RendererKind.RASTER]
+    assert pool.create_candidates("") == [RendererKind.RASTER]
     pool.close()
 
 

@@ -195,14 +195,19 @@ class RendererPool:
         """Description of a renderer, which is created, with engine and device."""
         return self.get(kind).describe()
 
-    def create_all(self) -> list[RendererKind]:
-        """Create all renderers; one that cannot be created is no longer an alternative.
+    def create_candidates(self, requested: str) -> list[RendererKind]:
+        """Create the renderers that an accuracy target chooses from.
+
+        The one requested by name; else the default alone where it traces rays: it is exact, and
+        software OpenGL slower. One that cannot be created is no longer an alternative.
 
         Returns:
             Kinds that may be used.
         """
+        named = [kind for kind in RendererKind if kind.value == requested and self.is_usable(kind)]
+        own = [] if self.default_kind.uses_faces else [self.default_kind]
         usable = []
-        for kind in RendererKind:
+        for kind in named or own or RendererKind:
             if not self.is_usable(kind):
                 continue
             try:

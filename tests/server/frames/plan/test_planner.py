@@ -55,8 +55,11 @@ class FakeCostMeasurement:
         self.created.append(NamedRenderer("raster"))
         return self.created[-1]
 
-    def create_planner(self, cache: CostCache | None = None) -> RenderPlanner:
+    def create_planner(
+        self, cache: CostCache | None = None, *, default: RendererKind = RASTER
+    ) -> RenderPlanner:
         pool = make_pool(factories={RASTER: self.create_raster})
+        pool.default_kind = default  # raster: as beside a graphics processor
         return RenderPlanner(pool, cache, measure=self)
 
 
@@ -66,7 +69,8 @@ def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> Om
 
 def test_plan_without_a_target_follows_the_settings_and_measures_nothing() -> None:
     measurement = FakeCostMeasurement()
-    choice = measurement.create_planner().choose_plan(camera_spec(samples=3), CAMERA_STATES)
+    planner = measurement.create_planner(default=TRACE)
+    choice = planner.choose_plan(camera_spec(samples=3), CAMERA_STATES)
     assert (choice.plan.samples, choice.plan.renderer, choice.plan.reason) == (
         3,
         TRACE,
@@ -99,6 +103,16 @@ def test_target_measures_every_renderer_once() -> None:
         8,
         pytest.approx(320.0),
     )
+
+
+def test_target_measures_rays_alone_where_no_graphics_processor_draws() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner(default=TRACE)
+    target = AccuracyTarget(2.0)
+    assert planner.choose_plan(camera_spec(target), CAMERA_STATES).plan.renderer is TRACE
+    assert (measurement.measured_kinds, measurement.created) == ([TRACE], [])
+    named = planner.choose_plan(camera_spec(target, renderer="raster"), CAMERA_STATES)
+    assert named.plan.renderer is RASTER
 
 
 def test_settings_are_ignored_with_a_target() -> None:

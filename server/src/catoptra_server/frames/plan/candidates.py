@@ -82,7 +82,7 @@ class RendererCalibration:
     def make_table(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> CandidateTable:
-        """Measure all renderers for a camera, and bound all candidates."""
+        """Measure the renderers of a camera, and bound all candidates."""
         model, kinds = self._measure_renderers(camera, camera_states)
         plans = generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds)
         options = (
@@ -98,11 +98,11 @@ class RendererCalibration:
     def _measure_renderers(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> tuple[CostModel, list[RendererKind]]:
-        """Costs of all renderers that can be measured, and their kinds."""
+        """Costs of the renderers that can be measured, and their kinds."""
         rates: dict[str, Rates] = {}
         measured = []
         # Measured before candidates are listed: a renderer that fails is no candidate.
-        for kind in self._renderers.create_all():
+        for kind in self._renderers.create_candidates(camera.render_settings.renderer):
             try:
                 rates.update(self._find_rates(kind, camera, camera_states))
                 measured.append(kind)

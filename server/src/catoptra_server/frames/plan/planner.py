@@ -1,7 +1,7 @@
 """Plans for the cameras of one scene, with the measured costs of their frames.
 
 Without an accuracy target a plan follows explicit numbers, by the renderer that the server chose.
-With a target all renderers are measured once for the camera, and the rates are stored on disk;
+With a target its renderers are measured once for the camera, and the rates are stored on disk;
 times of drawn frames then correct the predictions by one factor a renderer and a time of the
 camera's effects. When to choose anew is decided by `frame_plan.py`. Belongs to the thread of the
 renderers.
@@ -90,8 +90,7 @@ class RenderPlanner:
         table = self._tables.get_or_make(
             _cost_key(camera), lambda: self._make_table(camera, camera_states)
         )
-        options = _options_of(table, camera.render_settings.renderer)
-        if not options:
+        if not table.options:
             choice = self._follow_settings(camera)
             reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
             return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
@@ -99,7 +98,7 @@ class RenderPlanner:
         # Corrected by drawn frames.
         corrected = (
             replace(one, predicted_ms=correct(camera, one.plan.renderer, one.predicted_ms))
-            for one in options
+            for one in table.options
         )
         choice = choose_plan(camera.camera, pareto_front(corrected), target)
         note = self.renderers.replacement_note
@@ -178,7 +177,7 @@ class RenderPlanner:
     def _make_table(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> CandidateTable:
-        """Measure all renderers for a camera, and bound all candidates."""
+        """Measure the renderers of a camera, and bound all candidates."""
         if self._follow_settings(camera).bound is None:
             return CandidateTable(CostModel(camera.camera, {}), ())
         return self._calibration.make_table(camera, camera_states)
@@ -188,15 +187,10 @@ class RenderPlanner:
         self.renderers.close()
 
 
-def _options_of(table: CandidateTable, renderer: str) -> tuple[PlanOption, ...]:
-    """Candidates of a requested renderer; all without a request, or where there are none."""
-    own = tuple(one for one in table.options if one.plan.renderer.value == renderer)
-    return own or table.options
-
-
-_CostKey = tuple[OmniCamera, MirrorSurface]
+_CostKey = tuple[OmniCamera, MirrorSurface, str]
 
 
 def _cost_key(camera: OmniCameraSpec) -> _CostKey:
-    """Everything of a camera that rates depend on."""
-    return camera.camera, camera.render_settings.surface
+    """Everything of a camera that rates and candidates depend on."""
+    settings = camera.render_settings
+    return camera.camera, settings.surface, settings.renderer
