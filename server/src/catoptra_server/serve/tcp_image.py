@@ -24,9 +24,8 @@ from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
 log = logging.getLogger(__name__)
 # Time for the frames of a viewer that has closed its sending side.
 _END_GRACE_S = 1.0
-# Time of the loop for a read, and for a request with its reply.
-_READ_S = 1e-4
-_REQUEST_S = 2e-4
+# Time of the loop for a read, beside that of requests and replies, which is measured.
+_READ_S = 5e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,17 +116,17 @@ class _ImagePeer:
             await self._answer(FullFrameRequest())
         reader = ImageRequestReader()
         while data := await self._connection.read():
+            begin_s = time.thread_time()
             requests = reader.receive(data)
+            parse_s = time.thread_time() - begin_s
             # In order, and the next read waits for all replies: TCP holds back a fast client.
             for request in requests:
                 self._connection.has_handshake = True
                 self._connection.watched_at_s = time.monotonic()
                 await self._answer(request)
             # Input without a request is no part of a dialogue.
-            self._account.charge(
-                _READ_S + _REQUEST_S * len(requests),
-                is_dialogue=bool(requests) and self._is_dialogue,
-            )
+            is_dialogue = bool(requests) and self._is_dialogue
+            self._account.charge(_READ_S + parse_s, is_dialogue=is_dialogue)
             await self._account.wait()
 
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
@@ -136,7 +135,8 @@ class _ImagePeer:
         reply = await _encode_reply(frame, region, self._options.image_type)
         # Before the reply: a fast client sends the next request while the reply is written.
         self._is_dialogue = not self._connection.has_more_input
-        self._connection.write(reply)
+        with self._account.charge_block(is_dialogue=self._is_dialogue):
+            self._connection.write(reply)
         await self._connection.drain()
         self.num_sent += 1
 
