@@ -19,6 +19,7 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
+from catoptra_server.effects.kernels.grey_levels import FRAME_NOISE_EFFECTS
 from catoptra_server.world.camera_state import NoiseSeed
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
@@ -61,6 +62,17 @@ def test_effect_when_applied_leaves_its_image_alone_and_keeps_its_type(name: str
     assert after.dtype == np.float32
     assert after.shape == image.shape
     np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_effect_draws_new_numbers_in_each_exposure_only_where_it_is_listed(name: str) -> None:
+    # A standing camera without these is not drawn again.
+    effect, image = make_effect(name), make_test_pattern(2.0).astype(np.float32)
+    seeds = (replace(NOISE_SEED, tick=tick) for tick in (1, 2))
+    first, second = (
+        effect.apply(image, CAMERA, replace(CAPTURE_CONTEXT, noise_seed=seed)) for seed in seeds
+    )
+    assert np.array_equal(first, second) == (name not in FRAME_NOISE_EFFECTS)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
@@ -28,6 +29,7 @@ from catoptra_server.frames.mailbox import (
 )
 from catoptra_server.frames.plan.camera import CameraVariant
 from catoptra_server.simulation.events import SimulationEvent
+from helpers.frame_requests import make_request
 from helpers.loopback import run_scenario
 
 NOW_S = 1000.0
@@ -284,6 +286,26 @@ def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> No
         assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
         boxes.put(frame(1))
         assert (await waiting).sequence == 1
+
+    run_scenario(scenario())
+
+
+def test_frame_that_is_repeated_has_a_new_number_and_times_and_the_same_payloads() -> None:
+    async def scenario() -> None:
+        boxes = Mailboxes(lambda request: None, prefetch=True)
+        mailbox, first = boxes.get(IMAGE_PORT), frame(1)
+        request = dataclasses.replace(make_request(sequence=2), repeats=1)
+        assert not boxes.repeat(request)  # of a channel without a frame
+        boxes.put(first)
+        await asyncio.sleep(0)
+        waiting = asyncio.create_task(mailbox.wait_for_newer(1))
+        await let_it_wait(waiting)
+        assert boxes.repeat(request)
+        second = await waiting
+        assert (second.sequence, second.time_s, second.exposed_at_s) == (2, 0.5, 2.0)
+        assert second.rgb is first.rgb
+        assert await second.encode(ImageType.RAW) is await first.encode(ImageType.RAW)
+        assert not boxes.repeat(request)  # the newest is another one
 
     run_scenario(scenario())
 

@@ -20,6 +20,7 @@ from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
     Frame,
+    FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.frame_plan import ViewState
@@ -41,6 +42,8 @@ class FrameStore:
         self.frames: list[Frame] = []
         self.rejections: list[tuple[Channel, str]] = []
         self.dropped: list[Channel] = []
+        self.repeated: list[int] = []
+        self.can_repeat = True
         self.clients: dict[Channel, set[Hashable] | None] = {}
         self.render_thread: RenderThread | None = None
         self._stop_after = stop_after
@@ -48,6 +51,10 @@ class FrameStore:
     def put(self, frame: Frame) -> None:
         self.frames.append(frame)
         self._count()
+
+    def repeat(self, request: FrameRequest) -> bool:
+        self.repeated.append(request.sequence)
+        return self.can_repeat
 
     def fail_frame(self, channel: Channel, reason: str) -> None:
         self.rejections.append((channel, reason))
@@ -86,6 +93,19 @@ def test_render_thread_renders_the_queued_requests_in_order() -> None:
     render_thread.run(lambda: views, lambda: None)
     assert [frame.sequence for frame in store.frames] == [1, 2, 3]
     assert views.view.is_closed
+
+
+@pytest.mark.parametrize("can_repeat", [True, False])
+def test_frame_that_shows_what_an_earlier_one_does_is_drawn_only_where_that_is_gone(
+    can_repeat: bool,
+) -> None:
+    render_thread, store = make_render_thread(stop_after=1 if can_repeat else 2)
+    store.can_repeat = can_repeat
+    render_thread.submit(dataclasses.replace(make_request(VIEW, sequence=2), repeats=1))
+    render_thread.submit(make_request(VIEW, sequence=3))
+    render_thread.run(FakeViewProvider, lambda: None)
+    assert store.repeated == [2]
+    assert [frame.sequence for frame in store.frames] == ([3] if can_repeat else [2, 3])
 
 
 def test_render_thread_when_stopped_cancels_what_waits() -> None:
@@ -348,6 +368,9 @@ def find_attempts(times_s: Sequence[float], works_at: Collection[float] = ()) ->
                 render_thread.submit(make_request(VIEW))
             else:
                 render_thread.stop()
+
+        def repeat(self, request: FrameRequest) -> bool:
+            raise AssertionError("each frame is new")
 
         def fail_frame(self, channel: Channel, reason: str) -> None:
             assert reason == "broken"

@@ -6,6 +6,7 @@ All events are posted beforehand; a callback of the loop posts StopRequested.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import threading
 from collections.abc import Callable, Sequence
@@ -494,22 +495,32 @@ def test_frame_after_a_command_shows_its_effect_without_a_tick(clock: ClockMode)
     assert names == ["", "R"]
 
 
-def test_frame_in_real_time_is_captured_at_once_by_the_thread_that_requests_it() -> None:
+def test_frame_of_a_driving_robot_is_captured_at_once_by_the_thread_that_requests_it() -> None:
     threads: list[threading.Thread] = []
+    times_s: list[float] = []
 
     def put(frame: Frame) -> None:
         threads.append(threading.current_thread())
-        if len(threads) == 1:
-            other = threading.Thread(target=simulation.post, args=(FrameRequested(),))
-            other.start()
-            other.join()
-            assert threads[1:] == [other]
+        times_s.append(frame.time_s)
+        if threads[-1] is not threading.main_thread() or len(threads) > 500:
             simulation.post(StopRequested())
+            return
+        other = threading.Thread(target=simulation.post, args=(FrameRequested(),))
+        other.start()
+        other.join()
 
-    simulation = make_simulation(clock=ClockMode.REALTIME, put_frame=put)
+    now_s = itertools.count(0.0, 5e-4)
+    simulation = make_simulation(
+        clock=ClockMode.REALTIME, put_frame=put, monotonic=now_s.__next__, view=FakeView()
+    )
+    client = FakeClient()
+    for command in (INIT, Drive(1.0, 1.0)):
+        post_command(simulation, client, command)
     simulation.post(FrameRequested())
     simulation.run()
-    assert len(threads) == 2
+    # A later instant of the same tick, a part of 20 ms.
+    assert threads[-1] is not threads[-2]
+    assert times_s[-2] < times_s[-1] < times_s[-2] + 0.02
 
 
 def test_frame_under_lockstep_is_captured_by_the_simulation_alone() -> None:

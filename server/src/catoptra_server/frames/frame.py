@@ -38,6 +38,7 @@ from catoptra_server.frames.plan.camera import CameraSpec, CameraVariant
 from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.render.renderer import Image
 from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,15 @@ def is_variant(channel: Channel) -> bool:
 
 # eq=False here and below: states hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
+class Carrier:
+    """Motion of a robot that carries a camera."""
+
+    world_from_robot: Pose
+    twist: Twist
+    """Mean motion in the last tick, referred to the robot's origin, in world axes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
     """One camera to render, in one state."""
 
@@ -79,6 +89,8 @@ class ViewRequest:
     camera_state: CameraState
     label_channels: tuple[str, ...] = ()
     """Channels of labels that are wanted beside the image, in a frame of this view alone."""
+    carrier: Carrier | None = None
+    """Robot that carries the camera; None: a camera that stands."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +137,8 @@ class FrameRequest:
     exposed_at_s: float
     """Time of the exposure on the server's monotonic clock."""
     composition: FrameComposition
+    repeats: int | None = None
+    """Number of an earlier frame of the channel that shows the same; None: none does."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from catoptra_protocol.camera_conf import Pairs, omni_camera_from_pairs, pairs_f
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.frames.frame import FrameComposition, FrameMetadata, ViewRequest
+from catoptra_server.frames.frame import Carrier, FrameComposition, FrameMetadata, ViewRequest
 from catoptra_server.frames.multi_view import (
     Tile,
     TileLayout,
@@ -253,7 +253,7 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     return replace(
         composition,
         views=(replace(view, camera=variant.apply_to(view.camera)),),
-        reference=None if reference is None else ViewRequest(reference, view.camera_state),
+        reference=None if reference is None else replace(view, camera=reference, label_channels=()),
         metadata=metadata,
         is_turned=shown is not own,
     )
@@ -280,7 +280,8 @@ class _MountedCamera:
             ego_body=visible.ego_body if isinstance(spec, OmniCameraSpec) else None,
             noise_seed=robot.noise_seed_for(self.camera.name),
         )
-        return ViewRequest(spec, state)
+        carrier = Carrier(robot.world_from_robot, robot.twist)
+        return ViewRequest(spec, state, carrier=carrier)
 
 
 def _compose(

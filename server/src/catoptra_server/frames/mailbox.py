@@ -18,6 +18,7 @@ import asyncio
 import math
 import time
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from functools import partial
 from weakref import WeakValueDictionary
 
@@ -25,8 +26,10 @@ from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
     Frame,
+    FrameComposition,
     FrameEvent,
     FrameRendered,
+    FrameRequest,
     FrameRequested,
     is_variant,
 )
@@ -49,6 +52,10 @@ class ChannelState:
         self.sequence = 0
         self.is_requested = False
         self.is_rendering = False
+        self.composition: FrameComposition | None = None
+        """What the last frame shows."""
+        self.captured_s = -math.inf
+        """Simulation time of its capture."""
         self._next_s = -math.inf
 
     def may_capture(self, time_s: float) -> bool:
@@ -72,6 +79,7 @@ class ChannelState:
         """
         self.is_requested = False
         self.is_rendering = True
+        self.captured_s = time_s
         # Late by less than a tick: from the time that was due, or 0.05 s would become 0.06 s.
         is_in_step = self._next_s <= time_s < self._next_s + TICK_S - _SAME_TIME_S
         self._next_s = (self._next_s if is_in_step else time_s) + interval_s
@@ -182,6 +190,11 @@ class Mailbox:
         self._waiting: list[tuple[Hashable, asyncio.Future[Frame]]] = []
         # Clients that have the newest frame.
         self._served: set[Hashable] = set()
+
+    @property
+    def newest(self) -> Frame | None:
+        """The newest frame; from any thread."""
+        return self._newest
 
     @property
     def wants_next(self) -> bool:
@@ -328,6 +341,29 @@ class Mailboxes:
         if is_next_requested:
             self._request_frame(frame.channel, frame.sequence)
         self._loop.call_soon_threadsafe(self._put_on_loop, frame, is_next_requested)
+
+    def repeat(self, request: FrameRequest) -> bool:
+        """Put the newest frame of a channel once more, as a request numbers and dates it.
+
+        Called by the render thread.
+
+        Returns:
+            False where the mailbox no longer has the frame that the request repeats.
+        """
+        mailbox = self._mailboxes.get(request.channel)
+        newest = mailbox and mailbox.newest
+        if not newest or newest.sequence != request.repeats:
+            return False
+        self.put(
+            replace(
+                newest,
+                sequence=request.sequence,
+                time_s=request.time_s,
+                exposed_at_s=request.exposed_at_s,
+                finished_at_s=time.monotonic(),
+            )
+        )
+        return True
 
     def find_clients(self, channel: Channel) -> set[Hashable] | None:
         """Clients that a frame of a channel is for; None if nobody waits. From any thread."""

@@ -197,6 +197,8 @@ class RenderThread:
         if clients is None and future is None:
             self._sink.drop_frame(request.channel)
             return
+        if request.repeats is not None and self._sink.repeat(request):
+            return
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
         if reason:
@@ -291,6 +293,9 @@ class _FrameSink(Protocol):
 
     def put(self, frame: Frame) -> None:
         """Receive a finished frame."""
+
+    def repeat(self, request: FrameRequest) -> bool:
+        """Put the last frame once more; False where that is gone."""
 
     def fail_frame(self, channel: Channel, reason: str) -> None:
         """Receive the rejection of a request, with a reason for clients."""

@@ -1,14 +1,18 @@
-"""Captures of the frames that clients request: at once where nothing has moved, else in turn.
+"""Captures of the frames that clients request: each of an instant of its own, or not drawn again.
 
 Composing a frame needs robots, which belong to the simulation thread. A composition holds until a
-tick or a command changes something; until then any thread captures further frames from there: a
-renderer draws several frames in a tick of 20 ms, and each wake-up of the simulation for one cost
-0.3 ms of processor time.
+tick or a command changes something; until then any thread captures further frames from there, each
+of the instant of its exposure (`instants.py`): a renderer draws several frames in a tick of 20 ms,
+and each wake-up of the simulation for one cost 0.3 ms of processor time.
+
+In real time a request for what has been drawn waits until something changes, and gets the last
+frame once more with the next tick, under a new number: viewers count on frames that keep coming.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 
@@ -20,7 +24,8 @@ from catoptra_server.frames.frame import (
     FrameRequested,
     ImagePortChannel,
 )
-from catoptra_server.frames.mailbox import CaptureScheduler, ChannelState
+from catoptra_server.frames.instants import rewind, show_same
+from catoptra_server.frames.mailbox import TICK_S, CaptureScheduler, ChannelState
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.simulation.events import FAULT_REASON
 
@@ -36,7 +41,7 @@ class FrameCapture:
         *,
         render: Callable[[FrameRequest], object],
         reject: Callable[[Channel, str], None],
-        is_limited: bool,
+        is_realtime: bool,
         image_port_interval_s: float = 0.0,
         monotonic: Callable[[], float],
     ) -> None:
@@ -47,20 +52,22 @@ class FrameCapture:
             render: Receives frame requests.
             reject: Receives channels without a frame, and the reason; an empty one where robot
                 or camera does not exist.
-            is_limited: Whether channels keep their intervals; without, each request has a frame.
+            is_realtime: Whether channels keep their intervals, frames have instants, and nothing
+                is drawn twice; without, each request has a frame of the tick.
             image_port_interval_s: Shortest simulation time between two frames of the image port.
             monotonic: Wall clock.
         """
         self._compose = compose
         self._render = render
         self._reject = reject
-        self._is_limited = is_limited
+        self._is_realtime = is_realtime
         self._image_port_interval_s = image_port_interval_s
         self._monotonic = monotonic
         # Guards all below; held for no call of a function above.
         self._lock = threading.Lock()
         self._scheduler = CaptureScheduler()
         self._time_s = 0.0
+        self._ticked_at_s = -math.inf
         self._compositions: dict[Channel, FrameComposition | None] = {}
         # Channels captured in this tick, and in the one before.
         self._captured: set[Channel] = set()
@@ -105,10 +112,15 @@ class FrameCapture:
         with self._lock:
             self._scheduler.request_frame(request.channel, request.newer_than)
 
-    def begin_tick(self, time_s: float) -> None:
-        """Forget all compositions: robots move until a simulation time."""
+    def begin_tick(self, time_s: float, at_s: float = -math.inf) -> None:
+        """Forget all compositions: robots move until a simulation time.
+
+        Args:
+            time_s: The simulation time.
+            at_s: That time on the wall clock, in real time.
+        """
         with self._lock:
-            self._time_s = time_s
+            self._time_s, self._ticked_at_s = time_s, at_s
             self._compositions.clear()
             # A channel with a frame in each of the last ticks will have one in this, too.
             self._composed_ahead = self._captured & self._captured_before
@@ -179,13 +191,23 @@ class FrameCapture:
         """Request of a frame that begins now; None if the channel is not due. Under the lock."""
         if not state.is_due(self._time_s):
             return None
-        self._captured.add(channel)
+        now_s, time_s, repeats = self._monotonic(), self._time_s, None
         interval_s = self._min_interval_s(channel, composition)
+        if self._is_realtime:
+            # Exposures at intervals keep to the ticks.
+            lag_s = 0.0 if interval_s else max(0.0, self._ticked_at_s + TICK_S - now_s)
+            time_s, composition = time_s - lag_s, rewind(composition, lag_s)
+            if state.composition and show_same(state.composition, composition):
+                if state.captured_s == self._time_s:
+                    return None
+                repeats = state.sequence
+        self._captured.add(channel)
         sequence = state.start_frame(self._time_s, interval_s=interval_s)
-        return FrameRequest(channel, sequence, self._time_s, self._monotonic(), composition)
+        state.composition = composition
+        return FrameRequest(channel, sequence, time_s, now_s, composition, repeats)
 
     def _min_interval_s(self, channel: Channel, composition: FrameComposition) -> float:
-        if not self._is_limited:
+        if not self._is_realtime:
             return 0.0
         is_image_port = isinstance(channel, ImagePortChannel)
         interval_s = self._image_port_interval_s if is_image_port else 0.0

@@ -110,8 +110,7 @@ class Simulation:
             fleet.cameras.compose_frame,
             render=render,
             reject=reject,
-            # A limit of the load in real time; under lockstep each request has its frame.
-            is_limited=clock is ClockMode.REALTIME,
+            is_realtime=clock is ClockMode.REALTIME,
             image_port_interval_s=frame_skip * TICK_S if frame_skip > 1 else 0.0,
             monotonic=monotonic,
         )
@@ -307,7 +306,7 @@ class Simulation:
 
     def _tick(self, duration_ns: int) -> None:
         self._time_ns += duration_ns
-        self._frame_capture.begin_tick(self._time_s)
+        self._frame_capture.begin_tick(self._time_s, self._started_s + self._time_s)
         self._work_left_s = _WORK_BUDGET_S
         self._fleet.step(duration_ns / NS_PER_S, self._time_s)
         self._fleet.deliver_due_reports(self._time_s)

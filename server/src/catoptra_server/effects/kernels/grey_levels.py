@@ -113,6 +113,10 @@ def count_valid_pixels(camera: RadialCamera) -> int:
 UInt32Array = npt.NDArray[np.uint32]  # (3,)
 
 
+FRAME_NOISE_EFFECTS = frozenset({"ReadNoise", "ShotNoise"})
+"""Names of the effects with random numbers of their own in each exposure."""
+
+
 def frame_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
     """Key, (3,), of the random numbers of one exposure, for one purpose."""
     return _noise_key(*seed.camera_key, seed.tick, purpose)
