@@ -22,7 +22,7 @@ from catoptra_server.effects.effect import (
     EffectSettings,
     SceneSummary,
     ShadowLoss,
-    needs_radiance_only,
+    summary_fields,
 )
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
@@ -124,11 +124,11 @@ def test_decision_when_nothing_changed_is_not_made_again() -> None:
     )
 
 
-def test_radiance_is_enough_until_a_criterion_reads_a_distance() -> None:
-    assert needs_radiance_only(make_settings((COARSE, EffectMode.AUTO)))
-    assert not needs_radiance_only(
-        make_settings((COARSE, EffectMode.AUTO), (Fog(0.1, 1, 1, 1), EffectMode.NEVER))
-    )
+def test_summary_needs_the_fields_of_all_named_effects() -> None:
+    assert summary_fields(NO_EFFECT_SETTINGS) == frozenset()
+    fog = Fog(0.1, 1, 1, 1)
+    settings = make_settings((COARSE, EffectMode.AUTO), (fog, EffectMode.NEVER))
+    assert summary_fields(settings) == COARSE.reads | fog.reads
 
 
 def test_plan_when_no_effect_is_named_is_empty_and_reports_it() -> None:

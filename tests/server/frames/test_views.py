@@ -91,12 +91,11 @@ class FakeScene:
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         return 1e-6
 
-    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
-        self._log.append("radiance")
-        return SceneSummary(self.max_radiance)
-
-    def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
-        self._log.append("summary")
+    def summarize(
+        self, camera_state: CameraState, camera: OmniCamera, fields: frozenset[str]
+    ) -> SceneSummary:
+        is_radiance = fields <= {"max_radiance"}
+        self._log.append("radiance" if is_radiance else f"summary of {sorted(fields)}")
         return SceneSummary(self.max_radiance, scene_twist=self.twist)
 
 
@@ -485,10 +484,10 @@ def test_camera_when_the_frame_shows_no_effect_reports_it_as_off_by_measurement(
     ]
 
 
-def test_camera_when_its_effects_read_geometry_summarizes_the_whole_scene() -> None:
-    fakes = Fakes()
-    fakes.render(mirror(Fog(1e-6, 0.5, 0.5, 0.5)))
-    assert fakes.log[:2] == ["summary", "prepare 8"]
+def test_camera_summarizes_what_its_effects_read() -> None:
+    fakes, fog = Fakes(), Fog(1e-6, 0.5, 0.5, 0.5)
+    fakes.render(mirror(fog))
+    assert fakes.log[:2] == [f"summary of {sorted(fog.reads)}", "prepare 8"]
 
 
 def test_decisions_when_only_a_bound_moves_are_reported_but_not_logged(

@@ -269,16 +269,10 @@ class EffectSettings:
 
 NO_EFFECT_SETTINGS = EffectSettings()
 
-# Fields of a summary that are known without distances, motions and shadows.
-_RADIANCE_FIELDS = frozenset({"max_radiance", "camera_key"})
 
-
-def needs_radiance_only(settings: EffectSettings) -> bool:
-    """Whether the criteria of all named effects read nothing of a scene but its radiance.
-
-    Then a frame needs no distance, motion and shadow bounds.
-    """
-    return all(setting.effect.reads <= _RADIANCE_FIELDS for setting in settings.settings)
+def summary_fields(settings: EffectSettings) -> frozenset[str]:
+    """Fields of a summary that the criteria of all named effects read."""
+    return frozenset[str]().union(*(setting.effect.reads for setting in settings.settings))
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,7 +114,7 @@ def plan_effects(
 
     Args:
         settings: Effects that the robot file names, in optical order.
-        summary: Bounds on the scene; only radiance is needed where `needs_radiance_only` holds.
+        summary: Bounds on the scene; only `summary_fields` of the settings are needed.
         camera: Camera of the image.
     """
     decisions: list[EffectDecision] = []

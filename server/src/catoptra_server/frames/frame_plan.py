@@ -34,7 +34,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import needs_radiance_only
+from catoptra_server.effects.effect import summary_fields
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
     EffectDecision,
@@ -153,7 +153,7 @@ class CameraPlan:
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
-        self.needs_radiance_only = needs_radiance_only(camera.effect_settings)
+        self.summary_fields = summary_fields(camera.effect_settings)
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
         # A perspective camera has no budget.
@@ -342,11 +342,8 @@ class FramePlanner:
         camera, settings = camera_plan.camera, camera_plan.camera.effect_settings
         if not settings.settings:
             return NO_EFFECTS
-        # Radiance bounds never change; a whole summary measures distances from the new pose.
-        if camera_plan.needs_radiance_only:
-            summary = self._summarizer.summarize_radiance(camera_state)
-        else:
-            summary = self._summarizer.summarize(camera_state, camera.camera)
+        fields = camera_plan.summary_fields
+        summary = self._summarizer.summarize(camera_state, camera.camera, fields)
         return plan_effects(settings, summary, camera.camera)
 
     def _bound_frame(self, camera_plan: CameraPlan, camera_state: CameraState) -> None:

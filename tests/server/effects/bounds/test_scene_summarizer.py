@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bounds.distances import image_rings
 from catoptra_server.effects.bounds.round_outward import round_away_from_zero, round_twist
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects.effect import NUM_RINGS, EffectType, SceneSummary
+from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
@@ -26,7 +29,7 @@ from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import P2AT, ROBOT_MESH, TWO_ROBOTS, build_cube_mesh, place_cube
-from helpers.effect_measurement import CAMERA, DRIVING_STATE
+from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_any_effect
 from helpers.ring_ranges import min_ring_ranges_m
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
 
@@ -51,9 +54,21 @@ def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     assert summary.scene_twist == round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
+@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+def test_summary_for_a_criterion_has_what_the_criterion_reads(kind: EffectType) -> None:
+    # Also after the robot itself has come into view, which moves numbers among the fields.
+    effect, self_view = make_any_effect(kind.name), SelfView()
+    summarizer = make_summarizer(make_test_world())
+    state = replace(DRIVING_STATE, objects=TWO_ROBOTS[:1], ego_body=TWO_ROBOTS[1])
+    whole = summarizer.summarize(state, CAMERA)
+    part = summarizer.summarize(state, CAMERA, effect.reads | self_view.reads)
+    for shown in (lambda summary: summary, self_view.update_summary):
+        assert effect.bound(shown(part), CAMERA) == effect.bound(shown(whole), CAMERA)
+
+
 def test_summary_of_radiance_alone_has_no_distances() -> None:
     summarizer = make_summarizer(make_test_world())
-    summary = summarizer.summarize_radiance(CameraState(Pose.identity()))
+    summary = summarizer.summarize(CameraState(Pose.identity()), CAMERA, {"max_radiance"})
     assert summary.max_radiance == summarizer.max_radiance
     assert set(summary.min_distances_m) == {math.inf}
 

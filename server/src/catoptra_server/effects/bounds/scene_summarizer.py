@@ -1,8 +1,8 @@
 """Summary of all bounds of a camera state, for the criteria of effects.
 
-Bounds of the static scene are computed once and on demand: a summary of radiance alone computes no
-distances. Distances, speeds and rates are rounded outward (`round_outward`), so that frames of a
-driving robot share a summary for a while.
+Bounds are computed where a criterion reads them, those of the static scene once: a summary for
+`SelfView` alone measures no distances. Distances, speeds and rates are rounded outward
+(`round_outward`), so that frames of a driving robot share a summary for a while.
 
 No surface is farther than a box around the scene and the spheres around dynamic objects. Nearest
 distances and rates of dynamic objects follow, ring by ring, from the boxes around a few dozen of
@@ -18,7 +18,9 @@ plane.
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -52,6 +54,12 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
+
+_ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
+_RADIANCE_FIELDS = frozenset(
+    {"max_radiance", "background_radiance", "camera_key", "ego_body_max_radiance"}
+)
+_DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
 
 class SceneSummarizer:
@@ -93,45 +101,64 @@ class SceneSummarizer:
         shown = _objects_with_ego_body(camera_state) if has_ego_body else camera_state.objects
         return self._rounding.min_distance_m(camera_state.world_from_mirror.translation, shown)
 
-    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
-        """Summary of the radiance alone, of the scene and of the objects in view."""
-        return SceneSummary(
-            max(self.max_radiance, self._bound_objects(camera_state.objects)),
-            camera_key=camera_state.noise_seed.camera_key,
-        )
-
     def _bound_objects(self, objects: tuple[DynamicObject, ...]) -> float:
         """Largest radiance of any object, rounded up; 0 without objects."""
         radiances = [max_object_radiance(one, self._world) for one in objects]
         return round_away_from_zero((max(radiances, default=0.0),))[0]
 
-    def summarize(self, camera_state: CameraState, camera: RadialCamera) -> SceneSummary:
-        """Summary of a camera state."""
-        camera_state = _rotate_to_optical_axis(camera_state, camera)
-        # A lens's own robot is not in view: no effect of such a camera adds the robot.
-        ego_body = _NOT_VISIBLE
-        if isinstance(camera, OmniCamera) and camera.has_mirror:
-            ego_body = _bound_self_view(camera_state, camera)
-        with_ego_body = _objects_with_ego_body(camera_state)
-        ego_bodies = () if camera_state.ego_body is None else (camera_state.ego_body,)
+    def summarize(
+        self,
+        camera_state: CameraState,
+        camera: RadialCamera,
+        fields: Collection[str] = _ALL_FIELDS,
+    ) -> SceneSummary:
+        """Summary of a camera state.
+
+        Args:
+            camera_state: State with all objects in view.
+            camera: Camera of the image.
+            fields: Fields that criteria read; what none reads, now or after the robot itself came
+                into view, has its default.
+        """
+        objects, ego_body = camera_state.objects, camera_state.ego_body
         summary = SceneSummary(
-            max(self.max_radiance, self._bound_objects(camera_state.objects)),
-            self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera),
-            max_distance_m=_max_distance_m(
-                self.scene, camera_state.world_from_mirror.translation, with_ego_body
-            ),
+            max(self.max_radiance, self._bound_objects(objects)),
             # Whether any pixel shows the background is not decided: only a closed room shows none,
             # and walls of the bundled worlds merely touch.
             background_radiance=self._world.background,
-            scene_twist=round_twist(scene_twist_in_mirror(camera_state)),
             camera_key=camera_state.noise_seed.camera_key,
-            ego_body_max_radiance=self._bound_objects(ego_bodies),
-            ego_body_max_angle_rad=ego_body.max_angle_rad,
-            ego_body_min_distances_m=ego_body.min_distances_m,
-            max_shadow_loss=self._shadows.darkest_shadow(camera_state.objects),
-            max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(with_ego_body),
+            ego_body_max_radiance=self._bound_objects((ego_body,) if ego_body else ()),
         )
-        if not camera_state.objects:
+        if _RADIANCE_FIELDS.issuperset(fields):
+            return summary
+        camera_state = _rotate_to_optical_axis(camera_state, camera)
+        # A lens's own robot is not in view: no effect of such a camera adds the robot.
+        if isinstance(camera, OmniCamera) and camera.has_mirror:
+            own = _bound_self_view(camera_state, camera)
+            summary = replace(
+                summary,
+                ego_body_max_angle_rad=own.max_angle_rad,
+                ego_body_min_distances_m=own.min_distances_m,
+            )
+        with_ego_body = _objects_with_ego_body(camera_state)
+        if "scene_twist" in fields:
+            twist = round_twist(scene_twist_in_mirror(camera_state))
+            summary = replace(summary, scene_twist=twist)
+        if "max_distance_m" in fields:
+            viewpoint = camera_state.world_from_mirror.translation
+            farthest_m = _max_distance_m(self.scene, viewpoint, with_ego_body)
+            summary = replace(summary, max_distance_m=farthest_m)
+        if "max_shadow_loss" in fields:
+            summary = replace(
+                summary,
+                max_shadow_loss=self._shadows.darkest_shadow(objects),
+                max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(with_ego_body),
+            )
+        if _DISTANCE_FIELDS.isdisjoint(fields):
+            return summary
+        distances_m = self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera)
+        summary = replace(summary, min_distances_m=distances_m)
+        if not objects:
             return summary
         return self._add_dynamic_objects(summary, camera_state, camera)
 
