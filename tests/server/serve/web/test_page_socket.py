@@ -44,7 +44,7 @@ from catoptra_server.serve.web.pages import WebResource
 from catoptra_server.simulation.events import ClientDisconnected, CommandReceived, SharedRobotDriven
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
-from helpers.loopback import run_scenario, wait_until
+from helpers.loopback import HOST, run_scenario, wait_until
 
 SPAWN = SpawnRequest(900, "USARBot.OmniP2AT", "Mine", None, "Centre")
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
@@ -214,6 +214,33 @@ def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() 
             assert isinstance(await other.request(GetStatusRequest(1)), StatusReply)
 
     run_page(play)
+
+
+def test_page_that_still_writes_a_message_too_long_is_not_reset() -> None:
+    """A reset would overtake the close frame: the client would see no code but 1006."""
+    num_pieces = 4
+
+    async def scenario() -> None:
+        async with serve_fake_page() as session:
+            reader, writer = await asyncio.open_connection(HOST, session.server.port)
+            writer.write(
+                f"GET /socket HTTP/1.1\r\nHost: {HOST}:{session.server.port}\r\n"
+                f"Origin: {session.url}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+                f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {22 * 'A'}==\r\n\r\n".encode()
+            )
+            await reader.readuntil(b"\r\n\r\n")
+            writer.write(
+                b"\x81\xff" + (num_pieces * MAX_REQUEST_BYTES).to_bytes(8, "big") + bytes(4)
+            )
+            assert await reader.readexactly(4) == b"\x88\x02" + (1009).to_bytes(2, "big")
+            for _ in range(num_pieces):
+                writer.write(bytes(MAX_REQUEST_BYTES))
+                await writer.drain()
+            assert await reader.read() == b""
+            writer.close()
+            await wait_until(lambda: not session.server.num_connections, "end of the connection")
+
+    run_scenario(scenario())
 
 
 def test_ping_of_a_page_has_a_pong() -> None:

@@ -19,7 +19,7 @@ from dataclasses import replace
 from http import HTTPStatus
 from typing import Any
 
-from aiohttp import WSMsgType, web
+from aiohttp import WebSocketError, WSMsgType, web
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.stream.messages import json_from_message, request_from_json
@@ -48,6 +48,8 @@ SECURITY_HEADERS = {
 }
 # Kept by browsers, but used only after the server has confirmed that it is the newest.
 _REVALIDATED = {"Cache-Control": "no-cache"}
+# Until the peer has ended, too.
+CLOSE_TIMEOUT_S = 1.0
 # A driving page sends 20 requests a second.
 _DRIVE_TIMEOUT_S = 0.25
 # Time of the loop for a read beside the parser's, and for a request with a reply.
@@ -135,6 +137,8 @@ class PageSocket:
         # Input of a connection that was ended is dropped: replies would fill the outbox.
         if self._connection.is_closing:
             return False
+        if isinstance(message.data, WebSocketError):
+            await self._connection.drop_input()
         if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
             return False
         await self._connection.begin_request()
@@ -197,6 +201,13 @@ class PageSocket:
 
 def _encode_reply(reply: Reply) -> bytes:
     return json_from_message(reply).encode()
+
+
+class PageWebSocket(web.WebSocketResponse):
+    """A WebSocket whose connection `PageSocket` ends: aiohttp would do so with input unread."""
+
+    def _close_transport(self) -> None:
+        pass
 
 
 class MaskCheck:
@@ -334,6 +345,16 @@ class WebConnection(web.RequestHandler):
         has_robot = self.page is not None and self.page.peer.robot.has_robot
         is_recent = self._open_loop.time() - self._requested_at_s < NEWCOMER_AGE_S
         return has_robot or (self.page is not None and is_recent)
+
+    async def drop_input(self) -> None:
+        """Send the end of the stream, and drop input until the peer has ended, too, or is late.
+
+        Unread input would reset the connection, and the reset overtake the close frame. aiohttp
+        drops what follows a faulty frame; it is charged like all input.
+        """
+        if self.transport is not None:
+            self.transport.write_eof()
+            await asyncio.sleep(CLOSE_TIMEOUT_S)  # the end of the connection cancels the handler
 
     def end(self) -> None:
         """Close the connection at once."""

@@ -26,8 +26,10 @@ from catoptra_server.serve.port import ConnectionLimits, Port, set_vanished_time
 from catoptra_server.serve.stream.replies import StreamContext
 from catoptra_server.serve.stream.session import INTERNAL_FAULT
 from catoptra_server.serve.web.page_socket import (
+    CLOSE_TIMEOUT_S,
     SECURITY_HEADERS,
     PageSocket,
+    PageWebSocket,
     WebConnection,
     resource_response,
     text_response,
@@ -43,8 +45,6 @@ _MAX_LIFETIME_S = 30.0
 # A ping after this time without input, and a reply within half of that: a page that has vanished
 # without closing the connection is noticed within 7.5 s.
 _PING_INTERVAL_S = 5.0
-# Of a handshake that ends a WebSocket.
-_CLOSE_TIMEOUT_S = 1.0
 # The kernel doubles this: a read of the smallest messages takes 3 ms, one of the largest is two.
 _RECEIVE_BUFFER_BYTES = 16 * 1024
 
@@ -101,7 +101,7 @@ class WebServer:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for connection in self._port:
             connection.abort()
-        await self._server.shutdown(_CLOSE_TIMEOUT_S)
+        await self._server.shutdown(CLOSE_TIMEOUT_S)
         self._pages.close()
 
     def _open(self, accepted: socket.socket, address: str) -> WebConnection:
@@ -196,8 +196,8 @@ class WebServer:
     async def _serve_socket(
         self, request: web.BaseRequest, connection: WebConnection
     ) -> web.StreamResponse:
-        websocket = web.WebSocketResponse(
-            timeout=_CLOSE_TIMEOUT_S,
+        websocket = PageWebSocket(
+            timeout=CLOSE_TIMEOUT_S,
             autoping=False,  # counted like all other messages
             heartbeat=_PING_INTERVAL_S,
             compress=False,  # pictures are compressed, and each page would cost a deflate
