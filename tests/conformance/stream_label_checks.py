@@ -98,6 +98,7 @@ def check_label_objects(server: ServerUnderTest) -> None:
     require(bool((agreement[interior] == 255).mean() > _MOST), True, "agreement inside objects")
     edges = (ids > 0) & ~interior
     require(bool((agreement[edges] < 255).any()), True, "agreement at edges")
+    require(bool(agreement[ids == 0].any()), False, "agreement of nothing")
     by_name = {one.name: one for one in objects}
     found = [(by_name[one.name], one) for one in landmarks if one.name in by_name]
     require(bool(found) or not landmarks, True, "a landmark among the objects in view")

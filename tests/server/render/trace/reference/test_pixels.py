@@ -125,4 +125,7 @@ def test_engines_label_alike(name: str, state) -> None:
         both = np.isfinite(a) & np.isfinite(b)
         assert np.quantile(np.abs(a[both] - b[both]), 0.999) < 1e-3
     assert (kernel["agreement"] == reference["agreement"]).mean() > 0.995
+    for each in found:
+        # Neither beyond the rim nor where a ray leaves the scene: SPEC.md 9.10.
+        assert not each["agreement"][each["ids"] == 0].any()
     np.testing.assert_array_equal(kernel["valid"], reference["valid"])

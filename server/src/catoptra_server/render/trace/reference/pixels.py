@@ -217,12 +217,9 @@ def count_agreement(table: RayTable, numbers: LabelNumbers, ids: LabelNumbers) -
     """
     samples = table.samples
     grid = assemble_grid(table, numbers[..., None].astype(np.float32), fill=np.float32(0.0))
-    valid = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little").astype(
-        np.float32
-    )
-    shown = assemble_grid(table, valid[..., None], fill=np.float32(0.0))[..., 0] > 0.0
     wanted = np.repeat(np.repeat(ids, samples, axis=0), samples, axis=1)
-    agrees = shown & (grid[..., 0] == wanted)
+    # Nothing is no object that samples could share.
+    agrees = (wanted > 0) & (grid[..., 0] == wanted)
     height, width = ids.shape
     share = agrees.reshape(height, samples, width, samples).mean(axis=(1, 3))
     return {"agreement": np.floor(255.0 * share + 0.5).astype(np.uint8)}

@@ -166,9 +166,13 @@ void write_agreement(const FrameState *state, int tile, const TileLabels *found)
     TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     int samples = state->rays->samples * state->rays->samples;
     for (int row = 0; row < place.rows; row++)
-        for (int column = 0; column < place.columns; column++)
+        for (int column = 0; column < place.columns; column++) {
+            int pixel = row * TILE_PX + column;
+            /* Nothing is no object that samples could share. */
+            int count = found->number[pixel] ? found->count[pixel] : 0;
             labels->agreement[place.first + (size_t)row * place.width_px + (size_t)column] =
-                (uint8_t)((510 * found->count[row * TILE_PX + column] + samples) / (2 * samples));
+                (uint8_t)((510 * count + samples) / (2 * samples));
+        }
 }
 
 static int number_of_content(const Labels *labels, const TileContent *content) {
