@@ -175,7 +175,12 @@ def test_cameras_when_forgotten_are_planned_anew_and_have_no_published_bound() -
     published = ErrorBoundTable()
     plans, specs = make_plans(published), (BUDGETED, make_spec(20.0))
     planned = [plans.plan_camera(spec) for spec in specs]
+    assert known_bounds(published, specs) == [False, False], "no frame was requested"
+    frames = [plans.decide(spec, CAMERA_STATE) for spec in specs]
     assert known_bounds(published, specs) == [True, True]
+    assert [published[one.requested].numbers_by_name() for one in frames] == [
+        one.bounds for one in frames
+    ]
     plans.forget_all()
     assert known_bounds(published, specs) == [False, False]
     assert plans.plan_camera(specs[0]) is not planned[0]
@@ -186,7 +191,7 @@ def test_cameras_are_limited_and_so_are_published_bounds() -> None:
     plans = make_plans(published)
     specs = [make_spec(max_error_px=1.0 + 0.001 * n) for n in range(300)]
     for spec in specs:
-        plans.plan_camera(spec)
+        plans.decide(spec, CAMERA_STATE)
     assert known_bounds(published, specs) == 44 * [False] + 256 * [True]
 
 
@@ -225,9 +230,10 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
     assert choice.bound is not None
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for angle_rad in (1e-3, 4e-3):
-        assert planned.bound_frame(angle_rad)
-        assert not planned.bound_frame(angle_rad), "the same scene changes nothing"
-        assert planned.bounds is not None
+        planned.bound_frame(angle_rad)
+        bounds = planned.bounds
+        planned.bound_frame(angle_rad)
+        assert planned.bounds is bounds is not None, "the same scene changes nothing"
         scene_px = planned.bounds["scene_px"]
         assert scene_px == pytest.approx(angle_rad * compute_image_scale(SMALL).max_px_per_rad)
         for name in ("max_px", "outline_px", "marker_px"):

@@ -133,7 +133,7 @@ class ViewState:
     """Median time of the last frames; None before 30 frames."""
 
 
-# Error bounds of the planned cameras by camera, None for a plan without one; any thread may read
+# Error bounds of the drawn cameras by camera, None for a plan without one; any thread may read
 # them. Without a lock: one writer, and single operations of a dict are atomic.
 ErrorBoundTable = dict[CameraSpec, ErrorBound | None]
 
@@ -186,15 +186,15 @@ class CameraPlan:
         self.plan, self.choice = choice.plan, choice
         self._derive()
 
-    def bound_frame(self, scene_angle_rad: float) -> bool:
-        """Add to the plan's bound what a frame's scene contributes; whether that changed it.
+    def bound_frame(self, scene_angle_rad: float) -> None:
+        """Add to the plan's bound what a frame's scene contributes.
 
         Args:
             scene_angle_rad: Largest displacement by the scene's coordinates.
         """
         choice = self._plan_choice
         if choice is None or choice.bound is None or scene_angle_rad == self._scene_angle_rad:
-            return False
+            return
         self._scene_angle_rad = scene_angle_rad
         camera = cast(OmniCameraSpec, self.camera)
         bound = add_scene(choice.bound, camera.camera, scene_angle_rad)
@@ -202,7 +202,6 @@ class CameraPlan:
         is_exceeded = 0.0 < tolerance_px < bound.outline_error_px
         self.choice = replace(choice, bound=bound, target_met=choice.target_met and not is_exceeded)
         self.bounds = bound.numbers_by_name()
-        return True
 
 
 class FramePlanner:
@@ -256,8 +255,9 @@ class FramePlanner:
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
         self._bound_frame(camera_plan, limited)
-        if drawn is not camera:
-            self._publish_bound(camera, camera_plan.choice)
+        # Planned, so that its bound is removed with its plan.
+        if camera_plan.choice is not None and self.plan_camera(camera).choice is not None:
+            self._error_bounds[camera] = camera_plan.choice.bound
         return FramePlan(
             drawn,
             camera,
@@ -352,14 +352,7 @@ class FramePlanner:
         if errors is None:
             return
         angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
-        if camera_plan.bound_frame(angle_rad) and camera_plan.choice is not None:
-            self._error_bounds[camera_plan.camera] = camera_plan.choice.bound
-
-    def _publish_bound(self, camera: CameraSpec, choice: PlanChoice | None) -> None:
-        """Publish the bound of a camera whose frame another one's plan draws."""
-        # Planned, so that its bound is removed with its plan.
-        if choice is not None and self.plan_camera(camera).choice is not None:
-            self._error_bounds[camera] = choice.bound
+        camera_plan.bound_frame(angle_rad)
 
     def _record_time(
         self, camera_plan: CameraPlan, frame_ms: float, stage_ms: Mapping[str, float]
@@ -414,12 +407,11 @@ class FramePlanner:
         return CameraPlan(camera, plan)
 
     def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
-        """Choose the plan of a camera, log it and publish the bound."""
+        """Choose the plan of a camera and log it."""
         choice = self._planner.choose_plan(spec, self._calibration_states)
         camera = spec.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("error bound: %s", choice.bound or "none")
-        self._error_bounds[spec] = choice.bound
         return choice
 
 
