@@ -51,6 +51,7 @@ _NOT_ON_PAGE = {
     "stream_targets",
     "stream_image_port",
     "stream_camera_conf",
+    "stream_camera_bound",
 }
 
 

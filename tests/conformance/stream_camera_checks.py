@@ -19,6 +19,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.vectors import Vector3
 from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest, check_from_function
+from conformance.control_readings import read_number
 from conformance.control_session import spawn_robot
 from conformance.image_panorama import project_directions
 from conformance.stream_session import (
@@ -92,6 +93,30 @@ def check_camera_conf(server: ServerUnderTest) -> None:
             raise CheckFailed(f"{name} of CONF differs by {difference:g} from that on the stream")
     if by_conf.mirror != by_stream.mirror:
         raise CheckFailed(f"CONF states the {by_conf.mirror}, the stream the {by_stream.mirror}")
+
+
+def check_camera_bound(server: ServerUnderTest) -> None:
+    """CONF has the error bound of a frame, and none before a frame with new settings."""
+    if "control" not in server.addresses:
+        raise CheckSkipped("no control port")
+    with spawn_robot(server) as session, connect_stream(server) as client:
+        confs = [one for one in session.query("GETCONF {Type Camera}") if one.get("Mirror")]
+        if not confs:
+            raise CheckSkipped(f"{server.robot_class} has no camera with a mirror")
+        camera, state = confs[0].get("Name") or "", client.get_state()
+        # A tolerance of this moment: no frame was ever requested with it.
+        target = f"{{Opcode MaxError}} {{Params {1.0 + state.time_s % 1.0:.4f}}}"
+        session.query(f"SET {{Type Camera}} {{Name {camera}}} {target}")
+        get_conf = f"GETCONF {{Type Camera}} {{Name {camera}}}"
+        (before,) = session.query(get_conf)
+        frame = client.get_frame(robot=state.robots[-1].name, camera=camera)
+        (after,) = session.query(get_conf)
+    if before.get("ErrorBoundPx") or before.get("ErrorRmsPx"):
+        raise CheckFailed("CONF has an ErrorBoundPx of settings that no frame has had yet")
+    if frame.camera != omni_camera_from_pairs(after.pairs)[0]:
+        raise CheckSkipped("CONF states the camera in its tile")
+    if abs(read_number(after, "ErrorBoundPx") - (frame.error_bound_px or 0.0)) > _CONF_TOLERANCE:
+        raise CheckFailed(f"{after}: error_bound_px of a frame is {frame.error_bound_px}")
 
 
 def check_landmark_pixels(server: ServerUnderTest) -> None:
@@ -229,6 +254,7 @@ def _format(numbers: Floats | tuple[float, ...]) -> str:
 CAMERA_CHECKS = (
     check_from_function("stream_camera_model", "stream", check_camera_model),
     check_from_function("stream_camera_conf", "stream", check_camera_conf),
+    check_from_function("stream_camera_bound", "stream", check_camera_bound),
     check_from_function("stream_landmark_pixels", "stream", check_landmark_pixels),
     check_from_function("stream_landmark_colours", "stream", check_landmark_colours),
 )
