@@ -272,7 +272,8 @@ def check_pixels(server: ServerUnderTest) -> None:
         error = math.dist(direction, directions[row, column])
         if error > 1e-3 or not 0.0 <= one.theta_rad <= math.pi:
             raise CheckFailed(f"{name}: the direction {direction}, {error:g} off the camera model")
-        # Rays of get_pixel pass through their own robot, which pictures and labels show.
+        # Its rays pass through their own robot, which pictures and labels show: SPEC.md 9.3.
+        require(one.object == robot.name, False, f"own robot, {name}")
         if interior[row, column] and names[int(channels["ids"][row, column])] != robot.name:
             require(one.object, names[int(channels["ids"][row, column])], f"object, {name}")
             expected_m = float(channels["range"][row, column])

@@ -241,7 +241,7 @@ class PixelReply:
     range_m: float | None
     """Distance along the ray; None if it meets nothing."""
     object: str
-    """Name of the world's item or of the robot that the ray meets; empty for none."""
+    """Name of the world's item or of the other robot that the ray meets; empty for none."""
     bound_px: float | None
     """Bound on the displacement of outlines at this point; None without a bound."""
 

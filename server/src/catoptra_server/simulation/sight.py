@@ -1,6 +1,7 @@
 """What a camera sees, by geometry alone: landmarks in view, and the thing at one point.
 
-Labels for training and testing detectors, without a rendered frame. Other robots occlude as boxes.
+Labels for training and testing detectors, without a rendered frame. Other robots occlude as boxes;
+the own one, whose box holds the camera, does not: the labels of a frame show it.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class PixelView:
     """Distance along the ray, from the viewpoint, or from the mirror's point of a mirror without
     one; None if there is nothing."""
     object_name: str = ""
-    """Name of the world's object, as of labels, or of the robot; empty for none."""
+    """Name of the world's object, as of labels, or of the other robot; empty for none."""
     bound_px: float | None = None
     """Bound on the displacement of outlines at this point; None without a bound."""
 

@@ -527,7 +527,8 @@ class StreamClient:
     ) -> PixelReply:
         """What a camera sees at a point of its image now: direction, range and object.
 
-        For every pixel of an image ask `get_frame` for channels instead.
+        The ray passes through its own robot, which a picture with `SelfView` shows, and meets other
+        robots as boxes. For what the image shows at every pixel ask `get_frame` for channels.
 
         Args:
             u_px: Column from the left edge; pixel centres are at +0.5.
