@@ -15,6 +15,7 @@ declares to read. A test compares the declaration with the fields that each crit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import lru_cache
@@ -192,6 +193,8 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
 def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
     if change is None:
         return decision
+    if change == math.inf:  # seen, but not measured
+        change = decision.bound
     return replace(
         decision,
         enabled=change > decision.threshold,

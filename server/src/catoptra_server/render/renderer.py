@@ -109,9 +109,9 @@ class RenderedImage:
     """Milliseconds by stage."""
     changes: Mapping[str, float] = field(default_factory=dict)
     """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
-    the effects with a threshold that the renderer measures. Of an exposure that motion blurs, that
-    of its sharp frame in the middle; where shadows change that by at most their threshold, their
-    change at any instant that the blur draws."""
+    the effects with a threshold that the renderer measures, inf of one that it only sees. Of an
+    exposure that motion blurs, that of its sharp frame in the middle; where shadows change that by
+    at most their threshold, their change at any instant that the blur draws."""
 
 
 @dataclass(frozen=True, slots=True)
