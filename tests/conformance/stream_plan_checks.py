@@ -170,9 +170,6 @@ def check_effects(server: ServerUnderTest) -> None:
         # Random numbers would differ from frame to frame.
         for name in [one for one in names if "Noise" not in one][:_MAX_EFFECTS]:
             modes = [{**never, name: mode} for mode in ("always", "never")]
-            if name == "DefocusByDepth":
-                # In place of Defocus, from which its bound counts.
-                modes = [{**one, "Defocus": "always"} for one in modes]
             modes = [{**modes[0], name: "auto"}, *modes]
             changed[name] = [_get_frame(robot, camera, FrameVariant(effects=one)) for one in modes]
     require(len(set(names)) == len(names) and all(names), True, f"names of effects {names}")

@@ -253,6 +253,19 @@ def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_dis
     assert [one.enabled for one in decided] == expected
 
 
+@pytest.mark.parametrize("named", [(), ((Defocus(Aperture(1.0, 7.4e-6, 0.0)), EffectMode.NEVER),)])
+def test_depth_without_the_fixed_disc_counts_all_of_the_blur(
+    named: tuple[tuple[Defocus, EffectMode], ...],
+) -> None:
+    by_depth = DefocusByDepth(Aperture(1.0, 7.4e-6, 0.0))
+    plan = decide((by_depth, EffectMode.AUTO), *named, summary=DAYLIGHT)
+    fixed = Defocus(by_depth.aperture).bound(DAYLIGHT, CAMERA)
+    assert by_depth.bound(DAYLIGHT, CAMERA).value < 0.5 < fixed.value == plan.decisions[0].bound
+    decided = plan.decide_by_frame({"DefocusByDepth": 0.1, "Defocus": 40.0})
+    assert decided[0].change == 40.0
+    assert [one.enabled for one in decided] == [True, *(False for _ in named)]
+
+
 NAMES = [effect_type.name for effect_type in EFFECT_TYPES]
 # Effects that read nothing with the defaults of their keys, since they then do nothing.
 ACTIVE_PARAMETERS = {
@@ -390,5 +403,5 @@ def test_bound_after_hundreds_of_others_is_evicted_and_computed_again() -> None:
 def test_bound_from_the_cache_is_that_of_the_effect(name: str) -> None:
     effect = active_effect(name)
     for summary in SUMMARIES:
-        alone = replace(summary, included_effects=frozenset())
-        assert plan_bound(effect, alone) == effect.bound(summary, CAMERA).value
+        alone = replace(summary, included_effects=frozenset(), has_defocus=False)
+        assert plan_bound(effect, alone) == effect.bound(alone, CAMERA).value

@@ -201,6 +201,8 @@ class SceneSummary:
     """
     included_effects: frozenset[tuple[str, str]] = frozenset()
     """Pairs of an effect and of the enabled effect that does its work as well, by name."""
+    has_defocus: bool = True
+    """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
 
     @property
     def visible_min_distances_m(self) -> tuple[float, ...]:

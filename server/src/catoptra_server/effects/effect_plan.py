@@ -35,6 +35,8 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.world.camera_state import CameraState
 
 
@@ -90,6 +92,10 @@ class EffectPlan:
         """
         if not changes:
             return self.decisions
+        if DefocusByDepth.name in changes and not any(one.included_in for one in self.decisions):
+            # As in its bound, with no `Defocus` to count from.
+            changes = dict(changes)
+            changes[DefocusByDepth.name] = changes.pop(Defocus.name, changes[DefocusByDepth.name])
         decided = [_decide_by_change(one, changes.get(one.effect)) for one in self.decisions]
         enabled = {one.effect for one in decided if one.enabled}
         # What an effect includes stays off only as long as that effect is on.
@@ -121,6 +127,8 @@ def plan_effects(
     decisions: list[EffectDecision] = []
     scene_effects: list[SceneEffect] = []
     image_effects: list[ImageEffect] = []
+    allowed = {one.effect.name for one in settings.settings if one.mode is not EffectMode.NEVER}
+    summary = replace(summary, has_defocus=Defocus.name in allowed)
     for entry in _effect_entries(settings, camera):
         effect = entry.setting.effect
         decisions.append(_find_decision(entry, summary, settings))
@@ -255,9 +263,9 @@ def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_Ef
 def _find_decision(
     entry: _EffectEntry, summary: SceneSummary, settings: EffectSettings
 ) -> EffectDecision:
-    # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
+    # Also in mode always: applied twice, the disc of Defocus would blur the blurred image again.
     by = dict(summary.included_effects).get(entry.setting.effect.name)
-    if by is not None:
+    if by is not None and entry.setting.mode is not EffectMode.NEVER:
         included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
         return replace(included, enabled=False, included_in=by)
     bound = entry.find_bound(summary)

@@ -5,7 +5,7 @@ confusion at the range of the pixel's centre. The effect includes all of `Defocu
 that effect: an image blurred by another disc before cannot be made sharp again. Robot files that
 name both leave the choice to the two criteria. Domain: as of `Defocus`. Criterion: the largest
 difference between the kernels of the nearest object in view and of infinity, times the contrast of
-black and the brightest.
+black and the brightest; where `Defocus` is not to be drawn, that effect's criterion.
 """
 
 from __future__ import annotations
@@ -57,11 +57,13 @@ class DefocusByDepth:
 
     name: ClassVar[str] = "DefocusByDepth"
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
+    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance", "has_defocus"}
     needs_range: ClassVar[bool] = True
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change against `Defocus`, by the disc of anything in view and of infinity."""
+        if not summary.has_defocus:  # all of the blur is this effect's
+            return Defocus(self.aperture).bound(summary, camera)
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         min_distance_m = min_distance_at_radius(summary, camera, radius_px)
