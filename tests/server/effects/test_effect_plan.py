@@ -42,7 +42,6 @@ from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.render.trace.trace_engine import ANY_CHANGE
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.world_description import AT_REST, Twist
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT, make_any_effect
@@ -209,7 +208,7 @@ def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) ->
 def test_effect_that_is_only_seen_counts_as_its_bound() -> None:
     dark = SceneSummary(0.1, ego_body_max_radiance=0.2, ego_body_max_angle_rad=0.5)
     plan = decide((SelfView(), EffectMode.AUTO), summary=dark)
-    for seen, change in ((ANY_CHANGE, plan.decisions[0].bound), (0.0, 0.0)):
+    for seen, change in ((math.inf, plan.decisions[0].bound), (0.0, 0.0)):
         (decision,) = plan.decide_by_frame({"SelfView": seen})
         assert (decision.enabled, decision.change) == (change > 0.0, change)
         assert decision.bound < 128.0

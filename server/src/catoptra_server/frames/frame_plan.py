@@ -254,7 +254,8 @@ class FramePlanner:
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
-        self._bound_frame(camera_plan, limited)
+        if (errors := camera_plan.coordinate_errors) is not None:
+            camera_plan.bound_frame(self._summarizer.max_rounding_angle_rad(limited, errors))
         # Planned, so that its bound is removed with its plan.
         if camera_plan.choice is not None and self.plan_camera(camera).choice is not None:
             self._error_bounds[camera] = camera_plan.choice.bound
@@ -345,14 +346,6 @@ class FramePlanner:
         fields = camera_plan.summary_fields
         summary = self._summarizer.summarize(camera_state, camera.camera, fields)
         return plan_effects(settings, summary, camera.camera)
-
-    def _bound_frame(self, camera_plan: CameraPlan, camera_state: CameraState) -> None:
-        """Add to the bound what the scene's coordinates contribute in a camera state."""
-        errors = camera_plan.coordinate_errors
-        if errors is None:
-            return
-        angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
-        camera_plan.bound_frame(angle_rad)
 
     def _record_time(
         self, camera_plan: CameraPlan, frame_ms: float, stage_ms: Mapping[str, float]

@@ -40,8 +40,6 @@ NOTHING = -1
 """Object and triangle number of a ray without a hit."""
 NO_MOTION = -1
 """Index of the motion of an object at rest."""
-# The effect shows, by a change that nobody measures: it counts as the effect's bound.
-ANY_CHANGE = math.inf
 
 
 class TraceEngine(Protocol):

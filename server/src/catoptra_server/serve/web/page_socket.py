@@ -124,12 +124,12 @@ class PageSocket:
         if self._sending is not None:
             self._sending.cancel()
         # Not left to aiohttp, which would wait until all is read.
-        self._connection.abort()
+        self._connection.end()
 
     def _disconnect(self) -> None:
         if not self._connection.is_closing:
             log.warning("page %s reads nothing: disconnected", self._connection.address)
-            self._connection.abort()
+            self._connection.end()
 
     async def _receive(self) -> bool:
         """Handle one message; False at the end."""
@@ -196,7 +196,7 @@ class PageSocket:
         else:
             # The connection has ended, mostly, as is noticed by `_receive`.
             log.debug("page %s: not sent: %s", self._connection.address, error)
-            self._connection.abort()
+            self._connection.end()
 
 
 def _encode_reply(reply: Reply) -> bytes:
@@ -296,11 +296,11 @@ class WebConnection(web.RequestHandler):
         self._num_request_bytes += len(data)
         if self.page is None and self._num_request_bytes > _MAX_REQUEST_BYTES:
             log.info("web connection of %s closed: its request has no end", self.address)
-            self.abort()
+            self.end()
             return
         if self.page is not None and not self._mask_check.feed(data):
             log.info("web connection of %s closed: a frame without a mask", self.address)
-            self.abort()
+            self.end()
             return
         begin_s = time.thread_time()
         super().data_received(data)
@@ -356,16 +356,12 @@ class WebConnection(web.RequestHandler):
             self.transport.write_eof()
             await asyncio.sleep(CLOSE_TIMEOUT_S)  # the end of the connection cancels the handler
 
-    def end(self) -> None:
-        """Close the connection at once."""
-        self.abort()
-
     @property
     def is_closing(self) -> bool:
         """Whether nothing more is sent."""
         return self.transport is None or self.transport.is_closing()
 
-    def abort(self) -> None:
+    def end(self) -> None:
         """Close the connection at once; bytes that the peer has not read are dropped."""
         if self.transport is not None:
             self.transport.abort()

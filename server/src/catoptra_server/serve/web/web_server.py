@@ -100,7 +100,7 @@ class WebServer:
         self._port.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for connection in self._port:
-            connection.abort()
+            connection.end()
         await self._server.shutdown(CLOSE_TIMEOUT_S)
         self._pages.close()
 

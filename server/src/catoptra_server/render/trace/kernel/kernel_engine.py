@@ -56,7 +56,6 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 )
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
 from catoptra_server.render.trace.trace_engine import (
-    ANY_CHANGE,
     FlowTables,
     LabelRequest,
     PixelLabels,
@@ -216,7 +215,7 @@ def _read_changes(
     if state.fog is not None:
         changes["Fog"] = counts.fog_change
     if find_ego_body(state):
-        changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
+        changes["SelfView"] = np.inf if counts.shows_watched else 0.0
     if state.shutter is not None and state.shutter.readout_s > 0.0:
         changes["RollingShutter"] = counts.rolling_change
     if state.shutter is not None and state.shutter.exposure_s > 0.0:

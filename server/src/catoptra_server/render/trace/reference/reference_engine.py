@@ -44,7 +44,6 @@ from catoptra_server.render.trace.reference.pixels import (
     shade_hits,
 )
 from catoptra_server.render.trace.trace_engine import (
-    ANY_CHANGE,
     NOTHING,
     LabelRequest,
     MovingExposure,
@@ -192,7 +191,7 @@ class _ReferenceRays:
             changes["Fog"] = self._measure(sharp, is_linear=request.is_linear, fog=None)
         if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
-            changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
+            changes["SelfView"] = np.inf if is_seen else 0.0
         ranges = self._measure_ranges(sharp) if request.has_ranges else None
         return TracedFrame(image, changes, ranges)
 

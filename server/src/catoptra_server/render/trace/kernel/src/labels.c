@@ -153,7 +153,7 @@ void count_samples(const FrameState *state, int block, uint32_t active, const Hi
         return;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         int pixel = pixel_of_lane(state, block, lane);
-        if (active >> lane & 1)
+        if (active >> lane & 1 && found->number[pixel]) /* nothing is no object to share */
             found->count[pixel] += found->number[pixel] ==
                                    number_of(labels, hits->object[lane], hits->triangle[lane]);
     }
@@ -166,13 +166,9 @@ void write_agreement(const FrameState *state, int tile, const TileLabels *found)
     TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     int samples = state->rays->samples * state->rays->samples;
     for (int row = 0; row < place.rows; row++)
-        for (int column = 0; column < place.columns; column++) {
-            int pixel = row * TILE_PX + column;
-            /* Nothing is no object that samples could share. */
-            int count = found->number[pixel] ? found->count[pixel] : 0;
+        for (int column = 0; column < place.columns; column++)
             labels->agreement[place.first + (size_t)row * place.width_px + (size_t)column] =
-                (uint8_t)((510 * count + samples) / (2 * samples));
-        }
+                (uint8_t)((510 * found->count[row * TILE_PX + column] + samples) / (2 * samples));
 }
 
 static int number_of_content(const Labels *labels, const TileContent *content) {
@@ -182,10 +178,10 @@ static int number_of_content(const Labels *labels, const TileContent *content) {
 void label_filled_tile(const FrameState *state, int tile, const TileContent *content) {
     TileLabels found;
     int number = number_of_content(state->frame->labels, content);
+    int whole = number ? state->rays->samples * state->rays->samples : 0;
     label_centres(state, tile, content, &found);
     for (int pixel = 0; pixel < TILE_PIXELS; pixel++)
-        found.count[pixel] =
-            found.number[pixel] == number ? state->rays->samples * state->rays->samples : 0;
+        found.count[pixel] = found.number[pixel] == number ? whole : 0;
     write_agreement(state, tile, &found);
 }
 
