@@ -236,7 +236,6 @@ def test_page_that_still_writes_a_message_too_long_is_not_reset() -> None:
             for _ in range(num_pieces):
                 writer.write(bytes(MAX_REQUEST_BYTES))
                 await writer.drain()
-            assert await reader.read() == b""
             writer.close()
             await wait_until(lambda: not session.server.num_connections, "end of the connection")
 

@@ -347,14 +347,13 @@ class WebConnection(web.RequestHandler):
         return has_robot or (self.page is not None and is_recent)
 
     async def drop_input(self) -> None:
-        """Send the end of the stream, and drop input until the peer has ended, too, or is late.
+        """Drop input after a close frame, until the peer ends the connection or is late.
 
         Unread input would reset the connection, and the reset overtake the close frame. aiohttp
-        drops what follows a faulty frame; it is charged like all input.
+        drops what follows a faulty frame; it is charged like all input. The end of the stream is
+        not sent: clients cannot reply with their own close frame behind it.
         """
-        if self.transport is not None:
-            self.transport.write_eof()
-            await asyncio.sleep(CLOSE_TIMEOUT_S)  # the end of the connection cancels the handler
+        await asyncio.sleep(CLOSE_TIMEOUT_S)  # cancelled with the handler by the peer's end
 
     @property
     def is_closing(self) -> bool:
