@@ -138,7 +138,10 @@ class PageSocket:
         if self._connection.is_closing:
             return False
         if isinstance(message.data, WebSocketError):
-            await self._connection.drop_input()
+            self.peer.disconnect()  # a reply behind the close frame would fail, and end all at once
+            # aiohttp drops what follows a faulty frame. Unread it would reset the connection, and
+            # the reset, or an end of the stream, overtake the close frames. The peer's end cancels.
+            await asyncio.sleep(CLOSE_TIMEOUT_S)
         if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
             return False
         await self._connection.begin_request()
@@ -345,15 +348,6 @@ class WebConnection(web.RequestHandler):
         has_robot = self.page is not None and self.page.peer.robot.has_robot
         is_recent = self._open_loop.time() - self._requested_at_s < NEWCOMER_AGE_S
         return has_robot or (self.page is not None and is_recent)
-
-    async def drop_input(self) -> None:
-        """Drop input after a close frame, until the peer ends the connection or is late.
-
-        Unread input would reset the connection, and the reset overtake the close frame. aiohttp
-        drops what follows a faulty frame; it is charged like all input. The end of the stream is
-        not sent: clients cannot reply with their own close frame behind it.
-        """
-        await asyncio.sleep(CLOSE_TIMEOUT_S)  # cancelled with the handler by the peer's end
 
     @property
     def is_closing(self) -> bool:
