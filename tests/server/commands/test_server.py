@@ -49,32 +49,28 @@ def make_threads(robot_file: Path, folder: Path, clock: ClockMode) -> ServerThre
 
 
 @pytest.mark.parametrize("clock", ClockMode)
-def test_frame_of_a_spawned_robot_arrives_in_its_mailbox(tmp_path: Path, clock: ClockMode) -> None:
-    async def scenario() -> None:
-        threads, client = make_threads(write_small_robot(tmp_path), tmp_path, clock), FakeClient()
-        async with threads.run():
-            threads.simulation.post(CommandReceived(client, Init("OmniP2AT", "R", (0.0, 0.0, 0.0))))
-            mailbox = threads.mailboxes.get(CameraChannel("", ""))
-            frame = await mailbox.wait_for_newer(0)
-        assert (frame.metadata.robot, frame.plan) == ("R", *threads.plans.values())
-        assert client.spawns == [("R", None)]
+async def test_frame_of_a_spawned_robot_arrives_in_its_mailbox(
+    tmp_path: Path, clock: ClockMode
+) -> None:
+    threads, client = make_threads(write_small_robot(tmp_path), tmp_path, clock), FakeClient()
+    async with threads.run():
+        threads.simulation.post(CommandReceived(client, Init("OmniP2AT", "R", (0.0, 0.0, 0.0))))
+        mailbox = threads.mailboxes.get(CameraChannel("", ""))
+        frame = await mailbox.wait_for_newer(0)
+    assert (frame.metadata.robot, frame.plan) == ("R", *threads.plans.values())
+    assert client.spawns == [("R", None)]
 
-    run_scenario(scenario())
 
-
-def test_plans_of_a_server_without_cameras_are_none(
+async def test_plans_of_a_server_without_cameras_are_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scenario() -> None:
-        robot_file = write_small_robot(tmp_path)
-        write_edited_copy(robot_file, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
-        threads = make_threads(robot_file, tmp_path, ClockMode.LOCKSTEP)
-        with caplog.at_level("INFO"):
-            async with threads.run():
-                pass
-        assert threads.plans == {}
-
-    run_scenario(scenario())
+    robot_file = write_small_robot(tmp_path)
+    write_edited_copy(robot_file, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    threads = make_threads(robot_file, tmp_path, ClockMode.LOCKSTEP)
+    with caplog.at_level("INFO"):
+        async with threads.run():
+            pass
+    assert threads.plans == {}
     assert "no renderer is started" in caplog.text
 
 
@@ -412,7 +408,7 @@ def test_server_that_cannot_load_the_page_serves_the_rest(
     assert "the live page is not served: injected" in caplog.text
 
 
-def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
+async def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     is_loading, may_end = threading.Event(), threading.Event()
@@ -425,14 +421,11 @@ def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
         assert await asyncio.to_thread(is_loading.wait, DEADLINE_S)
         stop.set()
 
-    async def scenario() -> None:
-        await serve_for(make_options(tmp_path), visit)
-        assert not may_end.is_set()
-        may_end.set()
-
     use_renderer(monkeypatch, FakeView())
     monkeypatch.setattr(server_module, "load_view_modules", load)
-    run_scenario(scenario())
+    await serve_for(make_options(tmp_path), visit)
+    assert not may_end.is_set()
+    may_end.set()
 
 
 # A process of its own: this one has loaded nearly all modules already.

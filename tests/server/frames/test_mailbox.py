@@ -201,91 +201,80 @@ def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
     run(scenario)
 
 
-def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=False)
-        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        other = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        await let_it_wait(waiting)
-        assert posted == [FrameRequested(math.inf, IMAGE_PORT)]  # once, for both
-        boxes.put(frame(38))
-        assert (await waiting).sequence == (await other).sequence == 38
-        assert posted[1:] == [FrameRendered(IMAGE_PORT)]
-
-    run_scenario(scenario())
+async def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=False)
+    waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    other = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    await let_it_wait(waiting)
+    assert posted == [FrameRequested(math.inf, IMAGE_PORT)]  # once, for both
+    boxes.put(frame(38))
+    assert (await waiting).sequence == (await other).sequence == 38
+    assert posted[1:] == [FrameRendered(IMAGE_PORT)]
 
 
 @pytest.mark.parametrize("prefetch", [True, False])
-def test_frame_that_is_awaited_when_put_has_the_next_one_requested_at_once(prefetch: bool) -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=prefetch)
-        tasks = [asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0)) for _ in range(3)]
-        await let_it_wait(tasks[-1])
-        boxes.put(frame(1))
-        # Before any coroutine is resumed, and by none of them again.
-        expected = [FrameRendered(IMAGE_PORT), *[FrameRequested(1, IMAGE_PORT)][:prefetch]]
-        assert posted[1:] == expected
-        await asyncio.gather(*tasks)
-        assert posted[1:] == expected
+async def test_frame_that_is_awaited_when_put_has_the_next_one_requested_at_once(
+    prefetch: bool,
+) -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=prefetch)
+    tasks = [asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0)) for _ in range(3)]
+    await let_it_wait(tasks[-1])
+    boxes.put(frame(1))
+    # Before any coroutine is resumed, and by none of them again.
+    expected = [FrameRendered(IMAGE_PORT), *[FrameRequested(1, IMAGE_PORT)][:prefetch]]
+    assert posted[1:] == expected
+    await asyncio.gather(*tasks)
+    assert posted[1:] == expected
 
-    run_scenario(scenario())
 
-
-def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        held = boxes.get(IMAGE_PORT)
-        boxes.put(frame(1))
-        await asyncio.sleep(0)
-        assert posted == [FrameRendered(IMAGE_PORT)]
-        # A client that begins to wait between frame and delivery has the next one requested.
-        waiting = asyncio.create_task(held.wait_for_newer(1))
-        await let_it_wait(waiting)
-        assert posted[1:] == [FrameRequested(1, IMAGE_PORT)]
-        boxes.put(frame(2))
-        assert (await waiting).sequence == 2
-
-    run_scenario(scenario())
+async def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    held = boxes.get(IMAGE_PORT)
+    boxes.put(frame(1))
+    await asyncio.sleep(0)
+    assert posted == [FrameRendered(IMAGE_PORT)]
+    # A client that begins to wait between frame and delivery has the next one requested.
+    waiting = asyncio.create_task(held.wait_for_newer(1))
+    await let_it_wait(waiting)
+    assert posted[1:] == [FrameRequested(1, IMAGE_PORT)]
+    boxes.put(frame(2))
+    assert (await waiting).sequence == 2
 
 
 @pytest.mark.parametrize("prefetch", [True, False])
-def test_clients_of_a_frame_are_those_that_wait_or_would_request_it_next(prefetch: bool) -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda event: None, prefetch=prefetch)
-        assert boxes.find_clients(IMAGE_PORT) is None
-        held = boxes.get(IMAGE_PORT)
-        tasks = [asyncio.create_task(held.wait_for_newer(0, client)) for client in "ab"]
-        await let_it_wait(tasks[-1])
-        assert boxes.find_clients(IMAGE_PORT) == {"a", "b"}
-        tasks[0].cancel()
-        await asyncio.gather(tasks[0], return_exceptions=True)
-        assert boxes.find_clients(IMAGE_PORT) == {"b"}
-        boxes.put(frame(1))
-        await tasks[1]
-        # The next one is drawn ahead for the client that receives this one.
-        assert boxes.find_clients(IMAGE_PORT) == ({"b"} if prefetch else None)
-        del held, tasks
-        assert boxes.find_clients(IMAGE_PORT) is None
+async def test_clients_of_a_frame_are_those_that_wait_or_would_request_it_next(
+    prefetch: bool,
+) -> None:
+    boxes = Mailboxes(lambda event: None, prefetch=prefetch)
+    assert boxes.find_clients(IMAGE_PORT) is None
+    held = boxes.get(IMAGE_PORT)
+    tasks = [asyncio.create_task(held.wait_for_newer(0, client)) for client in "ab"]
+    await let_it_wait(tasks[-1])
+    assert boxes.find_clients(IMAGE_PORT) == {"a", "b"}
+    tasks[0].cancel()
+    await asyncio.gather(tasks[0], return_exceptions=True)
+    assert boxes.find_clients(IMAGE_PORT) == {"b"}
+    boxes.put(frame(1))
+    await tasks[1]
+    # The next one is drawn ahead for the client that receives this one.
+    assert boxes.find_clients(IMAGE_PORT) == ({"b"} if prefetch else None)
+    del held, tasks
+    assert boxes.find_clients(IMAGE_PORT) is None
 
-    run_scenario(scenario())
 
-
-def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        await let_it_wait(waiting)
-        boxes.drop_frame(IMAGE_PORT)
-        await asyncio.sleep(0)
-        assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
-        boxes.put(frame(1))
-        assert (await waiting).sequence == 1
-
-    run_scenario(scenario())
+async def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    await let_it_wait(waiting)
+    boxes.drop_frame(IMAGE_PORT)
+    await asyncio.sleep(0)
+    assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
+    boxes.put(frame(1))
+    assert (await waiting).sequence == 1
 
 
 def test_channel_that_restarts_its_count_is_requested_again() -> None:
@@ -302,45 +291,36 @@ def test_channel_that_restarts_its_count_is_requested_again() -> None:
     run(scenario)
 
 
-def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda request: None, prefetch=False)
-        lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
-        waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
-        other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
-        await let_it_wait(waiting)
-        boxes.fail(lost, "")
-        with pytest.raises(ChannelUnavailableError):
-            await waiting
-        boxes.put(frame(1))
-        assert (await other).sequence == 1
-
-    run_scenario(scenario())
+async def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
+    boxes = Mailboxes(lambda request: None, prefetch=False)
+    lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
+    waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
+    other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
+    await let_it_wait(waiting)
+    boxes.fail(lost, "")
+    with pytest.raises(ChannelUnavailableError):
+        await waiting
+    boxes.put(frame(1))
+    assert (await other).sequence == 1
 
 
-def test_mailbox_without_a_reference_is_freed() -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda request: None, prefetch=False)
-        held = boxes.get(IMAGE_PORT)
-        assert boxes.get(IMAGE_PORT) is held
-        boxes.get(CameraChannel("R", ""))
-        assert len(boxes) == 1
-
-    run_scenario(scenario())
+async def test_mailbox_without_a_reference_is_freed() -> None:
+    boxes = Mailboxes(lambda request: None, prefetch=False)
+    held = boxes.get(IMAGE_PORT)
+    assert boxes.get(IMAGE_PORT) is held
+    boxes.get(CameraChannel("R", ""))
+    assert len(boxes) == 1
 
 
-def test_variant_of_a_camera_is_never_requested_ahead() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        channel = CameraChannel("R", "Omni", CameraVariant(samples=1))
-        task = asyncio.create_task(boxes.get(channel).wait_for_newer(0))
-        await let_it_wait(task)
-        boxes.put(dataclasses.replace(frame(1), channel=channel))
-        assert (await task).sequence == 1
-        assert posted == [FrameRequested(math.inf, channel), FrameRendered(channel)]
-
-    run_scenario(scenario())
+async def test_variant_of_a_camera_is_never_requested_ahead() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    channel = CameraChannel("R", "Omni", CameraVariant(samples=1))
+    task = asyncio.create_task(boxes.get(channel).wait_for_newer(0))
+    await let_it_wait(task)
+    boxes.put(dataclasses.replace(frame(1), channel=channel))
+    assert (await task).sequence == 1
+    assert posted == [FrameRequested(math.inf, channel), FrameRendered(channel)]
 
 
 OTHER = CameraChannel("R", "Rear")

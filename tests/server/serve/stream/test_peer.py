@@ -326,22 +326,18 @@ def inject_fault(
         monkeypatch.setattr(peer_module, name, raise_error)
 
 
-def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
+async def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(peer_module, "MAX_BLOCKED_S", 0.0)
-
-    async def scenario() -> None:
-        async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
-            with connect_raw_peer(server.port, high_water_mark=1) as stalled:
-                await stalled.send_request(GetStatusRequest(1000))
-                (client,) = server.peers
-                while client in server.peers:
-                    await stalled.request_frame()
-                    server.send_heartbeats()
-                    await asyncio.sleep(0)
-
-    run_scenario(scenario())
+    async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
+        with connect_raw_peer(server.port, high_water_mark=1) as stalled:
+            await stalled.send_request(GetStatusRequest(1000))
+            (client,) = server.peers
+            while client in server.peers:
+                await stalled.request_frame()
+                server.send_heartbeats()
+                await asyncio.sleep(0)
 
 
 def test_heartbeats_when_idle_are_due_up_to_a_number_and_when_waiting_always() -> None:

@@ -173,31 +173,22 @@ def test_landmarks_without_a_camera_are_the_true_ones() -> None:
     assert reply.time_s is None
 
 
-def test_landmarks_of_a_camera_have_their_projections() -> None:
-    async def scenario() -> None:
-        projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
-        reply = await query_projections(GetLandmarksRequest(2, "A"), (projected,))
-        assert isinstance(reply, LandmarksReply)
-        (record,) = reply.landmarks
-        assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
-
-    run_scenario(scenario())
+async def test_landmarks_of_a_camera_have_their_projections() -> None:
+    projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
+    reply = await query_projections(GetLandmarksRequest(2, "A"), (projected,))
+    assert isinstance(reply, LandmarksReply)
+    (record,) = reply.landmarks
+    assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
 
 
-def test_landmarks_of_a_missing_camera_are_an_error() -> None:
-    async def scenario() -> None:
-        error = Error(3, "there is no camera of robot 'A'")
-        assert await query_projections(GetLandmarksRequest(3, "A", ""), None) == error
-
-    run_scenario(scenario())
+async def test_landmarks_of_a_missing_camera_are_an_error() -> None:
+    error = Error(3, "there is no camera of robot 'A'")
+    assert await query_projections(GetLandmarksRequest(3, "A", ""), None) == error
 
 
-def test_landmarks_when_their_projection_failed_are_an_error_with_the_reason() -> None:
-    async def scenario() -> None:
-        reply = await query_projections(GetLandmarksRequest(3, "A", ""), Fault("a fault"))
-        assert reply == Error(3, "a fault")
-
-    run_scenario(scenario())
+async def test_landmarks_when_their_projection_failed_are_an_error_with_the_reason() -> None:
+    reply = await query_projections(GetLandmarksRequest(3, "A", ""), Fault("a fault"))
+    assert reply == Error(3, "a fault")
 
 
 def test_error_when_no_robot_is_named_speaks_of_the_image_port() -> None:
@@ -236,11 +227,10 @@ async def query_pixel(view: PixelView | Fault | None) -> Reply:
         (None, Error(7, "there is no camera 'Omni' of robot 'A'")),
     ],
 )
-def test_reply_is_that_of_the_simulation(view: PixelView | Fault | None, expected: Reply) -> None:
-    async def scenario() -> None:
-        assert await query_pixel(view) == expected
-
-    run_scenario(scenario())
+async def test_reply_is_that_of_the_simulation(
+    view: PixelView | Fault | None, expected: Reply
+) -> None:
+    assert await query_pixel(view) == expected
 
 
 def query_plan(
@@ -294,27 +284,24 @@ def test_plan_when_superseded_in_the_simulation_is_an_error_with_the_reason() ->
     assert reply == Error(2, "superseded")
 
 
-def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason() -> None:
-    async def scenario() -> None:
-        replies: asyncio.Queue[Reply] = asyncio.Queue()
-        clients = []
+async def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason() -> None:
+    replies: asyncio.Queue[Reply] = asyncio.Queue()
+    clients = []
 
-        def post(event: SimulationEvent) -> bool:
-            assert isinstance(event, AccuracyTargetChanged)
-            event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
-            return True
+    def post(event: SimulationEvent) -> bool:
+        assert isinstance(event, AccuracyTargetChanged)
+        event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
+        return True
 
-        def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
-            clients.append(client)
-            reply(PlanFailure("no plan"))
+    def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
+        clients.append(client)
+        reply(PlanFailure("no plan"))
 
-        session = RobotSession(post, on_fault=print)
-        pending = PendingRequests(replies.put_nowait).add(4)
-        request_plan(SetAccuracyRequest(4, "", None, None), pending, session, find_no_plan)
-        assert await replies.get() == Error(4, "no plan")
-        assert clients == [session]
-
-    run_scenario(scenario())
+    session = RobotSession(post, on_fault=print)
+    pending = PendingRequests(replies.put_nowait).add(4)
+    request_plan(SetAccuracyRequest(4, "", None, None), pending, session, find_no_plan)
+    assert await replies.get() == Error(4, "no plan")
+    assert clients == [session]
 
 
 def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> None:
@@ -351,83 +338,59 @@ async def query_state(result: FleetState | Fault) -> Reply:
     return await replies.get()
 
 
-def test_state_has_robots_lines_and_notes() -> None:
-    async def scenario() -> None:
-        reply = await query_state(STATE)
-        assert isinstance(reply, StateReply)
-        assert (reply.id, reply.time_s, reply.robot) == (7, 1.5, "A")
-        (robot,) = reply.robots
-        assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
-        assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
-        assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
-        assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
-        assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
-
-    run_scenario(scenario())
+async def test_state_has_robots_lines_and_notes() -> None:
+    reply = await query_state(STATE)
+    assert isinstance(reply, StateReply)
+    assert (reply.id, reply.time_s, reply.robot) == (7, 1.5, "A")
+    (robot,) = reply.robots
+    assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
+    assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
+    assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
+    assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
+    assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
 
 
-def test_state_when_the_simulation_failed_is_an_error() -> None:
-    async def scenario() -> None:
-        assert await query_state(Fault("see the log")) == Error(7, "see the log")
-
-    run_scenario(scenario())
+async def test_state_when_the_simulation_failed_is_an_error() -> None:
+    assert await query_state(Fault("see the log")) == Error(7, "see the log")
 
 
-def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
-    async def scenario() -> None:
-        robots = tuple(
-            RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
-        )
-        scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
-        text = '{"x":"' + 8184 * "\\" + '"}'
-        notes = tuple((Note(f"{n}" * 64, text), 1.25) for n in range(8))
-        reply = await query_state(FleetState(robots, "r" * 256, (scan,) * 16, notes))
-        assert reply_from_bytes(bytes_from_message(reply)) == reply
-        assert reply_from_json(json_from_message(reply)) == reply
-
-    run_scenario(scenario())
+async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
+    robots = tuple(
+        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
+    )
+    scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
+    text = '{"x":"' + 8184 * "\\" + '"}'
+    notes = tuple((Note(f"{n}" * 64, text), 1.25) for n in range(8))
+    reply = await query_state(FleetState(robots, "r" * 256, (scan,) * 16, notes))
+    assert reply_from_bytes(bytes_from_message(reply)) == reply
+    assert reply_from_json(json_from_message(reply)) == reply
 
 
-def test_clients_are_those_between_connection_and_disconnection() -> None:
-    async def scenario() -> None:
-        context = create_fake_context(FakeSimulation())
-        outbox = Outbox(
-            lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None
-        )
-        first, second = (
-            StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
-        )
-        assert context.clients == {first, second}
-        first.disconnect()
-        first.disconnect()
-        assert context.clients == {second}
-
-    run_scenario(scenario())
+async def test_clients_are_those_between_connection_and_disconnection() -> None:
+    context = create_fake_context(FakeSimulation())
+    outbox = Outbox(lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None)
+    first, second = (
+        StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
+    )
+    assert context.clients == {first, second}
+    first.disconnect()
+    first.disconnect()
+    assert context.clients == {second}
 
 
-def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_known() -> None:
-    async def scenario() -> None:
-        robot = RobotSession(FakeSimulation().post, on_fault=lambda _: None)
-        found = camera_reply(1, "omni", SERVER_INFO, robot)
-        assert isinstance(found, CameraReply)
-        assert (found.class_name, found.camera, found.plan) == (
-            "USARBot.OmniP2AT",
-            "Omni",
-            "traced",
-        )
-        reason = "no camera 'Rear': this server's robots have Omni"
-        assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
-
-    run_scenario(scenario())
+async def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_known() -> None:
+    robot = RobotSession(FakeSimulation().post, on_fault=lambda _: None)
+    found = camera_reply(1, "omni", SERVER_INFO, robot)
+    assert isinstance(found, CameraReply)
+    assert (found.class_name, found.camera, found.plan) == ("USARBot.OmniP2AT", "Omni", "traced")
+    reason = "no camera 'Rear': this server's robots have Omni"
+    assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
 
 
-def test_status_counts_the_clients_of_all_transports() -> None:
-    async def scenario() -> None:
-        context = create_fake_context(FakeSimulation())
-        context.clients.update({object(), object()})
-        robot = RobotSession(context.post, on_fault=lambda _: None)
-        status = status_reply(7, context, robot, num_sent=3)
-        assert (status.id, status.num_clients, status.sent_frames) == (7, 2, 3)
-        assert (status.world, status.has_robot) == ("field", False)
-
-    run_scenario(scenario())
+async def test_status_counts_the_clients_of_all_transports() -> None:
+    context = create_fake_context(FakeSimulation())
+    context.clients.update({object(), object()})
+    robot = RobotSession(context.post, on_fault=lambda _: None)
+    status = status_reply(7, context, robot, num_sent=3)
+    assert (status.id, status.num_clients, status.sent_frames) == (7, 2, 3)
+    assert (status.world, status.has_robot) == ("field", False)

@@ -314,19 +314,16 @@ def test_thousand_connections_leave_a_page_undisturbed(monkeypatch: pytest.Monke
     run_session(play, limits=ConnectionLimits(max_connections=8))
 
 
-def test_server_when_it_ends_closes_pages_at_once() -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            websocket = await session.http.ws_connect(f"{session.url}/socket", origin=session.url)
-            _, idle_writer = await connect(session.server)
-            await wait_until(lambda: session.server.num_connections == 2, "both connections")
-            await session.server.close()
-            message = await websocket.receive()
-            assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
-            idle_writer.close()
-            await wait_until(lambda: not session.server.num_connections, "all ends")
-
-    run_scenario(scenario())
+async def test_server_when_it_ends_closes_pages_at_once() -> None:
+    async with serve_fake_page() as session:
+        websocket = await session.http.ws_connect(f"{session.url}/socket", origin=session.url)
+        _, idle_writer = await connect(session.server)
+        await wait_until(lambda: session.server.num_connections == 2, "both connections")
+        await session.server.close()
+        message = await websocket.receive()
+        assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        idle_writer.close()
+        await wait_until(lambda: not session.server.num_connections, "all ends")
 
 
 def test_flood_of_requests_of_one_peer_leaves_others_undisturbed() -> None:
