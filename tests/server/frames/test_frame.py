@@ -134,13 +134,10 @@ def test_objects_in_view_are_those_of_the_ids() -> None:
     assert FrameLabels(GroundTruth({}, OBJECTS)).objects_in_view() == ()
 
 
-def test_payloads_are_encoded_once() -> None:
-    async def encode_twice() -> None:
-        for encoding in ChannelEncoding:
-            first = await LABELS.encode(encoding)
-            assert await LABELS.encode(encoding) is first
-        raw, packed = [await LABELS.encode(encoding) for encoding in ChannelEncoding]
-        assert bytes(raw["ids"]) == IDS.tobytes() == zlib.decompress(packed["ids"])
-        assert bytes(raw["flow"]) == FLOW.tobytes()
-
-    asyncio.run(encode_twice())
+async def test_payloads_are_encoded_once() -> None:
+    for encoding in ChannelEncoding:
+        first = await LABELS.encode(encoding)
+        assert await LABELS.encode(encoding) is first
+    raw, packed = [await LABELS.encode(encoding) for encoding in ChannelEncoding]
+    assert bytes(raw["ids"]) == IDS.tobytes() == zlib.decompress(packed["ids"])
+    assert bytes(raw["flow"]) == FLOW.tobytes()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +26,6 @@ from catoptra_server.frames.mailbox import (
 )
 from catoptra_server.frames.plan.camera import CameraVariant
 from catoptra_server.simulation.events import SimulationEvent
-from helpers.loopback import run_scenario
 
 NOW_S = 1000.0
 
@@ -51,19 +48,10 @@ class RequestCounter:
         self.newer_than = newer_than
 
 
-def run(
-    scenario: Callable[[Mailbox, RequestCounter], Coroutine[Any, Any, None]],
-    *,
-    prefetch: bool = True,
-) -> None:
-    """Run a scenario with a mailbox and the counter of its requests."""
-
-    # A mailbox belongs to the running loop: it is created on the loop.
-    async def with_mailbox() -> None:
-        requests = RequestCounter()
-        await scenario(Mailbox(requests, prefetch=prefetch, monotonic=lambda: NOW_S), requests)
-
-    run_scenario(with_mailbox())
+def make_mailbox(*, prefetch: bool = True) -> tuple[Mailbox, RequestCounter]:
+    """A mailbox of the running loop, and the counter of its requests."""
+    requests = RequestCounter()
+    return Mailbox(requests, prefetch=prefetch, monotonic=lambda: NOW_S), requests
 
 
 async def let_it_wait(task: asyncio.Task[Frame]) -> None:
@@ -72,26 +60,22 @@ async def let_it_wait(task: asyncio.Task[Frame]) -> None:
     assert not task.done()
 
 
-def test_frame_when_missing_is_requested_and_waited_for() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        assert requests.count == 1
-        mailbox.put(frame(1))
-        assert (await task).sequence == 1
-        assert requests.count == 2  # the next one, ahead
-
-    run(scenario)
+async def test_frame_when_missing_is_requested_and_waited_for() -> None:
+    mailbox, requests = make_mailbox()
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    assert requests.count == 1
+    mailbox.put(frame(1))
+    assert (await task).sequence == 1
+    assert requests.count == 2  # the next one, ahead
 
 
-def test_frame_when_several_wait_reaches_all() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
-        await let_it_wait(tasks[-1])
-        mailbox.put(frame(1))
-        assert {(await task).sequence for task in tasks} == {1}
-
-    run(scenario)
+async def test_frame_when_several_wait_reaches_all() -> None:
+    mailbox, _ = make_mailbox()
+    tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
+    await let_it_wait(tasks[-1])
+    mailbox.put(frame(1))
+    assert {(await task).sequence for task in tasks} == {1}
 
 
 @pytest.mark.parametrize(
@@ -104,101 +88,88 @@ def test_frame_when_several_wait_reaches_all() -> None:
     ],
     ids=["young and new", "known already", "older than drawing takes", "younger than a tick"],
 )
-def test_stored_frame_when_prefetching_is_served_if_fresh_and_new(
+async def test_stored_frame_when_prefetching_is_served_if_fresh_and_new(
     waiting: Frame, last: int, taken: bool
 ) -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(waiting)
-        await asyncio.sleep(0)
-        task = asyncio.create_task(mailbox.wait_for_newer(last))
-        await asyncio.sleep(0)
-        assert task.done() is taken
-        mailbox.put(frame(6))
-        assert (await task).sequence == (5 if taken else 6)
-
-    run(scenario)
+    mailbox, _ = make_mailbox()
+    mailbox.put(waiting)
+    await asyncio.sleep(0)
+    task = asyncio.create_task(mailbox.wait_for_newer(last))
+    await asyncio.sleep(0)
+    assert task.done() is taken
+    mailbox.put(frame(6))
+    assert (await task).sequence == (5 if taken else 6)
 
 
-def test_stored_frame_under_lockstep_is_never_served() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(5, drawn_s=1e9))
-        await asyncio.sleep(0)
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        mailbox.put(frame(6))
-        assert (await task).sequence == 6
-        assert requests.count == 1  # nothing ahead: time stands still
-
-    run(scenario, prefetch=False)
+async def test_stored_frame_under_lockstep_is_never_served() -> None:
+    mailbox, requests = make_mailbox(prefetch=False)
+    mailbox.put(frame(5, drawn_s=1e9))
+    await asyncio.sleep(0)
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    mailbox.put(frame(6))
+    assert (await task).sequence == 6
+    assert requests.count == 1  # nothing ahead: time stands still
 
 
-def test_frames_when_several_arrive_leave_the_newest() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        for sequence in (1, 2, 3):
-            mailbox.put(frame(sequence, drawn_s=1e9))
-        await asyncio.sleep(0)
-        assert (await mailbox.wait_for_newer(0)).sequence == 3
-
-    run(scenario)
+async def test_frames_when_several_arrive_leave_the_newest() -> None:
+    mailbox, _ = make_mailbox()
+    for sequence in (1, 2, 3):
+        mailbox.put(frame(sequence, drawn_s=1e9))
+    await asyncio.sleep(0)
+    assert (await mailbox.wait_for_newer(0)).sequence == 3
 
 
-def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
-        await let_it_wait(stays)
-        gone.cancel()
-        await let_it_wait(stays)
-        assert mailbox.wants_next
-        mailbox.put(frame(1))
-        assert (await stays).sequence == 1
-        assert gone.cancelled()
-
-    run(scenario)
+async def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
+    mailbox, _ = make_mailbox()
+    gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+    await let_it_wait(stays)
+    gone.cancel()
+    await let_it_wait(stays)
+    assert mailbox.wants_next
+    mailbox.put(frame(1))
+    assert (await stays).sequence == 1
+    assert gone.cancelled()
 
 
-def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        assert mailbox.wants_next
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        assert not mailbox.wants_next
-
-    run(scenario)
+async def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> None:
+    mailbox, _ = make_mailbox()
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    assert mailbox.wants_next
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert not mailbox.wants_next
 
 
-def test_frame_when_several_wait_is_requested_once() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(7, drawn_s=1e9))
-        assert (await mailbox.wait_for_newer(6)).sequence == 7
-        assert requests.newer_than == 7  # the next one, ahead
-        task = asyncio.create_task(mailbox.wait_for_newer(7))
-        await let_it_wait(task)
-        assert requests.newer_than == 7  # the same one again: it is drawn only once
-        mailbox.put(frame(8))
-        assert (await task).sequence == 8
-
-    run(scenario)
+async def test_frame_when_several_wait_is_requested_once() -> None:
+    mailbox, requests = make_mailbox()
+    mailbox.put(frame(7, drawn_s=1e9))
+    assert (await mailbox.wait_for_newer(6)).sequence == 7
+    assert requests.newer_than == 7  # the next one, ahead
+    task = asyncio.create_task(mailbox.wait_for_newer(7))
+    await let_it_wait(task)
+    assert requests.newer_than == 7  # the same one again: it is drawn only once
+    mailbox.put(frame(8))
+    assert (await task).sequence == 8
 
 
-def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        async def wait_and_cancel() -> None:
-            await mailbox.wait_for_newer(0)
-            cancelled.cancel()
+async def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
+    mailbox, _ = make_mailbox()
 
-        first = asyncio.create_task(wait_and_cancel())
-        await let_it_wait(first)
-        cancelled, last = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
-        await let_it_wait(last)
-        asyncio.get_running_loop().call_soon(mailbox.put, frame(1))
-        assert (await last).sequence == 1
-        await first
-        await asyncio.gather(cancelled, return_exceptions=True)
-        assert cancelled.cancelled()
+    async def wait_and_cancel() -> None:
+        await mailbox.wait_for_newer(0)
+        cancelled.cancel()
 
-    run(scenario)
+    first = asyncio.create_task(wait_and_cancel())
+    await let_it_wait(first)
+    cancelled, last = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+    await let_it_wait(last)
+    asyncio.get_running_loop().call_soon(mailbox.put, frame(1))
+    assert (await last).sequence == 1
+    await first
+    await asyncio.gather(cancelled, return_exceptions=True)
+    assert cancelled.cancelled()
 
 
 async def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
@@ -277,18 +248,16 @@ async def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since()
     assert (await waiting).sequence == 1
 
 
-def test_channel_that_restarts_its_count_is_requested_again() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(9), is_next_requested=True)
-        for number in (1, 2):  # frames of another robot under the old name
-            task = asyncio.create_task(mailbox.wait_for_newer(9))
-            await let_it_wait(task)
-            assert requests.count == number - 1
-            mailbox.put(frame(number))
-            assert (await task).sequence == number
-            assert requests.newer_than == number
-
-    run(scenario)
+async def test_channel_that_restarts_its_count_is_requested_again() -> None:
+    mailbox, requests = make_mailbox()
+    mailbox.put(frame(9), is_next_requested=True)
+    for number in (1, 2):  # frames of another robot under the old name
+        task = asyncio.create_task(mailbox.wait_for_newer(9))
+        await let_it_wait(task)
+        assert requests.count == number - 1
+        mailbox.put(frame(number))
+        assert (await task).sequence == number
+        assert requests.newer_than == number
 
 
 async def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:

@@ -19,12 +19,12 @@ from catoptra_server.serve.port import (
     create_listener,
     warn_of_exposure,
 )
-from helpers.loopback import HOST, run_scenario, wait_until
+from helpers.loopback import HOST, wait_until
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.5.6.7", "::1", "localhost"])
-def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) -> None:
-    run_scenario(warn_of_exposure(host))
+async def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) -> None:
+    await warn_of_exposure(host)
     assert caplog.records == []
 
 
@@ -32,18 +32,18 @@ def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) ->
     ("host", "named"),
     [("0.0.0.0", "0.0.0.0"), ("::", "::"), ("", "0.0.0.0"), ("192.0.2.7", "192.0.2.7")],
 )
-def test_address_of_the_network_is_warned_of_in_words(
+async def test_address_of_the_network_is_warned_of_in_words(
     host: str, named: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    run_scenario(warn_of_exposure(host))
+    await warn_of_exposure(host)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "without authentication" in caplog.text
     assert named in caplog.text
 
 
-def test_unknown_host_is_left_to_the_ports(caplog: pytest.LogCaptureFixture) -> None:
+async def test_unknown_host_is_left_to_the_ports(caplog: pytest.LogCaptureFixture) -> None:
     # A name that is wrong before any name server is queried.
-    run_scenario(warn_of_exposure("a..b"))
+    await warn_of_exposure("a..b")
     assert caplog.records == []
 
 
@@ -229,23 +229,20 @@ async def test_address_of_another_machine_has_a_limit_of_its_own(
             client.close()
 
 
-def test_connection_without_a_word_in_time_or_with_a_reason_is_ended(
+async def test_connection_without_a_word_in_time_or_with_a_reason_is_ended(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def scenario() -> None:
-        limits = ConnectionLimits(handshake_timeout_s=0.3)
-        with open_port(limits, check=lambda one, _: "too old" if one.has_left else "") as port:
-            ends = [await asyncio.open_connection(HOST, port.number) for _ in range(3)]
-            await wait_until(lambda: len(port) == 3, "connections")
-            fill(port, has_handshake=[0, 1], has_left=[1])
-            assert await ends[1][0].read() == b""
-            assert await ends[2][0].read() == b""
-            assert not ends[0][0].at_eof()
-            for _, writer in ends:
-                writer.close()
-
-    with caplog.at_level(logging.INFO):
-        run_scenario(scenario())
+    caplog.set_level(logging.INFO)
+    limits = ConnectionLimits(handshake_timeout_s=0.3)
+    with open_port(limits, check=lambda one, _: "too old" if one.has_left else "") as port:
+        ends = [await asyncio.open_connection(HOST, port.number) for _ in range(3)]
+        await wait_until(lambda: len(port) == 3, "connections")
+        fill(port, has_handshake=[0, 1], has_left=[1])
+        assert await ends[1][0].read() == b""
+        assert await ends[2][0].read() == b""
+        assert not ends[0][0].at_eof()
+        for _, writer in ends:
+            writer.close()
     assert "nothing valid within 0.3 s" in caplog.text
     assert "too old" in caplog.text
 
@@ -277,24 +274,21 @@ async def test_connection_that_is_refused_is_closed_and_logged(
     assert "to the x port closed: no room" in caplog.text
 
 
-def test_accept_without_descriptors_pauses_with_a_line_and_continues(
+async def test_accept_without_descriptors_pauses_with_a_line_and_continues(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def scenario() -> None:
-        clients = [socket.socket() for _ in range(8)]
-        with open_port() as port:
-            with few_descriptors(2):
-                for client in clients:
-                    client.connect((HOST, port.number))
-                await wait_until(lambda: len(caplog.records) == 3, "third pause")
-                assert len(port) <= 2
-            await wait_until(lambda: len(port) == len(clients), "other connections")
-            for client in clients:
-                client.close()
-
     monkeypatch.setattr(port_module, "_ACCEPT_RETRY_S", 0.05)
-    with caplog.at_level(logging.WARNING):
-        run_scenario(scenario())
+    caplog.set_level(logging.WARNING)
+    clients = [socket.socket() for _ in range(8)]
+    with open_port() as port:
+        with few_descriptors(2):
+            for client in clients:
+                client.connect((HOST, port.number))
+            await wait_until(lambda: len(caplog.records) == 3, "third pause")
+            assert len(port) <= 2
+        await wait_until(lambda: len(port) == len(clients), "other connections")
+        for client in clients:
+            client.close()
     assert "the x port accepts no connection for 0.05 s (3 times so far): Too many open" in (
         caplog.text
     )

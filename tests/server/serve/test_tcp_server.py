@@ -23,7 +23,6 @@ from helpers.loopback import (
     abort,
     connect,
     connect_without_reading,
-    run_scenario,
     wait_until,
 )
 
@@ -85,20 +84,17 @@ async def test_block_when_left_ends_a_connection_that_reads_nothing() -> None:
     end.close()
 
 
-def test_connection_when_broken_is_logged_without_a_traceback(
+async def test_connection_when_broken_is_logged_without_a_traceback(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def broken(connection: TcpConnection) -> None:
         raise TimeoutError("no route any more")
 
-    async def scenario() -> None:
-        async with serve(broken) as server:
-            reader, writer = await connect(server)
-            assert await reader.read() == b""
-            writer.close()
-
-    with caplog.at_level(logging.INFO):
-        run_scenario(scenario())
+    caplog.set_level(logging.INFO)
+    async with serve(broken) as server:
+        reader, writer = await connect(server)
+        assert await reader.read() == b""
+        writer.close()
     assert "disconnected: no route any more" in caplog.text
     assert "Traceback" not in caplog.text
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import cv2
 import numpy as np
 import pytest
@@ -96,13 +94,13 @@ def label_objects(count: int, name: str) -> FrameLabels:
     return FrameLabels(GroundTruth({"ids": ids}, objects), has_row_times=True)
 
 
-def test_frame_without_labels_has_no_part() -> None:
-    encoded = asyncio.run(encode_labels(None, ChannelEncoding.RAW))
+async def test_frame_without_labels_has_no_part() -> None:
+    encoded = await encode_labels(None, ChannelEncoding.RAW)
     assert (encoded.record, encoded.parts) == (None, ())
 
 
-def test_record_lists_the_parts_in_their_order() -> None:
-    encoded = asyncio.run(encode_labels(label_objects(2, "crate"), ChannelEncoding.ZLIB))
+async def test_record_lists_the_parts_in_their_order() -> None:
+    encoded = await encode_labels(label_objects(2, "crate"), ChannelEncoding.ZLIB)
     assert encoded.record is not None
     (channel,) = encoded.record.channels
     assert (channel.name, channel.dtype, channel.depth) == ("ids", "<u2", 1)
@@ -111,9 +109,9 @@ def test_record_lists_the_parts_in_their_order() -> None:
     assert encoded.record.times == "rows"
 
 
-def test_record_of_many_objects_with_long_names_fits_into_a_header() -> None:
+async def test_record_of_many_objects_with_long_names_fits_into_a_header() -> None:
     labels = label_objects(1500, 400 * "x")
-    record = asyncio.run(encode_labels(labels, ChannelEncoding.RAW)).record
+    record = (await encode_labels(labels, ChannelEncoding.RAW)).record
     assert record is not None
     assert len(record.objects) == 1000
     assert len(pack("frame", record)) < MAX_REPLY_BYTES - 64 * 1024

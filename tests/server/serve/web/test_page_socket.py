@@ -6,7 +6,8 @@ import asyncio
 import json
 import logging
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 import aiohttp
 import pytest
@@ -44,22 +45,19 @@ from catoptra_server.serve.web.pages import WebResource
 from catoptra_server.simulation.events import ClientDisconnected, CommandReceived, SharedRobotDriven
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
-from helpers.loopback import run_scenario, wait_until
+from helpers.loopback import wait_until
 
 SPAWN = SpawnRequest(900, "USARBot.OmniP2AT", "Mine", None, "Centre")
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
-Play = Callable[[PageSession, PageClient], Awaitable[None]]
 
-
-def run_page(play: Play, simulation: FakeSimulation | None = None) -> None:
-    """Run a coroutine function with a served page and one WebSocket."""
-
-    async def scenario() -> None:
-        async with serve_fake_page(simulation) as session, session.open_socket() as page:
-            await play(session, page)
-
-    run_scenario(scenario())
+@asynccontextmanager
+async def open_page(
+    simulation: FakeSimulation | None = None,
+) -> AsyncIterator[tuple[PageSession, PageClient]]:
+    """Serve a page, and open one WebSocket."""
+    async with serve_fake_page(simulation) as session, session.open_socket() as page:
+        yield session, page
 
 
 async def spawn(session: PageSession, page: PageClient) -> None:
@@ -81,30 +79,26 @@ def speeds(session: PageSession) -> list[tuple[float | None, float | None]]:
     ]
 
 
-def test_requests_have_replies_in_json_with_their_ids() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_requests_have_replies_in_json_with_their_ids() -> None:
+    async with open_page() as (_, page):
         status = await page.request(GetStatusRequest(1))
         assert isinstance(status, StatusReply)
         assert status.num_clients == 1
         camera = await page.request(GetCameraRequest(2, ""))
         assert isinstance(camera, CameraReply)
 
-    run_page(play)
 
-
-def test_fields_with_a_default_may_be_missing() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_fields_with_a_default_may_be_missing() -> None:
+    async with open_page() as (_, page):
         fields = {"kind": "get_frame", "id": 5, "robot": "", "camera": "", "encoding": "raw"}
         await page.websocket.send_json(fields)
         header, _ = await page.receive()
         assert isinstance(header, FrameHeader)
         assert header.id == 5
 
-    run_page(play)
 
-
-def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> None:
+    async with open_page() as (_, page):
         await page.request_frame(ImageEncoding.RAW)
         message = await page.websocket.receive()
         assert message.type is aiohttp.WSMsgType.BINARY
@@ -116,17 +110,13 @@ def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> No
         _, jpeg = await page.get_frame(ImageEncoding.JPEG)
         assert jpeg.startswith(b"\xff\xd8")
 
-    run_page(play)
 
-
-def test_frame_request_supersedes_the_pending_one() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_frame_request_supersedes_the_pending_one() -> None:
+    async with open_page(FakeSimulation(renders_frames=False)) as (_, page):
         first, second = await page.request_frame(), await page.request_frame()
         assert (await page.receive())[0] == Error(first, f"superseded by request {second}")
         # The server goes on with other requests meanwhile.
         assert isinstance(await page.request(GetStatusRequest(77)), StatusReply)
-
-    run_page(play, FakeSimulation(renders_frames=False))
 
 
 async def test_pages_get_the_same_frame_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,8 +165,8 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize(("text", "id_"), MALFORMED.values(), ids=MALFORMED.keys())
-def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_: int) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_: int) -> None:
+    async with open_page() as (_, page):
         await page.websocket.send_str(text)
         error, _ = await page.receive()
         assert isinstance(error, Error)
@@ -184,21 +174,17 @@ def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_:
         assert error.reason
         assert isinstance(await page.request(GetStatusRequest(7)), StatusReply)
 
-    run_page(play)
 
-
-def test_message_when_binary_is_an_error() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_when_binary_is_an_error() -> None:
+    async with open_page() as (_, page):
         await page.websocket.send_bytes(b"\x81\xa4kind")
         error, _ = await page.receive()
         assert error == Error(0, "a binary message: requests are JSON text")
         assert isinstance(await page.request(GetStatusRequest(7)), StatusReply)
 
-    run_page(play)
 
-
-def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() -> None:
+    async with open_page() as (session, page):
         text = '{"kind": "get_status", "id": 3}'
         await page.websocket.send_str(text.ljust(MAX_REQUEST_BYTES))
         assert isinstance((await page.receive())[0], StatusReply)
@@ -208,8 +194,6 @@ def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() 
             assert (message.type, message.data) == (aiohttp.WSMsgType.CLOSE, 1009)
             await wait_until(lambda: len(session.server.sockets) == 1, "end of the socket")
             assert isinstance(await other.request(GetStatusRequest(1)), StatusReply)
-
-    run_page(play)
 
 
 async def test_ping_of_a_page_has_a_pong() -> None:
@@ -246,26 +230,24 @@ async def test_socket_when_closed_removes_its_robot() -> None:
         assert not session.server.sockets
 
 
-def test_fault_in_a_request_ends_that_request_only(
+async def test_fault_in_a_request_ends_that_request_only(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+    async with open_page() as (_, page):
         with monkeypatch.context() as patch:
             patch.setattr(peer_module, "status_reply", lambda *_, **__: 1 / 0)
             reply = await page.request(GetStatusRequest(1))
             assert isinstance(reply, Error)
             assert "internal fault" in reply.reason
         assert isinstance(await page.request(GetStatusRequest(2)), StatusReply)
-
-    run_page(play)
     assert "ZeroDivisionError" in caplog.text
 
 
 @pytest.mark.parametrize(("halt_after_s", "posted_s"), [(None, 0.25), (2.0, 2.0)])
-def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
+async def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
     halt_after_s: float | None, posted_s: float
 ) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+    async with open_page() as (session, page):
         await spawn(session, page)
         for robot in ("", "Theirs"):
             await page.send(DriveRequest(1, 2.0, 1.0, False, robot, halt_after_s))
@@ -275,8 +257,6 @@ def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
         assert isinstance(own, CommandReceived)
         assert isinstance(theirs, SharedRobotDriven)
         assert own.command == theirs.drive == Drive(2.0, 1.0, halt_after_s=posted_s)
-
-    run_page(play)
 
 
 async def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
@@ -383,15 +363,13 @@ def test_frame_without_a_mask_is_found_behind_others(
     assert all([check.feed(piece) for piece in pieces]) is is_masked
 
 
-def test_page_that_sends_a_frame_without_a_mask_is_closed() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_page_that_sends_a_frame_without_a_mask_is_closed() -> None:
+    async with open_page() as (session, page):
         assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
         transport = page.websocket._writer.transport
         assert transport is not None
         transport.write(b"\x81\x02hi")
         await wait_until(lambda: not session.server.num_connections, "end of the connection")
-
-    run_page(play)
 
 
 def only_connection(session: PageSession) -> WebConnection:
