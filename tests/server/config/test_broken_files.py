@@ -158,11 +158,7 @@ WORLD_CASES = [
 LANDMARK_CASES = [
     ("y_m,", "", 1, "missing: y_m"),
     ("name,kind", "# 2026\nid,kind", 2, "missing: name; unknown: id"),
-    ("cyan,yellow", "cyan", 2, "10 columns, not 9"),
-    ("cyan,yellow", "cyan,green", 2, "one of cyan, magenta, yellow"),
-    ("a,beacon", "a,post", 2, "one of beacon, goal"),
     ("a,beacon,1,", "a,beacon,one,", 2, "x_m='one'"),
-    ("0.2,0.4", "0.4,0.2", 2, "0 <= bottom < top"),
     (",yellow\n", ",yellow\na,beacon,1,2,0.1,0,0.2,0.4,cyan,cyan\n", 3, "each name only once"),
 ]
 

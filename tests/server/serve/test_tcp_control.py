@@ -74,13 +74,6 @@ async def read_greeting(reader: asyncio.StreamReader) -> None:
     assert await reader.readline() == line_from_report(GREETING)
 
 
-async def test_connection_when_accepted_is_greeted_first() -> None:
-    async with serve_control(HOST, 0, greeting=GREETING, post=PostRecorder()) as server:
-        reader, writer = await connect(server)
-        await read_greeting(reader)
-        writer.close()
-
-
 @pytest.mark.parametrize("size", [1, 7, 1000])
 async def test_commands_in_any_segmentation_are_posted_in_order(size: int) -> None:
     posted = PostRecorder()

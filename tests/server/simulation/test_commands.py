@@ -19,7 +19,6 @@ from catoptra_protocol.usarsim.commands import (
 )
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import (
-    CommandResult,
     EncoderReadings,
     InsReading,
     OdometryReading,
@@ -225,14 +224,6 @@ def test_package_and_camera_when_requested_reply() -> None:
     )
 
 
-def test_question_when_nothing_matches_has_the_empty_form() -> None:
-    robot = spawn(make_p2at())
-    (conf,) = execute_get_conf(robot, GetConf("RFID"))
-    (geo,) = execute_get_geo(robot, GetGeo("RFID", "X"))
-    assert line_from_report(conf) == b"CONF {Type RFID}\r\n"
-    assert line_from_report(geo) == b"GEO {Type RFID} {Name X}\r\n"
-
-
 def test_omni_camera_when_its_bound_is_known_reports_it_after_the_camera_model() -> None:
     robot = spawn(make_p2at())
     (in_short,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"))
@@ -271,23 +262,9 @@ def refuse_to_sense() -> SensorEnvironment:
     raise AssertionError("the command reads no sensor")
 
 
-def test_drive_sets_the_wheels_and_reports_nothing() -> None:
-    robot = make_robot()
-    assert execute_control(robot, Drive(1.0, 2.0), 0.0, refuse_to_sense) == []
-    assert robot.wheel_speeds_rad_s == (1.0, 2.0)
-
-
 def test_trace_is_accepted_without_a_reply() -> None:
     command = Trace(True, 1.0, "Red")
     assert execute_control(make_robot(), command, 0.0, refuse_to_sense) == []
-
-
-@pytest.mark.parametrize(("name", "status"), [("Odometry", "OK"), ("Other", "Failed")])
-def test_set_reports_its_result(name: str, status: str) -> None:
-    command = SetCommand("Odometry", name, "RESET", None)
-    (result,) = execute_control(make_robot(), command, 0.0, lambda: EMPTY_ENVIRONMENT)
-    assert isinstance(result, CommandResult)
-    assert result.status == status
 
 
 ROLLING = (1.0, -1.0)
@@ -317,12 +294,6 @@ class SharingFleet:
         robot = self.fleet.find_robot(self.owner)
         assert robot is not None
         return robot.wheel_speeds_rad_s
-
-
-def test_robot_when_shared_is_driven_by_others() -> None:
-    sharing = SharingFleet()
-    sharing.drive(sharing.driver)
-    assert sharing.speeds == ROLLING
 
 
 def test_robot_when_not_shared_is_driven_by_its_owner_only() -> None:

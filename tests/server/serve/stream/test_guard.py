@@ -62,12 +62,6 @@ def test_identity_is_renamed_and_all_other_bytes_stay(
     assert b"".join(map(stream.feed, pieces)) == GREETING + passed + MESSAGES
 
 
-def test_greeting_is_passed_before_it_is_complete() -> None:
-    stream = IdentityFilter()
-    assert stream.feed(GREETING[:10]) == GREETING[:10]
-    assert stream.feed(GREETING[10:] + READY[:5]) == GREETING[10:]
-
-
 def test_ready_when_too_long_is_rejected() -> None:
     with pytest.raises(RemoteProtocolError, match="first command of 2009 bytes"):
         IdentityFilter().feed(GREETING + zmtp_frame(bytes(2000), COMMAND | LONG)[:20])
@@ -346,17 +340,6 @@ async def test_connection_when_its_message_has_too_many_parts_is_ended(tmp_path:
 
 async def test_connection_when_not_of_zmtp_3_is_ended(tmp_path: Path) -> None:
     assert await relay(tmp_path, b"GET / HTTP/1.1\r\n".ljust(100)) == b""
-
-
-async def test_connection_when_the_client_disconnects_ends_after_its_last_bytes(
-    tmp_path: Path,
-) -> None:
-    async with open_guard(tmp_path) as guard:
-        with connect_client(guard.port) as end:
-            reader, writer = await guard.accepted.get()
-            end.send(HELLO)
-        assert await reader.read() == HELLO
-        writer.close()
 
 
 async def test_connection_when_the_router_ends_it_is_ended(tmp_path: Path) -> None:

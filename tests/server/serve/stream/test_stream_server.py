@@ -56,13 +56,6 @@ async def test_requests_about_the_server_have_replies() -> None:
             assert (status.num_clients, status.has_robot) == (1, False)
 
 
-async def test_camera_when_unknown_is_an_error_with_the_known_ones() -> None:
-    async with serve_fake_simulation(FakeSimulation()) as server:
-        with connect_raw_peer(server.port) as peer:
-            reply = await peer.send_request(GetCameraRequest(1, "Rear"))
-            assert reply == Error(1, "no camera 'Rear': this server's robots have Omni")
-
-
 # Parts of a message, and the id of the error.
 MALFORMED = {
     "empty": ((b"",), 0),
@@ -155,17 +148,6 @@ async def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
             assert 1 <= unread.num_sent <= 20
             assert unread.num_dropped >= 1
             assert (served.num_sent, served.num_dropped) == (num_frames, 0)
-
-
-async def test_peer_when_its_connection_ends_is_removed_from_the_simulation() -> None:
-    simulation = FakeSimulation()
-    async with serve_fake_simulation(simulation) as server:
-        with connect_raw_peer(server.port) as peer:
-            await peer.send_request(GetStatusRequest(1))
-            (client,) = server.peers
-        await wait_until(lambda: bool(simulation.posted_events), "end of the connection")
-        assert simulation.posted_events == [ClientDisconnected(client.robot)]
-        assert server.peers == ()
 
 
 async def test_peer_when_busy_is_sent_a_few_heartbeats_only_and_stays() -> None:
