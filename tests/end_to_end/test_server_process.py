@@ -91,9 +91,7 @@ def test_robot_when_its_connection_closes_is_removed(lockstep: RunningServer) ->
             assert robot.step(0.1)
 
 
-def test_spawn_of_an_unknown_class_raises_after_the_timeout(
-    lockstep: RunningServer,
-) -> None:
+def test_spawn_of_an_unknown_class_raises_after_the_timeout(lockstep: RunningServer) -> None:
     robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
     with robot, pytest.raises(CatoptraError, match="does not reply to an unknown class"):
         robot.spawn("USARBot.Submarine", start_pose="Centre")

@@ -14,12 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.device import (
-    GLSL_VERSION,
-    Definitions,
-    load_source,
-    set_uniform,
-)
+from catoptra_server.render.raster.device import GLSL_VERSION, Definitions, load_source, set_uniform
 
 _MAINS = Path(__file__).parent.parent / "twins" / "shaders"
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.numerics import (
-    require_domain,
-)
+from catoptra_protocol.optics.numerics import require_domain
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 
 

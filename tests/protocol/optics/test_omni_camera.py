@@ -11,11 +11,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import opencv_from_pixel, pixel_sample_positions
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, Mirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,

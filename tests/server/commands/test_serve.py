@@ -144,10 +144,7 @@ def test_command_line_with_limits_of_connections_is_read() -> None:
         *("--max-connections", "8", "--handshake-timeout", "0", "--idle-timeout", "2.5")
     )
     assert options.server_options == ServerOptions(
-        max_connections=8,
-        max_image_connections=8,
-        handshake_timeout_s=0.0,
-        idle_timeout_s=2.5,
+        max_connections=8, max_image_connections=8, handshake_timeout_s=0.0, idle_timeout_s=2.5
     )
 
 

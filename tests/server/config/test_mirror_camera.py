@@ -120,10 +120,7 @@ def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     "edit",
-    [
-        edit_position("X=0,Y=0,Z=0.2321"),
-        Edit(CAPTURE, 'Parent="OmniCam"'),
-    ],
+    [edit_position("X=0,Y=0,Z=0.2321"), Edit(CAPTURE, 'Parent="OmniCam"')],
     ids=["the pinhole's position", "no direction"],
 )
 def test_capture_camera_without_a_pose_looks_up_from_the_pinhole(

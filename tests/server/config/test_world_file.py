@@ -30,11 +30,7 @@ from catoptra_server.world.world_description import (
     Victim,
     World,
 )
-from helpers.configs import (
-    FIELD,
-    WORLDS,
-    write_small_world,
-)
+from helpers.configs import FIELD, WORLDS, write_small_world
 
 
 def read_world_text(folder: Path, *lines: str) -> World:

@@ -15,13 +15,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames import render_thread as render_thread_module
-from catoptra_server.frames.frame import (
-    IMAGE_PORT,
-    CameraChannel,
-    Channel,
-    Frame,
-    ViewRequest,
-)
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, Channel, Frame, ViewRequest
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, PerspectiveCameraSpec

@@ -10,12 +10,7 @@ from functools import partial
 
 import pytest
 
-from catoptra_server.serve.limits import (
-    LoopCalls,
-    LoopShare,
-    fit_connections,
-    limits_table,
-)
+from catoptra_server.serve.limits import LoopCalls, LoopShare, fit_connections, limits_table
 from helpers.configs import REPOSITORY
 
 

@@ -13,12 +13,7 @@ from dataclasses import dataclass
 import pytest
 
 from catoptra_server.serve import port as port_module
-from catoptra_server.serve.port import (
-    ConnectionLimits,
-    Port,
-    create_listener,
-    warn_of_exposure,
-)
+from catoptra_server.serve.port import ConnectionLimits, Port, create_listener, warn_of_exposure
 from helpers.loopback import HOST, wait_until
 
 

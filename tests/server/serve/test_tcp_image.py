@@ -20,13 +20,7 @@ from catoptra_server.serve.port import ConnectionLimits
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import TcpConnection, TcpServer
 from catoptra_server.simulation.events import SimulationEvent
-from helpers.loopback import (
-    HOST,
-    abort,
-    connect,
-    connect_without_reading,
-    wait_until,
-)
+from helpers.loopback import HOST, abort, connect, connect_without_reading, wait_until
 
 RAW = ImageOptions(ImageType.RAW)
 

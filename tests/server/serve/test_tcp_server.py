@@ -13,18 +13,8 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 import pytest
 
 from catoptra_server.serve.port import ConnectionLimits
-from catoptra_server.serve.tcp_server import (
-    TcpConnection,
-    TcpServer,
-    serve_tcp,
-)
-from helpers.loopback import (
-    HOST,
-    abort,
-    connect,
-    connect_without_reading,
-    wait_until,
-)
+from catoptra_server.serve.tcp_server import TcpConnection, TcpServer, serve_tcp
+from helpers.loopback import HOST, abort, connect, connect_without_reading, wait_until
 
 READ_BYTES = 4096
 

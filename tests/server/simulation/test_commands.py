@@ -145,8 +145,7 @@ def test_omni_camera_when_set_to_a_target_is_rendered_by_the_target() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "params"),
-    [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")],
+    ("name", "params"), [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")]
 )
 def test_accuracy_target_when_invalid_has_the_result_failed_and_stays(
     name: str, params: str | None
@@ -194,9 +193,7 @@ def test_sensor_of_a_bundled_robot_replies_with_its_name(
     [robot for _, robot in bundled_robots()],
     ids=[name for name, _ in bundled_robots()],
 )
-def test_line_of_a_bundled_robot_names_parts_that_reply(
-    description: RobotDescription,
-) -> None:
+def test_line_of_a_bundled_robot_names_parts_that_reply(description: RobotDescription) -> None:
     robot = spawn(description)
     for sensor, report in zip(robot.sensors, robot.read_all(0.0), strict=False):
         line = line_from_report(report).decode()

@@ -570,9 +570,7 @@ def test_realtime_when_stepped_fails() -> None:
     assert [result.status for result in results(client)] == ["Failed"]
 
 
-def test_realtime_far_behind_continues_from_the_present(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_realtime_far_behind_continues_from_the_present(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         client = run_realtime(0.2, TickingClock(0.03, 0.0, 0.0, 7.0))
     assert "lags by 7." in caplog.text

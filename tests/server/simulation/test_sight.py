@@ -241,9 +241,7 @@ def centroid_px(image: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("point_px", [(1.0, 1.0), (-1.0, 100.0), (100.0, 201.0), (math.inf, 0.0)])
-def test_pixel_outside_the_mirror_or_the_image_shows_nothing(
-    point_px: tuple[float, float],
-) -> None:
+def test_pixel_outside_the_mirror_or_the_image_shows_nothing(point_px: tuple[float, float]) -> None:
     assert look(OMNI, point_px) == OUTSIDE
 
 

@@ -53,5 +53,5 @@ def _find_candidate(range_m: float, drop_m: float) -> Candidate:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "has_range": lambda range_, drop: _find_candidate(range_, drop).has_range,
+    "has_range": lambda range_, drop: _find_candidate(range_, drop).has_range
 }

@@ -14,10 +14,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame, LabelledPixels
-from catoptra_client.frame_sources.stream.stream_client import (
-    LandmarkProjection,
-    StreamClient,
-)
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.camera_conf import pairs_from_omni_camera, pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
@@ -139,10 +136,7 @@ def decode_frames(header: FrameHeader, *parts: bytes, frames: int = 1) -> list[F
     def reply(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(dataclasses.replace(header, id=request.id)), *parts]]
 
-    with (
-        serve_stream_script(reply) as port,
-        StreamClient(HOST, port, clock=lambda: 3.0) as client,
-    ):
+    with serve_stream_script(reply) as port, StreamClient(HOST, port, clock=lambda: 3.0) as client:
         return [client.get_frame() for _ in range(frames)]
 
 

@@ -217,10 +217,7 @@ async def query_pixel(view: PixelView | Fault | None) -> Reply:
 @pytest.mark.parametrize(
     ("view", "expected"),
     [
-        (
-            PixelView(1.0, 2.0, 3.0, "wall", 0.5),
-            PixelReply(7, 1.5, 1.0, 2.0, 3.0, "wall", 0.5),
-        ),
+        (PixelView(1.0, 2.0, 3.0, "wall", 0.5), PixelReply(7, 1.5, 1.0, 2.0, 3.0, "wall", 0.5)),
         (OUTSIDE, PixelReply(7, 1.5, None, None, None, "", None)),
         (Fault("broken"), Error(7, "broken")),
         (None, Error(7, "there is no camera 'Omni' of robot 'A'")),

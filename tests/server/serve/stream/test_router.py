@@ -23,13 +23,7 @@ from catoptra_server.serve.stream.router import (
 )
 from helpers.loopback import HOST, wait_until
 from helpers.stream_peer import connect_raw_peer
-from helpers.zmtp import (
-    LONG,
-    MORE,
-    connect_with_handshake,
-    send_until_disconnect,
-    zmtp_frame,
-)
+from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
 
 
 @dataclass
