@@ -12,7 +12,7 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from helpers.shaders import evaluate_shader
+from helpers.shaders import atlas_texels
 from helpers.worlds import make_omni_camera, regions_of_size
 
 SIZE = 672
@@ -20,21 +20,6 @@ SIZE = 672
 
 def make_atlas(limit_rad: float = math.pi - 1e-3) -> Atlas:
     return pack_atlas(regions_of_size(limit_rad, SIZE), guard_texels=GUARD_TEXELS, max_texels=4096)
-
-
-def shader_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -> Floats:
-    out = evaluate_shader(
-        context,
-        "atlas_coordinates.frag",
-        include="include/atlas.glsl",
-        inputs=(directions,),
-        uniforms={
-            "face_texel_transform": atlas.texel_transforms(),
-            "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
-        },
-        define=(("NUM_FACES", atlas.num_faces),),
-    )
-    return out[:, :2] * (atlas.width, atlas.height)
 
 
 def random_directions(count: int) -> Floats:
@@ -52,7 +37,7 @@ def test_coordinates_in_regions_of_their_own_density_equal_the_cube(
     directions = random_directions(20_000)
     seen = np.arccos(directions[:, 2] / np.linalg.norm(directions, axis=-1)) < camera.rim_rad
     directions = directions[seen]
-    difference = shader_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
+    difference = atlas_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
     assert np.abs(difference).max() < 2e-3
 
 
@@ -60,7 +45,7 @@ def test_direction_beyond_five_faces_is_held_at_a_side_faces_edge(
     context: moderngl.Context,
 ) -> None:
     atlas = make_atlas(math.radians(125.0))
-    texel = shader_texels(context, atlas, np.array([[1.0, 0.0, -2.0], [0.0, 0.0, -1.0]]))
+    texel = atlas_texels(context, atlas, np.array([[1.0, 0.0, -2.0], [0.0, 0.0, -1.0]]))
     x, y, _, rows = atlas.texel_transforms()[Face.N]
     assert texel[0] == pytest.approx((x, y - rows), abs=2e-3)
     assert np.isfinite(texel).all()

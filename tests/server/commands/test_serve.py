@@ -148,20 +148,20 @@ def test_command_line_with_limits_of_connections_is_read() -> None:
     )
 
 
-def test_command_line_with_an_accuracy_target_is_read() -> None:
-    options = parse_options("--max-error-px", "0.5", "--budget-ms", "0")
-    assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
-    assert parse_options().max_error_px is None
-
-
-def test_command_line_with_a_memory_limit_is_read() -> None:
-    assert parse_options("--memory-limit-mib", "4096").memory_limit_mib == 4096
-    assert parse_options().memory_limit_mib == 1024
-
-
-def test_instruction_set_when_named_reaches_the_options() -> None:
-    assert parse_options("--instruction-set", "avx2").instruction_set == "avx2"
-    assert parse_options().instruction_set == "auto"
+@pytest.mark.parametrize(
+    ("words", "name", "value", "default"),
+    [
+        (("--max-error-px", "0.5"), "max_error_px", 0.5, None),
+        (("--budget-ms", "0"), "budget_ms", 0.0, None),
+        (("--memory-limit-mib", "4096"), "memory_limit_mib", 4096, 1024),
+        (("--instruction-set", "avx2"), "instruction_set", "avx2", "auto"),
+    ],
+)
+def test_option_when_named_is_read_and_else_its_default(
+    words: tuple[str, ...], name: str, value: object, default: object
+) -> None:
+    assert getattr(parse_options(*words), name) == value
+    assert getattr(parse_options(), name) == default
 
 
 @pytest.mark.parametrize(
@@ -181,6 +181,12 @@ def test_view_options_reach_the_options(
 
 
 FREE_PORTS = ("--control-port", "0", "--image-port", "0")
+
+
+def name_small_files(folder: Path) -> tuple[str, ...]:
+    """Options that name a small robot and a small world."""
+    robot, world = write_small_robot(folder), write_small_world(folder)
+    return "--robot", str(robot), "--world", str(world)
 
 
 def serve_words(*arguments: str) -> int:
@@ -251,12 +257,7 @@ def test_port_when_in_use_is_rejected_with_a_remedy(
         ports = {"--control-port": "0", "--image-port": "0", option: port}
         line = start_error(
             capfd,
-            *(
-                "--robot",
-                str(write_small_robot(tmp_path)),
-                "--world",
-                str(write_small_world(tmp_path)),
-            ),
+            *name_small_files(tmp_path),
             *("--renderer", "trace", "--threads", "1"),
             *(part for pair in ports.items() for part in pair),
         )
@@ -271,7 +272,7 @@ def test_host_that_is_not_this_machine_is_not_taken_for_a_port_in_use(
 ) -> None:
     line = start_error(
         capfd,
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "trace", "--threads", "1", "--host", host, *FREE_PORTS),
     )
     assert f"control port {host}:0: " in line
@@ -285,7 +286,7 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     monkeypatch.setattr(gl_device, "EGL_LIBRARY", "libabsent.so.1")
     line = start_error(
         capfd,
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "raster", *FREE_PORTS),
     )
     assert "libabsent.so.1 cannot be loaded" in line
@@ -306,7 +307,7 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
 
     monkeypatch.setattr(serve_module, "serve", serve_and_end)
     status = serve_words(
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
     )
     text = capfd.readouterr().out

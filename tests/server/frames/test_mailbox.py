@@ -70,14 +70,6 @@ async def test_frame_when_missing_is_requested_and_waited_for() -> None:
     assert requests.count == 2  # the next one, ahead
 
 
-async def test_frame_when_several_wait_reaches_all() -> None:
-    mailbox, _ = make_mailbox()
-    tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
-    await let_it_wait(tasks[-1])
-    mailbox.put(frame(1))
-    assert {(await task).sequence for task in tasks} == {1}
-
-
 @pytest.mark.parametrize(
     ("waiting", "last", "taken"),
     [
@@ -302,10 +294,6 @@ def start_due_frames(
         scheduler.find_state(channel).start_frame(time_s, interval_s=interval_s)
         for channel in scheduler.due_channels(time_s)
     ]
-
-
-def test_channel_without_a_request_is_not_due() -> None:
-    assert CaptureScheduler().due_channels(0.0) == []
 
 
 def test_channel_when_requested_several_times_is_captured_once() -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,6 +73,19 @@ async def let_loop_run() -> None:
         await asyncio.sleep(0)
 
 
+@asynccontextmanager
+async def serve_client(
+    **options: Any,
+) -> AsyncIterator[tuple[PostRecorder, asyncio.StreamReader, asyncio.StreamWriter]]:
+    """A control port with the events that it posts, and a client that has been greeted."""
+    posted = PostRecorder()
+    async with serve_control(HOST, 0, greeting=GREETING, post=posted, **options) as server:
+        reader, writer = await connect(server)
+        await read_greeting(reader)
+        yield posted, reader, writer
+        writer.close()
+
+
 async def read_greeting(reader: asyncio.StreamReader) -> None:
     assert await reader.readline() == line_from_report(GREETING)
 
@@ -132,25 +148,18 @@ async def test_reports_when_delivered_by_another_thread_arrive_complete_and_in_o
 
 
 async def test_init_when_rejected_has_no_reply_and_does_not_swallow_another() -> None:
-    posted = PostRecorder()
-    async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-        reader, writer = await connect(server)
-        await read_greeting(reader)
+    async with serve_client() as (posted, reader, writer):
         writer.write(INIT + INIT)
         client = await posted.wait_for_client()
         client.reject_init("no such class")
         client.deliver([CommandResult(0.0, "Step", "Clock")])  # a marker: nothing precedes it
         assert (await reader.readline()).startswith(b"RES ")
         assert isinstance((await posted.wait_for_event()).command, Init)  # type: ignore[union-attr] # CommandReceived
-        writer.close()
 
 
 @pytest.mark.parametrize(("failure", "status"), [("", "OK"), ("too long", "Failed")])
 async def test_step_when_replied_has_readings_and_a_result(failure: str, status: str) -> None:
-    posted = PostRecorder()
-    async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-        reader, writer = await connect(server)
-        await read_greeting(reader)
+    async with serve_client() as (posted, reader, writer):
         writer.write(b"STEP {Time 0.5}\n")
         step = await posted.wait_for_event()
         assert isinstance(step, StepRequested)
@@ -159,7 +168,6 @@ async def test_step_when_replied_has_readings_and_a_result(failure: str, status:
             assert await reader.readline() == line_from_report(STATUS)
         line = f"RES {{Time 1.5000}} {{Type Step}} {{Name Clock}} {{Status {status}}}\r\n"
         assert await reader.readline() == line.encode()
-        writer.close()
 
 
 async def test_client_whose_queue_is_full_is_not_read_until_there_is_room() -> None:
@@ -267,15 +275,11 @@ async def test_flood_of_one_client_leaves_the_loop_to_the_others() -> None:
 async def test_report_when_invalid_is_skipped_and_the_others_are_sent(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    posted = PostRecorder()
-    async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-        reader, writer = await connect(server)
-        await read_greeting(reader)
+    async with serve_client() as (posted, reader, writer):
         writer.write(INIT)
         client = await posted.wait_for_client()
         client.deliver([Configuration("X", (("Name", 5000 * "x"),)), STATUS])
         assert await reader.readline() == line_from_report(STATUS)
-        writer.close()
     assert "clients read at most" in caplog.text
     assert "Traceback" not in caplog.text
 

@@ -251,17 +251,13 @@ def test_reply_in_udk_equals_the_capture(command: GetConf | GetGeo, line: bytes)
     assert line_from_report(report, Dialect.UDK) == line
 
 
-def make_robot() -> Robot:
-    return Robot(make_p2at(), PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
-
-
 def refuse_to_sense() -> SensorEnvironment:
     raise AssertionError("the command reads no sensor")
 
 
 def test_trace_is_accepted_without_a_reply() -> None:
     command = Trace(True, 1.0, "Red")
-    assert execute_control(make_robot(), command, 0.0, refuse_to_sense) == []
+    assert execute_control(spawn(make_p2at()), command, 0.0, refuse_to_sense) == []
 
 
 ROLLING = (1.0, -1.0)

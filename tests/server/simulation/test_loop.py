@@ -100,6 +100,9 @@ from helpers.robots import (
 )
 
 INIT = Init("OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
+# Built once: hundreds of simulations are made.
+WORLD = make_walled_world()
+SCENE = build_scene(WORLD)
 
 
 def make_simulation(
@@ -112,9 +115,8 @@ def make_simulation(
     view: FakeView | None = None,
     frame_skip: int = 1,
 ) -> Simulation:
-    world = make_walled_world()
     described = description or make_p2at()
-    fleet, views = Fleet([described], world, build_scene(world), seed=seed), FakeViewProvider(view)
+    fleet, views = Fleet([described], WORLD, SCENE, seed=seed), FakeViewProvider(view)
 
     def draw(frame_request: FrameRequest) -> None:
         frame = render_frame(frame_request, views, monotonic=monotonic)
@@ -684,8 +686,7 @@ class _FaultyFleet(Fleet):
 
 
 def make_faulty_simulation(rejected: list[tuple[Channel, str]] | None = None) -> Simulation:
-    world = make_walled_world()
-    fleet: Any = _FaultyFleet([make_p2at()], world, build_scene(world), seed=1)
+    fleet: Any = _FaultyFleet([make_p2at()], WORLD, SCENE, seed=1)
     find = fleet.cameras.find
 
     def find_or_raise(channel: CameraChannel) -> object:

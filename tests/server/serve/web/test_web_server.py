@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-import json
 import logging
 
 import aiohttp
@@ -191,12 +190,6 @@ async def test_description_when_it_fails_is_an_error_without_the_traceback(
         assert "injected" not in await response.text()
         assert (await session.get("/")).status == 200
     assert "injected" in caplog.text
-
-
-async def test_description_of_the_server_is_json() -> None:
-    async with serve_fake_page() as session:
-        response = await session.get("/api/server.json")
-        assert json.loads(await response.text())["server"] == "Catoptra test"
 
 
 async def test_connection_without_a_whole_request_ends_after_its_time(
