@@ -216,28 +216,6 @@ def test_robot_when_broken_is_rejected_with_its_line(
     )
 
 
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (None, "a file that exists"),
-        (b"", "a readable mesh file"),
-        (b"\x00\x01garbage" * 100, "a readable mesh file"),
-        (b"glTF\x02\x00\x00\x00\xff\xff\xff\xff", "a readable mesh file"),
-    ],
-    ids=["missing", "empty", "garbage", "cut off"],
-)
-def test_mesh_when_unreadable_is_rejected(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes | None, expected: str
-) -> None:
-    if content is not None:
-        (tmp_path / "m.glb").write_bytes(content)
-    world = write_small_world(tmp_path, "Meshes=(File=m.glb)")
-    line = start_error(capfd, "--robot", str(OMNI_ROBOT), "--world", str(world))
-    assert str(tmp_path) in line
-    assert "m.glb" in line
-    assert f"expected {expected}" in line
-
-
 @pytest.mark.parametrize("option", ["--robot", "--world"])
 def test_file_when_missing_is_rejected(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str

@@ -223,17 +223,13 @@ async def test_queries_before_a_half_close_are_all_answered() -> None:
 
 
 async def test_client_after_a_fault_is_disconnected_with_its_last_reports() -> None:
-    posted = PostRecorder()
-    async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-        reader, writer = await connect(server)
-        await read_greeting(reader)
+    async with serve_client() as (posted, reader, writer):
         writer.write(INIT)
         client = await posted.wait_for_client()
         client.deliver([STATUS])
         client.disconnect("a sensor failed")
         assert await reader.read() == line_from_report(STATUS)
         assert await posted.wait_for_event() == ClientDisconnected(client)
-        writer.close()
 
 
 async def test_controller_may_be_silent_once_it_has_a_robot() -> None:
