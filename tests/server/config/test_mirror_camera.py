@@ -162,40 +162,6 @@ def test_accuracy_target_when_written_is_read(tmp_path: Path) -> None:
     ).render_settings.accuracy_target == AccuracyTarget(0.5, 20.0)
 
 
-BROKEN = [
-    (Edit("K=11.546", "K=2"), "Catoptra.HyperbolicMirror.K", "k > 2"),
-    (Edit("C=2.321", "C=0"), "Catoptra.HyperbolicMirror.C", "c > 0"),
-    (Edit("C=2.321", "C=-2.321"), "C", "of at least 0"),
-    (Edit("RimAngle=120", "RimAngle=0"), "RimAngle", "from 1 to 179"),
-    (edit_position("Z=0.2322"), "Cameras.Position", "or no Position; it is 0.1 mm off"),
-    (Edit("Y=1.5708,Z=3.1416", "Y=-1.5708,Z=0"), "Cameras.Direction", "looking up"),
-    (Edit("(X=0,Y=0,Z=-0.4543)", "(X=0,Y=0,Z=abc)"), "Position.Z", "a number"),
-    (Edit("(X=0,Y=0,Z=-0.4543)", "(X=0,Y=1e6,Z=-0.4543)"), "CamTexActors.Position", "within 100 m"),
-    (Edit("ResolutionX=360", "ResolutionX=0"), "ResolutionX", "from 1 to 8192"),
-    (Edit("Samples=2", "Samples=17"), "Samples", "from 1 to 16"),
-    (Edit("Samples=2", "BudgetMs=soon"), "BudgetMs", "a number"),
-    (Edit("Interpolation=uv", "Interpolation=cubic"), "Interpolation", "one of uv, position"),
-    (Edit('"OmniCamPillar_Link4"', '"Omni Cam"'), "Cameras.ItemName", "one word"),
-]
-
-
-@pytest.mark.parametrize(("edit", "key", "expected"), BROKEN, ids=[b[0].new for b in BROKEN])
-def test_camera_when_broken_names_file_line_key_and_expectation(
-    tmp_path: Path, edit: Edit, key: str, expected: str
-) -> None:
-    path = write_edited_copy(OMNI_ROBOT, tmp_path, edit)
-    with pytest.raises(ConfigError) as caught:
-        read_robot(path)
-    error = caught.value
-    changed = edit.new.splitlines()[-1]
-    assert (error.location.file, error.location.line) == (
-        str(path),
-        find_line_number(path, changed),
-    )
-    assert error.key == key
-    assert expected in error.expected
-
-
 @pytest.mark.parametrize(
     "edits",
     [
