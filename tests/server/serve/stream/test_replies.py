@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -146,24 +148,37 @@ def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
     assert records[1].reason == "the rim"
 
 
-async def query_projections(
-    request: GetLandmarksRequest, result: tuple[LandmarkVisibility, ...] | Fault | None
-) -> Reply:
-    """Reply to a request, with this result of the simulation's thread at 1.5 s."""
+async def query(
+    request: Callable[[PendingRequests, RobotSession], None], result: object
+) -> tuple[Any, Reply]:
+    """Event of a request, and the reply for this result of the simulation's thread at 1.5 s."""
     replies: asyncio.Queue[Reply] = asyncio.Queue()
+    events = list[Any]()
 
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, LandmarksRequested)
-        assert (event.client, event.channel) == (session, CameraChannel("A", ""))
+    def post(event: Any) -> bool:
+        events.append(event)
         thread = threading.Thread(target=event.reply, args=(1.5, result))
         thread.start()
         thread.join()
         return True
 
     session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
-    request_projections(request, pending.add(request.id), session)
-    return await replies.get()
+    request(PendingRequests(replies.put_nowait), session)
+    (event,) = events
+    assert event.client is session
+    return event, await replies.get()
+
+
+async def query_projections(
+    request: GetLandmarksRequest, result: tuple[LandmarkVisibility, ...] | Fault | None
+) -> Reply:
+    event, reply = await query(
+        lambda pending, session: request_projections(request, pending.add(request.id), session),
+        result,
+    )
+    assert isinstance(event, LandmarksRequested)
+    assert event.channel == CameraChannel("A", "")
+    return reply
 
 
 def test_landmarks_without_a_camera_are_the_true_ones() -> None:
@@ -196,22 +211,13 @@ def test_error_when_no_robot_is_named_speaks_of_the_image_port() -> None:
 
 
 async def query_pixel(view: PixelView | Fault | None) -> Reply:
-    """Reply to a request, with this result of the simulation's thread at 1.5 s."""
-    replies: asyncio.Queue[Reply] = asyncio.Queue()
-
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, PixelRequested)
-        assert (event.channel, event.point_px) == (CameraChannel("A", "Omni"), (3.5, 4.5))
-        thread = threading.Thread(target=event.reply, args=(1.5, view))
-        thread.start()
-        thread.join()
-        return True
-
-    session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
     request = GetPixelRequest(7, "A", "Omni", 3.5, 4.5)
-    request_pixel(request, pending.add(request.id), session)
-    return await replies.get()
+    event, reply = await query(
+        lambda pending, session: request_pixel(request, pending.add(7), session), view
+    )
+    assert isinstance(event, PixelRequested)
+    assert (event.channel, event.point_px) == (CameraChannel("A", "Omni"), (3.5, 4.5))
+    return reply
 
 
 @pytest.mark.parametrize(
@@ -313,21 +319,13 @@ STATE = FleetState(
 
 
 async def query_state(result: FleetState | Fault) -> Reply:
-    """Reply to a request for robot A, with this result of the simulation's thread at 1.5 s."""
-    replies: asyncio.Queue[Reply] = asyncio.Queue()
-
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, StateRequested)
-        assert (event.client, event.robot) == (session, "A")
-        thread = threading.Thread(target=event.reply, args=(1.5, result))
-        thread.start()
-        thread.join()
-        return True
-
-    session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
-    request_state(GetStateRequest(7, "A"), pending.add(7), session, ReportLines())
-    return await replies.get()
+    request, lines = GetStateRequest(7, "A"), ReportLines()
+    event, reply = await query(
+        lambda pending, session: request_state(request, pending.add(7), session, lines), result
+    )
+    assert isinstance(event, StateRequested)
+    assert event.robot == "A"
+    return reply
 
 
 async def test_state_has_robots_lines_and_notes() -> None:
