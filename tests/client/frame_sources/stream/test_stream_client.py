@@ -410,6 +410,7 @@ def test_server_when_it_sends_no_frame_is_lost_or_slow(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(zmq_socket, "_SILENT_SERVER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(zmq_socket, "_CHECK_INTERVAL_S", 0.1)
     with serve_stream_script(ignore_request, sends_heartbeats=sends_heartbeats) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
             with pytest.raises(error, match=message):
