@@ -1,19 +1,32 @@
-"""Set-up of all tests: no cache folder of the user; no search for garbage among the tests."""
+"""Set-up of all tests: no cache folder of the user; no search for garbage; coroutines are run."""
 
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from helpers.loopback import run_scenario
+
 
 def pytest_collection_finish() -> None:
     """Take what lasts until the end, modules and 15 000 tests, out of every garbage collection."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine as a scenario of helpers.loopback."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    run_scenario(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
+    return True
 
 
 @pytest.fixture(scope="session", autouse=True)

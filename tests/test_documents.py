@@ -10,12 +10,7 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from helpers.configs import OMNI_ROBOT, REPOSITORY
-from helpers.documents import (
-    find_command_faults,
-    find_commands,
-    find_option_faults,
-    read_blocks,
-)
+from helpers.documents import find_command_faults, find_commands, find_option_faults, read_blocks
 
 DOCUMENTS = (
     "README.md",

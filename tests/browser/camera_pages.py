@@ -28,12 +28,7 @@ from browser.live_server import (
 )
 from browser.stream_probe import connect_probe
 from browser.tab import Tab, open_tab
-from catoptra_client.unwarp import (
-    CylinderGeometry,
-    PerspectiveGeometry,
-    UnwarpMap,
-    make_unwarp_map,
-)
+from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, UnwarpMap, make_unwarp_map
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera

@@ -121,11 +121,7 @@ def start_page_clients(
     """Run clients for the length of a block, which begins when each has had a frame."""
     command = [sys.executable, "-m", "browser.page_clients", live.url, robot, camera, str(count)]
     with subprocess.Popen(
-        command,
-        cwd=REPOSITORY / "tests",
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
+        command, cwd=REPOSITORY / "tests", stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout is not None

@@ -61,8 +61,7 @@ class Tab:
         for domain in ("Page", "Runtime", "Network", "Log", "Performance"):
             self.call(f"{domain}.enable")
         self.call(
-            "Page.addScriptToEvaluateOnNewDocument",
-            source=INSTRUMENTS.read_text(encoding="utf-8"),
+            "Page.addScriptToEvaluateOnNewDocument", source=INSTRUMENTS.read_text(encoding="utf-8")
         )
 
     def call(self, method: str, *, limit_s: float = CALL_LIMIT_S, **params: object) -> Message:
@@ -140,12 +139,7 @@ class Tab:
         self.mouse("mousePressed", *path[0])
         for x, y in path[1:]:
             self.call(
-                "Input.dispatchMouseEvent",
-                type="mouseMoved",
-                x=x,
-                y=y,
-                button="left",
-                buttons=1,
+                "Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=1
             )
         self.mouse("mouseReleased", *path[-1])
 

@@ -18,7 +18,6 @@ from browser.tab import Tab, open_tab
 from browser.test_driving import select_robot
 
 _HTML_NAME = "<img_src=x_onerror=alert(1)><b>bold"
-_NUM_SOCKETS = 300
 
 
 def _wait_for_new_frames(tab: Tab, count: int = 10) -> None:

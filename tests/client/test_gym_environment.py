@@ -245,10 +245,7 @@ def test_unknown_class_is_rejected_with_the_reason_of_the_server(server: Running
 
 
 def test_server_in_real_time_is_rejected(tmp_path: Path) -> None:
-    with (
-        start_server(tmp_path) as server,
-        pytest.raises(CatoptraError, match="--clock lockstep"),
-    ):
+    with start_server(tmp_path) as server, pytest.raises(CatoptraError, match="--clock lockstep"):
         connect_env(server)
 
 

@@ -120,10 +120,7 @@ def test_spawn_when_the_robot_reports_returns() -> None:
     init = Init("USARBot.P2AT", "R1", (4.5, 1.9, 1.8), (0.0, 0.0, 1.57))
     with connect((init, (STATUS,))) as robot:
         robot.spawn(
-            "USARBot.P2AT",
-            name="R1",
-            location_m=(4.5, 1.9, 1.8),
-            rotation_rad=(0.0, 0.0, 1.57),
+            "USARBot.P2AT", name="R1", location_m=(4.5, 1.9, 1.8), rotation_rad=(0.0, 0.0, 1.57)
         )
         assert robot.status == STATUS
 

@@ -25,15 +25,7 @@ from rich.console import Console
 from catoptra_server.config.world_file import read_world
 from catoptra_server.world.world_description import World
 from cost.bench import describe_machine
-from cost.trace_cells import (
-    Cell,
-    CellRow,
-    CostRow,
-    Racers,
-    make_states,
-    measure_cell,
-    measure_cost,
-)
+from cost.trace_cells import Cell, CellRow, CostRow, Racers, make_states, measure_cell, measure_cost
 from cost.trace_scenes import make_trace_worlds
 from cost.trace_table import make_cell_table, make_cost_table
 from measurements.scenes import CORRIDOR, make_robots

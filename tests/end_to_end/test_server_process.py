@@ -91,9 +91,7 @@ def test_robot_when_its_connection_closes_is_removed(lockstep: RunningServer) ->
             assert robot.step(0.1)
 
 
-def test_spawn_of_an_unknown_class_raises_after_the_timeout(
-    lockstep: RunningServer,
-) -> None:
+def test_spawn_of_an_unknown_class_raises_after_the_timeout(lockstep: RunningServer) -> None:
     robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
     with robot, pytest.raises(CatoptraError, match="does not reply to an unknown class"):
         robot.spawn("USARBot.Submarine", start_pose="Centre")
@@ -181,43 +179,6 @@ def test_client_when_others_send_garbage_keeps_its_data_and_order(
         assert len(times) == 1 + 2 * len(malformed_input(3))
 
 
-def test_client_when_others_vanish_mid_frame_keeps_its_data(lockstep: RunningServer) -> None:
-    with lockstep.connect_robot() as robot, lockstep.connect_images() as images:
-        robot.spawn(CLASS, start_pose="Centre")
-        for _ in range(5):
-            with connect_socket(lockstep.image_port) as client:
-                client.sendall(b"OK")
-                client.recv(100)
-                # Closed with unread bytes, which resets the connection.
-            with connect_socket(lockstep.control_port) as client:
-                client.sendall(b"INIT {ClassName OmniP2AT} {Start Centre}\r\nDRIVE {Left")
-            robot.step(0.2)
-            assert images.get_frame().rgb.any()
-
-
-def test_client_when_others_never_read_keeps_its_data(lockstep: RunningServer) -> None:
-    with (
-        lockstep.connect_robot() as robot,
-        lockstep.connect_images() as images,
-        connect_socket(lockstep.image_port) as unread_viewer,
-        connect_socket(lockstep.control_port) as unread_controller,
-    ):
-        unread_viewer.sendall(2000 * b"OK")
-        unread_controller.sendall(500 * b"GETSTARTPOSES\r\nSTEP {Time 0}\r\n")
-        robot.spawn(CLASS, start_pose="Centre")
-        for _ in range(10):
-            robot.step(0.2)
-            assert images.get_frame().rgb.any()
-
-
-def run_failing_server(*arguments: str) -> tuple[int, str]:
-    """Exit status and messages of a server that ends without a signal."""
-    command = [sys.executable, "-m", "catoptra_server", *arguments]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert process.stdout == ""
-    return process.returncode, process.stderr
-
-
 def test_server_whose_output_is_full_says_so(tmp_path: Path) -> None:
     arguments = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD), "--control-port", "0")
     command = [sys.executable, "-m", "catoptra_server", *arguments, "--image-port", "0"]
@@ -230,14 +191,3 @@ def test_server_whose_output_is_full_says_so(tmp_path: Path) -> None:
         process.stderr
     )
     assert "--host" not in process.stderr
-
-
-def test_server_with_a_broken_robot_file_exits_with_2_and_the_line(tmp_path: Path) -> None:
-    path = tmp_path / "robot.ini"
-    path.write_text(OMNI_ROBOT.read_text().replace("K=11.546", "K=two"))
-    status, messages = run_failing_server("--robot", str(path), "--world", str(FIELD))
-    assert status == 2
-    line = messages.strip()
-    assert "\n" not in line
-    assert line.startswith(f"catoptra-server: {path}:")
-    assert line.endswith("K='two': expected a number of at least 2")

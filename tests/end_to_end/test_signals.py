@@ -157,10 +157,7 @@ def test_server_ends_while_a_frame_takes_long_and_leaves_no_file(
     effects = "\n".join(f"{kind.name}=always" for kind in EFFECT_TYPES)
     slow = Edit("Samples=2", f"Samples=8\n{effects}")
     robot = write_edited_copy(OMNI_ROBOT, tmp_path, slow)
-    with (
-        use_own_temporary_folder(monkeypatch) as folder,
-        start_process(robot, FIELD) as process,
-    ):
+    with use_own_temporary_folder(monkeypatch) as folder, start_process(robot, FIELD) as process:
         control_port, image_port, stream_port = read_ports(process)
         with (
             connect_control_lines(control_port) as control,

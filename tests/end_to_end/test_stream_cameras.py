@@ -26,12 +26,7 @@ from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.world.objects import OrientedBox, box_distances
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.deadline import Deadline
-from helpers.server_process import (
-    DEADLINE_S,
-    RunningServer,
-    start_server,
-    write_small_robot,
-)
+from helpers.server_process import DEADLINE_S, RunningServer, start_server, write_small_robot
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.4, -0.5)), (0.5, 0.6, 0.7))
 WORLD = """[Catoptra.World]
@@ -138,9 +133,7 @@ def test_pixels_of_any_camera_look_in_the_directions_of_its_model(server: Runnin
             assert_red_where_model_predicts(frame)
 
 
-def test_frame_of_a_camera_by_name_is_of_that_robot_and_kind(
-    server: RunningServer,
-) -> None:
+def test_frame_of_a_camera_by_name_is_of_that_robot_and_kind(server: RunningServer) -> None:
     with (
         spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
         spawn_beside_box(server, "B", (-1.0, 1.0), 3.0),

@@ -30,18 +30,15 @@ def test_scenario_when_one_wait_hangs_fails_at_its_line(monkeypatch: pytest.Monk
         loopback.run_scenario(scenario())
 
 
-def test_scenario_when_longer_than_the_deadline_of_a_wait_passes(
+async def test_scenario_when_longer_than_the_deadline_of_a_wait_passes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    async def scenario() -> None:
-        first, second = asyncio.Event(), asyncio.Event()
-        asyncio.get_running_loop().call_later(0.7, first.set)
-        asyncio.get_running_loop().call_later(1.4, second.set)
-        await first.wait()
-        await second.wait()
-
     monkeypatch.setattr(loopback, "DEADLINE_S", 1.0)
-    loopback.run_scenario(scenario())
+    first, second = asyncio.Event(), asyncio.Event()
+    asyncio.get_running_loop().call_later(0.7, first.set)
+    asyncio.get_running_loop().call_later(1.4, second.set)
+    await first.wait()
+    await second.wait()
 
 
 def test_deadline_when_passed_names_the_event() -> None:

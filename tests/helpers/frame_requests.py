@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.frame import (
-    IMAGE_PORT,
-    FrameComposition,
-    FrameRequest,
-    ViewRequest,
-)
+from catoptra_server.frames.frame import IMAGE_PORT, FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import PerspectiveCameraSpec
 from catoptra_server.world.camera_state import CameraState

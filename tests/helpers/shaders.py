@@ -14,12 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.device import (
-    GLSL_VERSION,
-    Definitions,
-    load_source,
-    set_uniform,
-)
+from catoptra_server.render.projection.atlas import Atlas
+from catoptra_server.render.raster.device import GLSL_VERSION, Definitions, load_source, set_uniform
 
 _MAINS = Path(__file__).parent.parent / "twins" / "shaders"
 
@@ -73,3 +69,19 @@ def _input_texture(context: moderngl.Context, values: Floats) -> moderngl.Textur
     table = context.texture((_COLUMNS, rows), 4, texels.tobytes(), dtype="f4")
     table.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return table
+
+
+def atlas_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -> Floats:
+    """(n, 2) texels of (n, 3) directions by include/atlas.glsl."""
+    out = evaluate_shader(
+        context,
+        "atlas_coordinates.frag",
+        include="include/atlas.glsl",
+        inputs=(directions,),
+        uniforms={
+            "face_texel_transform": atlas.texel_transforms(),
+            "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
+        },
+        define=(("NUM_FACES", atlas.num_faces),),
+    )
+    return out[:, :2] * (atlas.width, atlas.height)

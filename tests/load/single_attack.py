@@ -103,12 +103,7 @@ async def _wait_for_recovery(loaded: LoadedServer) -> float:
 
 
 def _summarize(
-    name: str,
-    loaded: LoadedServer,
-    phases: Sequence[Phase],
-    *,
-    recovery_s: float,
-    stop_s: float,
+    name: str, loaded: LoadedServer, phases: Sequence[Phase], *, recovery_s: float, stop_s: float
 ) -> AttackResult:
     record, attacked_s = loaded.record, phases[1].begin_s
     before = [sample for sample in loaded.samples if sample.time_s <= attacked_s][-1]

@@ -7,14 +7,14 @@ import os
 
 import pytest
 
-from helpers.loopback import HOST, listening_port, run_scenario, wait_until
+from helpers.loopback import HOST, listening_port, wait_until
 from load.attack_tools import AttackedPorts
 from load.attacker_process import RunningAttackers, run_attacks
 
 _NAMES = ("flood_drives", "storm_connections", "flood_landmark_requests")
 
 
-def test_attackers_run_at_the_lowest_priority_until_the_end_of_the_block() -> None:
+async def test_attackers_run_at_the_lowest_priority_until_the_end_of_the_block() -> None:
     connections = 0
 
     def count_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -22,17 +22,14 @@ def test_attackers_run_at_the_lowest_priority_until_the_end_of_the_block() -> No
         connections += 1
         writer.close()
 
-    async def scenario() -> None:
-        async with await asyncio.start_server(count_connection, HOST, 0) as server:
-            port = listening_port(server)
-            async with run_attacks(AttackedPorts(port, port, port), _NAMES) as attackers:
-                assert attackers.measure().num_processes == len(_NAMES)
-                assert os.getpriority(os.PRIO_PGRP, attackers.group) == 19
-                assert len(os.sched_getaffinity(attackers.group)) == 1
-                await wait_until(lambda: connections > 3, "attack")
-            await wait_until(lambda: not has_processes(attackers), "end of all attackers")
-
-    run_scenario(scenario())
+    async with await asyncio.start_server(count_connection, HOST, 0) as server:
+        port = listening_port(server)
+        async with run_attacks(AttackedPorts(port, port, port), _NAMES) as attackers:
+            assert attackers.measure().num_processes == len(_NAMES)
+            assert os.getpriority(os.PRIO_PGRP, attackers.group) == 19
+            assert len(os.sched_getaffinity(attackers.group)) == 1
+            await wait_until(lambda: connections > 3, "attack")
+        await wait_until(lambda: not has_processes(attackers), "end of all attackers")
 
 
 def has_processes(attackers: RunningAttackers) -> bool:
@@ -44,10 +41,7 @@ def has_processes(attackers: RunningAttackers) -> bool:
     return True
 
 
-def test_attack_with_an_unknown_name_fails_at_the_start() -> None:
-    async def scenario() -> None:
-        with pytest.raises(AssertionError, match="did not start"):
-            async with run_attacks(AttackedPorts(1, 1, 1), ("no_attack",)):
-                pass
-
-    run_scenario(scenario())
+async def test_attack_with_an_unknown_name_fails_at_the_start() -> None:
+    with pytest.raises(AssertionError, match="did not start"):
+        async with run_attacks(AttackedPorts(1, 1, 1), ("no_attack",)):
+            pass

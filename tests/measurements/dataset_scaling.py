@@ -73,9 +73,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         recipe = Path(folder, "recipe.ini")
         text = RECIPE.format(
-            samples=parsed.shards * SAMPLES_A_SHARD,
-            shard=SAMPLES_A_SHARD,
-            channels=parsed.channels,
+            samples=parsed.shards * SAMPLES_A_SHARD, shard=SAMPLES_A_SHARD, channels=parsed.channels
         )
         recipe.write_text(text, encoding="utf-8")
         job = DatasetRun(recipe, Path(folder, "out")).job

@@ -74,10 +74,7 @@ def make_thin_objects_world() -> World:
 def make_camera(width_px: int = 640) -> OmniCamera:
     """The paper's camera."""
     return camera_with_inscribed_rim(
-        PAPER_MIRROR,
-        width_px=width_px,
-        height_px=width_px,
-        rim_rad=math.radians(120.0),
+        PAPER_MIRROR, width_px=width_px, height_px=width_px, rim_rad=math.radians(120.0)
     )
 
 

@@ -17,12 +17,7 @@ from catoptra_protocol.camera_conf import (
     pairs_from_perspective_camera,
 )
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.mirrors import (
-    MIRRORS,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import MIRRORS, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,

@@ -1,8 +1,8 @@
 """Catalogue of hard cases: the format of a case, and the check of a function against a case.
 
 `cases/<group>/<formula>.json` is a list of cases with references of 50 digits, written by a script
-in `references/` (`python -m stability.references.<script>`). `test_<group>.py` assigns a function
-of the product, the subject, to each formula:
+in `references/` (`python -m stability.references.<script>`). `subjects/<group>.py` assigns a
+function of the product, the subject, to each formula:
 
 | key               | content                                                                    |
 |-------------------|----------------------------------------------------------------------------|

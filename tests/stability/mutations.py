@@ -37,8 +37,8 @@ def all_mutations() -> list[Mutation]:
 
 
 def subjects_of(group: str) -> Mapping[str, Subject]:
-    """Subjects of a group, from the group's test module."""
-    subjects: Mapping[str, Subject] = import_module(f"stability.test_{group}").SUBJECTS
+    """Subjects of a group."""
+    subjects: Mapping[str, Subject] = import_module(f"stability.subjects.{group}").SUBJECTS
     return subjects
 
 

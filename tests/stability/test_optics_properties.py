@@ -200,7 +200,7 @@ def test_direction_has_one_face_and_returns_from_its_coordinates(seed: int) -> N
     np.testing.assert_allclose(back, direction / longest, atol=2.0 * EPS)
 
 
-@settings(derandomize=True, max_examples=2000, deadline=None)
+@settings(derandomize=True, max_examples=600, deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False), st.integers(0, 6))
 def test_number_when_printed_is_truncated_and_printing_again_changes_nothing(
     value: float, decimals: int

@@ -1,4 +1,4 @@
-"""Properties over the whole domain: thousands of random numbers from fixed seeds."""
+"""Properties over the whole domain: hundreds of random numbers from fixed seeds each."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def off(one: float, other: float) -> float:
     return abs(math.remainder(one - other, TWO_PI))
 
 
-@many(1500)
+@many(600)
 @given(ANY)
 def test_wrap_is_inside_idempotent_and_odd(angle: float) -> None:
     wrapped = wrap_angle(angle)
@@ -61,7 +61,7 @@ def test_wrap_is_inside_idempotent_and_odd(angle: float) -> None:
     assert wrap_angle(-angle) == -wrapped or abs(wrapped) == math.pi
 
 
-@many(1500)
+@many(600)
 @given(ANGLES, ANGLES)
 def test_difference_leads_from_one_angle_to_the_other(angle: float, start: float) -> None:
     turn = angle_difference(angle, start)
@@ -69,7 +69,7 @@ def test_difference_leads_from_one_angle_to_the_other(angle: float, start: float
     assert off(angle_difference(start, angle), -turn) == 0.0
 
 
-@many(1200)
+@many(600)
 @given(ANGLES, ANGLES, st.floats(0.0, 1.0))
 def test_interpolated_angle_lies_on_the_shorter_turn(
     start: float, end: float, fraction: float
@@ -79,7 +79,7 @@ def test_interpolated_angle_lies_on_the_shorter_turn(
     assert off(turn, fraction * way) <= 2e-15
 
 
-@many(1200)
+@many(600)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-20.0, 20.0))
 def test_motion_back_along_the_arc_returns_to_the_start(pose, v: float, turn: float) -> None:
     there = propagate_pose(np.array(pose), Control(v, turn))
@@ -88,7 +88,7 @@ def test_motion_back_along_the_arc_returns_to_the_start(pose, v: float, turn: fl
     assert off(back[2], pose[2]) <= 1e-14
 
 
-@many(1200)
+@many(600)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-3.1, 3.1))
 def test_control_is_recovered_from_its_poses(pose, v: float, turn: float) -> None:
     there = propagate_pose(np.array(pose), Control(v, turn))
@@ -97,7 +97,7 @@ def test_control_is_recovered_from_its_poses(pose, v: float, turn: float) -> Non
     assert off(found.turn_rad, turn) <= 1e-14
 
 
-@many(1200)
+@many(600)
 @given(POSES, METRES, METRES)
 def test_measurement_leads_back_to_its_landmark(pose, x: float, y: float) -> None:
     seen, valid = predict_measurement(np.array(pose), LandmarkPosition("l", x, y))
@@ -111,7 +111,7 @@ def test_measurement_leads_back_to_its_landmark(pose, x: float, y: float) -> Non
     assert -math.pi < seen.bearing_rad <= math.pi
 
 
-@many(1500)
+@many(600)
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.sampled_from([1.0, -1.0]))
 def test_range_comes_back_from_its_angle(range_m: float, drop_m: float, side: float) -> None:
     t, _ = half_angle_from_range(range_m, drop_m=side * drop_m)
@@ -122,7 +122,7 @@ def test_range_comes_back_from_its_angle(range_m: float, drop_m: float, side: fl
     assert abs(back - range_m) <= 1e-15 * condition * range_m * 2.0
 
 
-@many(1500)
+@many(600)
 @given(ANY, ANY)
 def test_range_of_any_slope_is_a_number_or_invalid(slope: float, drop_m: float) -> None:
     for range_m, valid in (

@@ -9,12 +9,8 @@ import pytest
 
 from stability import measuring
 from stability.consistency import consistency
-from stability.measuring import evaluate_group, groups
+from stability.measuring import evaluate_group
 from stability.report import page
-
-
-def test_groups_are_all_that_have_cases() -> None:
-    assert groups() == sorted(path.name for path in measuring.CASES.iterdir())
 
 
 def test_page_has_every_group_and_needs_no_network() -> None:

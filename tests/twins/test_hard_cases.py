@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from helpers.shaders import evaluate_shader
+from helpers.shaders import atlas_texels, evaluate_shader
 from helpers.worlds import regions_of_size
 from stability.catalogue import Case, load
 
@@ -88,21 +88,6 @@ def face_at_texel(atlas: Atlas, texel: np.ndarray) -> int:
     return int(inside[0])
 
 
-def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray) -> np.ndarray:
-    out = evaluate_shader(
-        context,
-        "atlas_coordinates.frag",
-        include="include/atlas.glsl",
-        inputs=(directions,),
-        uniforms={
-            "face_texel_transform": atlas.texel_transforms(),
-            "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
-        },
-        define=(("NUM_FACES", atlas.num_faces),),
-    )
-    return out[:, :2] * (atlas.width, atlas.height)
-
-
 def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
     context: moderngl.Context,
 ) -> None:
@@ -116,7 +101,7 @@ def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
     ]
     assert len(cases) >= 20
     directions = np.array([case.inputs["direction"] for case in cases])
-    texels = shown_texels(context, atlas, directions)
+    texels = atlas_texels(context, atlas, directions)
     faces = [face_at_texel(atlas, texel) for texel in texels]
     assert faces == [int(float(case.reference)) for case in cases]
 
@@ -125,7 +110,7 @@ def test_face_of_the_zero_vector_is_n_and_finite(context: moderngl.Context) -> N
     atlas = pack_atlas(
         regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096
     )
-    (texel,) = shown_texels(context, atlas, np.zeros((1, 3)))
+    (texel,) = atlas_texels(context, atlas, np.zeros((1, 3)))
     assert texel == pytest.approx(atlas.texel_transforms()[Face.N][:2], abs=1e-3)
 
 
@@ -139,6 +124,6 @@ def test_coordinates_over_a_dense_grid_of_directions_are_the_twins(
     ring = np.sin(theta)
     grid = np.stack((ring * np.cos(gamma), ring * np.sin(gamma), np.cos(theta)), axis=-1)
     directions = grid.reshape(-1, 3).astype(np.float32).astype(np.float64)
-    difference = shown_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
+    difference = atlas_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
     # Places in an atlas of some 2000 texels, an ulp of which is 1.2e-4; three operations.
     assert np.abs(difference).max() < 1e-3

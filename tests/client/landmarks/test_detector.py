@@ -128,44 +128,28 @@ def test_lower_band_cut_by_the_image_has_no_range() -> None:
     assert not found.has_range
 
 
-def has_no_candidates(*blobs) -> bool:
-    return find_beacon_candidates(BEACON_VIEW, BEACON, blobs) == []
+LOWER, UPPER = make_band_pair(1.5)
+NO_BEACONS = {
+    "lower band alone": (LOWER,),
+    "upper band alone": (UPPER,),
+    "swapped colours": (
+        make_band("magenta", (0.2, 0.3), range_m=1.5),
+        make_band("cyan", (0.3, 0.4), range_m=1.5),
+    ),
+    "side by side": (LOWER, make_band_pair(1.5, 0.2)[1]),
+    "two ranges": (make_band_pair(0.8)[0], make_band_pair(2.5)[1]),
+    "lower too wide": (make_band("cyan", (0.2, 0.3), width_m=0.8, range_m=1.5), UPPER),
+    "upper too wide": (LOWER, make_band("magenta", (0.3, 0.4), width_m=0.8, range_m=1.5)),
+    "above the horizon": (
+        make_band("cyan", (0.62, 0.66), range_m=1.5),
+        make_band("magenta", (0.66, 0.7), range_m=1.5),
+    ),
+}
 
 
-def test_one_band_alone_is_rejected() -> None:
-    lower, upper = make_band_pair(1.5)
-    assert has_no_candidates(lower)
-    assert has_no_candidates(upper)
-
-
-def test_swapped_colours_are_rejected() -> None:
-    assert has_no_candidates(
-        make_band("magenta", (0.2, 0.3), range_m=1.5), make_band("cyan", (0.3, 0.4), range_m=1.5)
-    )
-
-
-def test_bands_side_by_side_are_rejected() -> None:
-    lower, _ = make_band_pair(1.5)
-    assert has_no_candidates(lower, make_band_pair(1.5, 0.2)[1])
-
-
-def test_bands_of_two_ranges_are_rejected() -> None:
-    assert has_no_candidates(make_band_pair(0.8)[0], make_band_pair(2.5)[1])
-
-
-def test_band_much_too_wide_is_rejected() -> None:
-    lower, upper = make_band_pair(1.5)
-    assert has_no_candidates(
-        make_blob(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper
-    )
-    assert has_no_candidates(
-        lower, make_blob(CYLINDER, "magenta", heights_m=(0.3, 0.4), width_m=0.8, range_m=1.5)
-    )
-
-
-def test_band_on_the_wrong_side_of_the_horizon_is_rejected() -> None:
-    lower = make_band("cyan", (0.62, 0.66), range_m=1.5)
-    assert has_no_candidates(lower, make_band("magenta", (0.66, 0.7), range_m=1.5))
+@pytest.mark.parametrize("blobs", NO_BEACONS.values(), ids=NO_BEACONS)
+def test_bands_that_are_no_beacon_are_rejected(blobs) -> None:
+    assert find_beacon_candidates(BEACON_VIEW, BEACON, blobs) == []
 
 
 BEACONS = [row for row in synthetic_frames.FIELD_LANDMARKS if row.kind == "beacon"]
@@ -277,12 +261,6 @@ def test_beacon_across_the_seam_is_whole(classifier, azimuth_deg: float) -> None
     assert seen.range_m == pytest.approx(1.0, rel=0.02)
     off = math.remainder(seen.bearing_rad - math.radians(azimuth_deg), 2 * math.pi)
     assert abs(off) < math.radians(0.3)
-
-
-def test_beacon_on_the_robots_left_has_a_negative_bearing(classifier) -> None:
-    (row,) = place_beacons((1.5, 1.0, 1.0, 1.0), -90.0)[:1]
-    seen = detect_by_name(classifier, [row], synthetic_frames.render_frame([row]))[row.name]
-    assert seen.bearing_rad == pytest.approx(-math.pi / 2, abs=math.radians(0.5))
 
 
 @pytest.mark.parametrize("index", range(len(FIELD_POSES)))

@@ -37,44 +37,6 @@ P0 = np.diag([0.05**2, 0.05**2, math.radians(3.0) ** 2])
 STEPS = 40
 
 
-@pytest.mark.parametrize(
-    ("size", "runs", "interval"),
-    [
-        (3, 50, (2.360, 3.716)),
-        (3, 100, (2.539, 3.499)),
-        (2, 50, (1.484, 2.591)),
-        (2, 100, (1.627, 2.411)),
-    ],
-)
-def test_intervals_equal_the_published_ones(size, runs, interval) -> None:
-    assert chi_square_mean_interval(size, runs) == pytest.approx(interval, abs=2e-3)
-
-
-def test_interval_without_degrees_of_freedom_is_rejected() -> None:
-    with pytest.raises(DomainError, match="degrees of freedom"):
-        chi_square_mean_interval(3, 0)
-
-
-def test_nees_wraps_the_heading() -> None:
-    belief = Belief(np.array([0, 0, math.pi - 0.01]), 0.01 * np.eye(3))
-    value, defined = nees(belief, np.array([0.1, 0, -math.pi + 0.01]))
-    assert defined
-    assert value == pytest.approx(1.04)
-
-
-@pytest.mark.parametrize(
-    "covariance",
-    [np.zeros((3, 3)), np.diag([1.0, 1.0, 0.0]), np.ones((3, 3)), 1e-20 * np.ones((3, 3))],
-)
-def test_nees_of_a_singular_belief_is_undefined(covariance) -> None:
-    assert nees(Belief(np.zeros(3), covariance), np.ones(3)) == (0.0, False)
-
-
-def test_nees_does_not_depend_on_units() -> None:
-    belief = Belief(np.zeros(3), np.diag([1e-30, 1e20, 1.0]))
-    assert nees(belief, np.array([1e-15, 1e10, 1.0])) == (pytest.approx(3.0), True)
-
-
 def simulate_run(seed: int, *, noise_scale: float) -> tuple[list[float], list[float]]:
     """NEES and NIS along a circle; true noise is 1 / sqrt(believed) of the assumed noise."""
     rng = np.random.default_rng(seed)

@@ -85,9 +85,7 @@ def client(server: RunningServer):
     client.close()
 
 
-def test_greeting_when_its_first_byte_is_discarded_leaves_later_lines_intact(
-    client: Ap2dx,
-) -> None:
+def test_greeting_when_its_first_byte_is_discarded_leaves_later_lines_intact(client: Ap2dx) -> None:
     assert client.lines[0].startswith("FO {Gametype ")
     intact = [line for line in client.lines if line.startswith(("SEN {", "STA {", "MISSTA {"))]
     # A cycle is 13 lines in one piece: one of them is damaged, the first.

@@ -30,9 +30,16 @@ PERSPECTIVE_YAWS_RAD = {"Ahead": 0.0, "Left": -1.5708, "Right": 1.5708}
 
 @contextmanager
 def start_stepped_server(
-    folder: Path, room: Path, *arguments: str
+    folder: Path, room: Path, *arguments: str, is_awaited: bool = True
 ) -> Iterator[tuple[RunningServer, ControlLines]]:
-    """Serve the room under lockstep; yield the server and the connection of its one robot."""
+    """Serve the room under lockstep; yield the server and the connection of its one robot.
+
+    Args:
+        folder: A folder for the robot's file.
+        room: The world.
+        arguments: Further arguments of the server.
+        is_awaited: Whether the spawn's reply has been read.
+    """
     robot = write_small_robot(folder)
     cameras = "".join(
         CAMERA.format(name, yaw_rad) for name, yaw_rad in PERSPECTIVE_YAWS_RAD.items()
@@ -44,6 +51,8 @@ def start_stepped_server(
         connect_control_lines(server.control_port) as lines,
     ):
         lines.send(INIT)
+        if is_awaited:
+            lines.read_until("STA")
         yield server, lines
         assert server.terminate() == 0
         assert "Traceback" not in server.log.read_text()
@@ -68,19 +77,11 @@ def assert_tiles_show_walls(tiles: list[Pixels]) -> None:
     assert right[0] == 0.0
 
 
-def wait_for_spawn(lines: ControlLines) -> None:
-    """Wait until the robot is spawned."""
-    lines.read_until("STA")
-
-
 def test_qt_client_when_it_requests_tiles_receives_a_camera_in_each(
     tmp_path: Path, room: Path
 ) -> None:
-    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
-        server,
-        lines,
-    ):
-        wait_for_spawn(lines)
+    options = ("--multi-view", TILES, "--image-type", "RAW")
+    with start_stepped_server(tmp_path, room, *options) as (server, _):
         qt = QtClient(server.image_port)
         with qt.connection, server.connect_images() as whole:
             tiles = [qt.read_tile(number) for number in range(4)]
@@ -91,11 +92,8 @@ def test_qt_client_when_it_requests_tiles_receives_a_camera_in_each(
 def test_qt_client_when_it_requests_one_tile_has_no_other_rendered(
     tmp_path: Path, room: Path
 ) -> None:
-    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
-        server,
-        lines,
-    ):
-        wait_for_spawn(lines)
+    options = ("--multi-view", TILES, "--image-type", "RAW")
+    with start_stepped_server(tmp_path, room, *options) as (server, _):
         qt, mirror_plan = QtClient(server.image_port), f"plan of {TILE} x {HEIGHT} px"
         with qt.connection:
             assert colour_fraction(qt.read_tile(2), 0) > 0.3
@@ -105,8 +103,7 @@ def test_qt_client_when_it_requests_one_tile_has_no_other_rendered(
 
 
 def test_four_crops_of_a_multi_view_are_its_cameras(tmp_path: Path, room: Path) -> None:
-    with start_stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
-        wait_for_spawn(lines)
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES) as (server, _):
         crops = cut_four_tiles(server.image_port)
         assert {crop.shape for crop in crops} == {(HEIGHT, TILE, 3)}
         assert_tiles_show_walls(crops)
@@ -115,10 +112,8 @@ def test_four_crops_of_a_multi_view_are_its_cameras(tmp_path: Path, room: Path) 
 def test_configuration_of_a_camera_with_a_tile_is_sent_without_request_in_udk(
     tmp_path: Path, room: Path
 ) -> None:
-    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--dialect", "udk") as (
-        _,
-        lines,
-    ):
+    options = ("--multi-view", TILES, "--dialect", "udk")
+    with start_stepped_server(tmp_path, room, *options, is_awaited=False) as (_, lines):
         configurations = [lines.read_until("CONF")[-1] for _ in range(4)]
     offsets = [
         re.search(r"\{TextureOffsetX (\d+)\}\{TextureOffsetY (\d+)\}", line)
@@ -134,13 +129,13 @@ def test_configuration_of_a_camera_with_a_tile_is_sent_without_request_in_udk(
 def test_status_when_cameras_have_tiles_names_the_first_in_ut2004(
     tmp_path: Path, room: Path
 ) -> None:
-    with start_stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
+    options = ("--multi-view", TILES)
+    with start_stepped_server(tmp_path, room, *options, is_awaited=False) as (server, lines):
         assert "{View 0}" in lines.read_until("STA")[-1]
         with connect_control_lines(server.control_port) as second:
             second.send(INIT)
-            assert (
-                "{View -1}" in second.read_until("STA")[-1]
-            )  # all four tiles are the first robot's
+            # All four tiles are the first robot's.
+            assert "{View -1}" in second.read_until("STA")[-1]
 
 
 @pytest.mark.parametrize(("name", "channel"), [("Left", 0), ("Right", 2)])
@@ -148,7 +143,6 @@ def test_viewport_when_set_shows_that_camera(
     tmp_path: Path, room: Path, name: str, channel: int
 ) -> None:
     with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
-        wait_for_spawn(lines)
         assert images.get_frame().rgb.shape == (64, 64, 3)  # the omnidirectional camera's
         lines.send(f"SET {{Type Viewports}} {{Config SingleView}} {{Viewport1 {name}}}")
         assert f"{{Viewport1 {name}}} {{Status OK}}" in lines.read_until("RES")[-1]
@@ -160,7 +154,6 @@ def test_viewport_when_set_shows_that_camera(
 
 def test_viewports_when_four_are_quarters_of_the_image(tmp_path: Path, room: Path) -> None:
     with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
-        wait_for_spawn(lines)
         lines.send(
             "SET {Type Viewports} {Config QuadView} {Viewport1 Left} {Viewport2 Right} "
             "{Viewport3 Disable} {Viewport4 OmniCamPillar_Link4}"
@@ -177,7 +170,6 @@ def test_viewports_when_four_are_quarters_of_the_image(tmp_path: Path, room: Pat
 
 def test_camera_when_zoomed_shows_a_narrower_view(tmp_path: Path, room: Path) -> None:
     with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
-        wait_for_spawn(lines)
         lines.send("SET {Type Viewports} {Config SingleView} {Viewport1 Left}")
         lines.read_until("RES")
         before = colour_fraction(images.get_frame().rgb, 0)

@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.calibration_folder import (
-    REPORT_NAME,
-    write_calibration,
-)
+from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
 from catoptra_protocol.calibration.exports import EXPORTS
 from catoptra_protocol.calibration.files import MAX_BYTES
 from catoptra_protocol.calibration.formats import FORMATS, kalibr

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from catoptra_protocol.optics.cube_map import (
     MAX_FIVE_FACE_RIM_RAD,
@@ -18,8 +15,6 @@ from catoptra_protocol.optics.cube_map import (
     face_from_direction,
     visible_faces,
 )
-
-COMPONENT = st.floats(-1.0, 1.0)
 
 
 def test_axes_when_listed_are_rotations_of_exact_quarters() -> None:
@@ -46,30 +41,6 @@ def test_face_when_named_as_in_usarsim_looks_there(
     axes = np.array((forward, right, down)).T
     np.testing.assert_array_equal(MIRROR_FROM_FACE_ROTATIONS[face], axes)
     assert face_from_direction(np.array(forward, dtype=float)) == face
-
-
-@settings(derandomize=True, max_examples=300, deadline=None)
-@given(COMPONENT, COMPONENT, COMPONENT)
-def test_direction_when_any_has_one_face_that_sees_it_and_leads_back(
-    x: float, y: float, z: float
-) -> None:
-    direction = np.array([x, y, z])
-    if not direction.any():
-        direction[0] = 1.0
-    face = face_from_direction(direction)
-    s, t = face_coordinates(direction, face)
-    assert max(abs(s), abs(t)) <= 1.0
-    back = MIRROR_FROM_FACE_ROTATIONS[face] @ (1.0, s, t) * np.abs(direction).max()
-    np.testing.assert_allclose(back, direction, atol=1e-15)
-
-
-@pytest.mark.parametrize("direction", list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
-def test_direction_when_on_an_edge_or_corner_goes_to_the_first_face(
-    direction: tuple[float, float, float],
-) -> None:
-    forward = [MIRROR_FROM_FACE_ROTATIONS[face][:, 0] @ direction for face in Face]
-    first = forward.index(max(forward))
-    assert face_from_direction(np.array(direction)) == first
 
 
 def test_direction_when_broadcast_keeps_its_shape() -> None:

@@ -21,12 +21,7 @@ from catoptra_protocol.optics.lenses import (
     OrthographicLens,
     StereographicLens,
 )
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from helpers.worlds import make_omni_camera
 

@@ -69,15 +69,6 @@ def test_direction_beside_the_image_is_invalid_and_has_a_value(
     assert pixel.tolist() == [160.0, 120.0]
 
 
-@pytest.mark.parametrize("length", [1e-320, 1e-300, 1e300])
-def test_length_of_a_direction_does_not_matter(length: float) -> None:
-    pixel, valid = CAMERA.pixel_from_direction(length * np.array([1.0, 0.5, -0.25]))
-    expected, _ = CAMERA.pixel_from_direction(np.array([1.0, 0.5, -0.25]))
-    assert valid
-    # 1e-320 is subnormal: it has three digits left.
-    assert pixel == pytest.approx(expected, rel=1e-3 if length < 1e-310 else 1e-15)
-
-
 @pytest.mark.parametrize(
     ("pixel", "inside"),
     [
@@ -95,12 +86,6 @@ def test_pixel_is_valid_within_the_image_borders_included(
     direction, valid = CAMERA.direction_from_pixel(np.array(pixel))
     assert bool(valid) is inside
     assert inside or direction.tolist() == [1.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize("fov_rad", [0.0, -1.0, math.pi, 4.0, math.nan])
-def test_field_of_view_that_no_flat_image_has_is_rejected(fov_rad: float) -> None:
-    with pytest.raises(DomainError, match="field of view"):
-        PerspectiveCamera(10, 10, fov_rad)
 
 
 def test_image_without_pixels_is_rejected() -> None:

@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.optics.transforms import (
-    Pose,
-    rotation_from_rpy,
-)
+from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 
 QUARTER = 0.5 * math.pi
 ANGLES = st.floats(-math.pi, math.pi)

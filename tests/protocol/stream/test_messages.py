@@ -11,11 +11,7 @@ from typing import Any, NamedTuple
 import msgpack
 import pytest
 
-from catoptra_protocol.errors import (
-    InvalidRequestError,
-    LocalProtocolError,
-    RemoteProtocolError,
-)
+from catoptra_protocol.errors import InvalidRequestError, LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, FieldMap
 from catoptra_protocol.stream.messages import (
@@ -120,8 +116,7 @@ def test_request_when_its_kind_is_unknown_lists_the_known_kinds(form: Form) -> N
 
 @both_forms
 @pytest.mark.parametrize(
-    "fields",
-    [{"kind": "fly"}, {"kind": "step"}, {"kind": "step", "time_s": "1"}, {}, {"kind": 1}],
+    "fields", [{"kind": "fly"}, {"kind": "step"}, {"kind": "step", "time_s": "1"}, {}, {"kind": 1}]
 )
 def test_request_when_another_field_is_wrong_is_rejected_with_its_id(
     fields: FieldMap, form: Form

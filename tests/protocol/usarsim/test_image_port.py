@@ -102,9 +102,7 @@ def test_request_reader_in_any_segmentation_finds_the_requests(
 
 @DETERMINISTIC
 @given(st.lists(st.sampled_from([b"O", b"K", b"U", b"OK", RECTANGLE]) | st.binary(max_size=20)))
-def test_request_reader_of_any_bytes_does_not_depend_on_segmentation(
-    chunks: list[bytes],
-) -> None:
+def test_request_reader_of_any_bytes_does_not_depend_on_segmentation(chunks: list[bytes]) -> None:
     reader = ImageRequestReader()
     cut = [request for chunk in chunks for request in reader.receive(chunk)]
     assert cut == ImageRequestReader().receive(b"".join(chunks))

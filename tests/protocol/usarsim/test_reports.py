@@ -110,8 +110,7 @@ UDK = [
     (
         "CONF {Type Camera} {Name Camera}{TextureOffsetX 320}{CameraDefFov 80.0000}",
         Configuration(
-            "Camera",
-            (("Name", "Camera"), ("TextureOffsetX", "320"), ("CameraDefFov", "80.0000")),
+            "Camera", (("Name", "Camera"), ("TextureOffsetX", "320"), ("CameraDefFov", "80.0000"))
         ),
     ),
     (

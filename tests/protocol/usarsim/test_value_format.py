@@ -15,45 +15,16 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.value_format import (
     boolean_from_text,
     format_boolean,
-    format_exact,
     format_fixed_point,
     format_rounded_vector,
     format_vector,
     is_number,
     number_from_text,
     numbers_from_text,
-    truncate_to_unreal_units,
     vector_from_text,
 )
 
 DETERMINISTIC = settings(derandomize=True, max_examples=300, deadline=None)
-
-FIXED = [
-    (math.pi, 4, "3.1415"),
-    (-math.pi, 4, "-3.1415"),
-    (0.01745, 4, "0.0174"),
-    (5.385, 4, "5.3850"),  # its double is 5.38499999999999978
-    (0.29, 2, "0.29"),  # 0.29 * 100 is 28.999999999999996
-    (1.13, 2, "1.13"),
-    (0.1 + 0.2, 4, "0.3000"),
-    (14.0, 4, "14.0000"),
-    (14, 4, "14.0000"),
-    (395.389, 2, "395.38"),
-    (-0.0, 2, "-0.00"),
-    (-0.001, 2, "-0.00"),
-    (1e-300, 4, "0.0000"),
-    (123456789.0, 0, "123456789"),
-    (2.0**80, 1, "1208925819614629200000000.0"),
-    (1e22, 2, "10000000000000000000000.00"),
-    (-1e300, 4, "-1" + "0" * 300 + ".0000"),
-]
-
-
-@pytest.mark.parametrize(("value", "decimals", "text"), FIXED)
-def test_fixed_point_when_printed_truncates_the_shortest_decimal(
-    value: float, decimals: int, text: str
-) -> None:
-    assert format_fixed_point(value, decimals) == text
 
 
 @DETERMINISTIC
@@ -64,19 +35,6 @@ def test_fixed_point_when_printed_is_never_further_from_zero(value: float, decim
     assert abs(float(printed)) <= abs(value)
     # Truncation loses less than one unit of the last place; the rest is the double's own rounding.
     assert abs(value) - abs(float(printed)) <= 10.0**-decimals + math.ulp(value)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_fixed_point_when_not_finite_raises(value: float) -> None:
-    with pytest.raises(LocalProtocolError, match="finite"):
-        format_fixed_point(value)
-
-
-@DETERMINISTIC
-@given(st.floats(allow_nan=False, allow_infinity=False))
-def test_format_exact_when_parsed_again_is_the_same_double(value: float) -> None:
-    assert "e" not in format_exact(value)
-    assert number_from_text(format_exact(value)) == value
 
 
 def test_vector_when_printed_has_no_spaces() -> None:
@@ -172,20 +130,6 @@ def test_boolean_from_text_when_anything_else_is_false(text: str) -> None:
 def test_readers_of_any_text_return_finite_numbers(text: str) -> None:
     assert all(map(math.isfinite, (number_from_text(text), *vector_from_text(text))))
     assert boolean_from_text(text) in (True, False)
-
-
-UNREAL = [(math.pi, "3.1415"), (3.14159, "3.1414"), (0.01745, "0.0174"), (-0.01745, "-0.0174")]
-
-
-@pytest.mark.parametrize(("angle_rad", "text"), UNREAL)
-def test_unreal_angle_when_printed_equals_the_captures(angle_rad: float, text: str) -> None:
-    assert format_fixed_point(truncate_to_unreal_units(angle_rad)) == text
-
-
-@pytest.mark.parametrize("angle_rad", [1e308, math.inf, math.nan])
-def test_unreal_angle_when_out_of_range_is_rejected(angle_rad: float) -> None:
-    with pytest.raises(LocalProtocolError, match="Unreal"):
-        truncate_to_unreal_units(angle_rad)
 
 
 LISTS = [("", ()), ("  ", ()), ("1", (1.0,)), ("1,2, 3 4", (1.0, 2.0, 3.0, 4.0)), ("x", (0.0,))]

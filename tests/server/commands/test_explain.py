@@ -103,9 +103,7 @@ def test_every_camera_of_a_robot_is_explained_the_omnidirectional_one_first(
     assert enabled == {"MotionBlur": True, "Defocus": False, "Vignetting": True}
 
 
-def test_explanation_as_json_has_the_same_decisions(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_explanation_as_json_has_the_same_decisions(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--robot", "p2at_omni_real", *QUESTION, "--pose", "0.5,0,1", "--json"]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     running = {one["effect"] for one in report["effects"] if one["enabled"]}

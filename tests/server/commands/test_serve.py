@@ -144,27 +144,24 @@ def test_command_line_with_limits_of_connections_is_read() -> None:
         *("--max-connections", "8", "--handshake-timeout", "0", "--idle-timeout", "2.5")
     )
     assert options.server_options == ServerOptions(
-        max_connections=8,
-        max_image_connections=8,
-        handshake_timeout_s=0.0,
-        idle_timeout_s=2.5,
+        max_connections=8, max_image_connections=8, handshake_timeout_s=0.0, idle_timeout_s=2.5
     )
 
 
-def test_command_line_with_an_accuracy_target_is_read() -> None:
-    options = parse_options("--max-error-px", "0.5", "--budget-ms", "0")
-    assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
-    assert parse_options().max_error_px is None
-
-
-def test_command_line_with_a_memory_limit_is_read() -> None:
-    assert parse_options("--memory-limit-mib", "4096").memory_limit_mib == 4096
-    assert parse_options().memory_limit_mib == 1024
-
-
-def test_instruction_set_when_named_reaches_the_options() -> None:
-    assert parse_options("--instruction-set", "avx2").instruction_set == "avx2"
-    assert parse_options().instruction_set == "auto"
+@pytest.mark.parametrize(
+    ("words", "name", "value", "default"),
+    [
+        (("--max-error-px", "0.5"), "max_error_px", 0.5, None),
+        (("--budget-ms", "0"), "budget_ms", 0.0, None),
+        (("--memory-limit-mib", "4096"), "memory_limit_mib", 4096, 1024),
+        (("--instruction-set", "avx2"), "instruction_set", "avx2", "auto"),
+    ],
+)
+def test_option_when_named_is_read_and_else_its_default(
+    words: tuple[str, ...], name: str, value: object, default: object
+) -> None:
+    assert getattr(parse_options(*words), name) == value
+    assert getattr(parse_options(), name) == default
 
 
 @pytest.mark.parametrize(
@@ -184,6 +181,12 @@ def test_view_options_reach_the_options(
 
 
 FREE_PORTS = ("--control-port", "0", "--image-port", "0")
+
+
+def name_small_files(folder: Path) -> tuple[str, ...]:
+    """Options that name a small robot and a small world."""
+    robot, world = write_small_robot(folder), write_small_world(folder)
+    return "--robot", str(robot), "--world", str(world)
 
 
 def serve_words(*arguments: str) -> int:
@@ -213,28 +216,6 @@ def test_robot_when_broken_is_rejected_with_its_line(
     )
 
 
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (None, "a file that exists"),
-        (b"", "a readable mesh file"),
-        (b"\x00\x01garbage" * 100, "a readable mesh file"),
-        (b"glTF\x02\x00\x00\x00\xff\xff\xff\xff", "a readable mesh file"),
-    ],
-    ids=["missing", "empty", "garbage", "cut off"],
-)
-def test_mesh_when_unreadable_is_rejected(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes | None, expected: str
-) -> None:
-    if content is not None:
-        (tmp_path / "m.glb").write_bytes(content)
-    world = write_small_world(tmp_path, "Meshes=(File=m.glb)")
-    line = start_error(capfd, "--robot", str(OMNI_ROBOT), "--world", str(world))
-    assert str(tmp_path) in line
-    assert "m.glb" in line
-    assert f"expected {expected}" in line
-
-
 @pytest.mark.parametrize("option", ["--robot", "--world"])
 def test_file_when_missing_is_rejected(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str
@@ -254,12 +235,7 @@ def test_port_when_in_use_is_rejected_with_a_remedy(
         ports = {"--control-port": "0", "--image-port": "0", option: port}
         line = start_error(
             capfd,
-            *(
-                "--robot",
-                str(write_small_robot(tmp_path)),
-                "--world",
-                str(write_small_world(tmp_path)),
-            ),
+            *name_small_files(tmp_path),
             *("--renderer", "trace", "--threads", "1"),
             *(part for pair in ports.items() for part in pair),
         )
@@ -274,7 +250,7 @@ def test_host_that_is_not_this_machine_is_not_taken_for_a_port_in_use(
 ) -> None:
     line = start_error(
         capfd,
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "trace", "--threads", "1", "--host", host, *FREE_PORTS),
     )
     assert f"control port {host}:0: " in line
@@ -288,7 +264,7 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     monkeypatch.setattr(gl_device, "EGL_LIBRARY", "libabsent.so.1")
     line = start_error(
         capfd,
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "raster", *FREE_PORTS),
     )
     assert "libabsent.so.1 cannot be loaded" in line
@@ -309,7 +285,7 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
 
     monkeypatch.setattr(serve_module, "serve", serve_and_end)
     status = serve_words(
-        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *name_small_files(tmp_path),
         *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
     )
     text = capfd.readouterr().out

@@ -10,7 +10,8 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from catoptra_server.simulation.events import CommandReceived
 from catoptra_server.simulation.loop import ClockMode, Simulation
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.deadline import Deadline
-from helpers.loopback import DEADLINE_S, HOST, run_scenario
+from helpers.loopback import DEADLINE_S, HOST
 from helpers.robots import FakeClient, FakeView
 from helpers.server_process import write_small_robot
 
@@ -49,32 +50,28 @@ def make_threads(robot_file: Path, folder: Path, clock: ClockMode) -> ServerThre
 
 
 @pytest.mark.parametrize("clock", ClockMode)
-def test_frame_of_a_spawned_robot_arrives_in_its_mailbox(tmp_path: Path, clock: ClockMode) -> None:
-    async def scenario() -> None:
-        threads, client = make_threads(write_small_robot(tmp_path), tmp_path, clock), FakeClient()
-        async with threads.run():
-            threads.simulation.post(CommandReceived(client, Init("OmniP2AT", "R", (0.0, 0.0, 0.0))))
-            mailbox = threads.mailboxes.get(CameraChannel("", ""))
-            frame = await mailbox.wait_for_newer(0)
-        assert (frame.metadata.robot, frame.plan) == ("R", *threads.plans.values())
-        assert client.spawns == [("R", None)]
+async def test_frame_of_a_spawned_robot_arrives_in_its_mailbox(
+    tmp_path: Path, clock: ClockMode
+) -> None:
+    threads, client = make_threads(write_small_robot(tmp_path), tmp_path, clock), FakeClient()
+    async with threads.run():
+        threads.simulation.post(CommandReceived(client, Init("OmniP2AT", "R", (0.0, 0.0, 0.0))))
+        mailbox = threads.mailboxes.get(CameraChannel("", ""))
+        frame = await mailbox.wait_for_newer(0)
+    assert (frame.metadata.robot, frame.plan) == ("R", *threads.plans.values())
+    assert client.spawns == [("R", None)]
 
-    run_scenario(scenario())
 
-
-def test_plans_of_a_server_without_cameras_are_none(
+async def test_plans_of_a_server_without_cameras_are_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scenario() -> None:
-        robot_file = write_small_robot(tmp_path)
-        write_edited_copy(robot_file, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
-        threads = make_threads(robot_file, tmp_path, ClockMode.LOCKSTEP)
-        with caplog.at_level("INFO"):
-            async with threads.run():
-                pass
-        assert threads.plans == {}
-
-    run_scenario(scenario())
+    robot_file = write_small_robot(tmp_path)
+    write_edited_copy(robot_file, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    threads = make_threads(robot_file, tmp_path, ClockMode.LOCKSTEP)
+    with caplog.at_level("INFO"):
+        async with threads.run():
+            pass
+    assert threads.plans == {}
     assert "no renderer is started" in caplog.text
 
 
@@ -89,25 +86,26 @@ def make_options(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Opti
     )
 
 
-Visitor = Callable[[ListeningAddress, asyncio.Event], Awaitable[None]]
-
-
-async def serve_for(options: Options, visit: Visitor) -> None:
-    """Serve until a visitor has returned and has set the event that ends the server."""
+@asynccontextmanager
+async def serve_for(options: Options) -> AsyncIterator[tuple[ListeningAddress, asyncio.Event]]:
+    """Serve until the block ends or sets the event; a failure of the server is raised then."""
     listening: asyncio.Future[ListeningAddress] = asyncio.get_running_loop().create_future()
     stop = asyncio.Event()
     server = asyncio.create_task(serve(options, listening.set_result, stop))
     await asyncio.wait({server, listening}, return_when=asyncio.FIRST_COMPLETED)
-    if listening.done():
-        await visit(listening.result(), stop)
+    if not server.done():
+        try:
+            yield listening.result(), stop
+        finally:
+            stop.set()
     await server
 
 
 @pytest.mark.parametrize("clock", ClockMode)
-def test_server_when_stopped_ends_also_with_clients_connected(
+async def test_server_when_stopped_ends_also_with_clients_connected(
     tmp_path: Path, clock: ClockMode
 ) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+    async with serve_for(make_options(tmp_path, clock=clock)) as (address, stop):
         reader, writer = await asyncio.open_connection(HOST, address.control_port)
         viewer, requests = await asyncio.open_connection(HOST, address.image_port)
         writer.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
@@ -118,8 +116,6 @@ def test_server_when_stopped_ends_also_with_clients_connected(
             pass  # until the server closes the connection
         writer.close()
         requests.close()
-
-    run_scenario(serve_for(make_options(tmp_path, clock=clock), visit))
 
 
 class _FakeRenderer:
@@ -146,38 +142,32 @@ def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRender
     return renderer
 
 
-def test_server_when_a_thread_fails_ends_with_the_error(
+async def test_server_when_a_thread_fails_ends_with_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(_: Simulation, on_ready: Callable[[], None]) -> None:
         on_ready()
         raise ZeroDivisionError("the clock stands still")
 
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        await stop.wait()
-
     renderer = use_renderer(monkeypatch, FakeView())
     monkeypatch.setattr(Simulation, "run", fail)
-    with pytest.raises(
-        ThreadFailedError, match=r"simulation thread failed: .*the clock stands still"
-    ):
-        run_scenario(serve_for(make_options(tmp_path), visit))
+    with pytest.raises(ThreadFailedError, match=r"simulation thread failed: .*the clock stands"):
+        async with serve_for(make_options(tmp_path)) as (_, stop):
+            await stop.wait()
     assert renderer.closed
 
 
-def test_renderer_when_the_server_ends_is_closed_with_its_view(
+async def test_renderer_when_the_server_ends_is_closed_with_its_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        stop.set()
-
     renderer = use_renderer(monkeypatch, FakeView())
-    run_scenario(serve_for(make_options(tmp_path), visit))
+    async with serve_for(make_options(tmp_path)):
+        pass
     assert renderer.closed
     assert renderer.view.is_closed
 
 
-def test_server_warns_of_its_host_before_it_listens(
+async def test_server_warns_of_its_host_before_it_listens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hosts: list[str] = []
@@ -185,60 +175,56 @@ def test_server_warns_of_its_host_before_it_listens(
     async def record(host: str) -> None:
         hosts.append(host)
 
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        assert hosts == [address.host]
-        stop.set()
-
     use_renderer(monkeypatch, FakeView())
     monkeypatch.setattr(server_module, "warn_of_exposure", record)
-    run_scenario(serve_for(make_options(tmp_path), visit))
+    async with serve_for(make_options(tmp_path)) as (address, _):
+        assert hosts == [address.host]
 
 
-def test_server_when_no_renderer_can_run_does_not_start(
+async def test_server_when_no_renderer_can_run_does_not_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def reject(*args: object, **kwargs: object) -> RendererChoice:
         raise DomainError("no renderer today")
 
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        raise AssertionError("the server listens without a renderer")
-
     monkeypatch.setattr(server_module, "choose_renderer", reject)
     with pytest.raises(DomainError, match="no renderer today"):
-        run_scenario(serve_for(make_options(tmp_path), visit))
+        async with serve_for(make_options(tmp_path)):
+            raise AssertionError("the server listens without a renderer")
 
 
-def test_robot_when_it_has_no_camera_is_served_with_black_frames(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
-        requests.write(b"OK")
-        assert (await viewer.readexactly(5))[:1] == b"\x02"
-        requests.close()
-        stop.set()
-
+async def test_robot_when_it_has_no_camera_is_served_with_black_frames(tmp_path: Path) -> None:
     options = make_options(tmp_path)
     blind = write_edited_copy(
         options.robot_files[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",')
     )
     assert blind == options.robot_files[0]
-    run_scenario(serve_for(options, visit))
+    async with serve_for(options) as (address, _):
+        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
+        requests.write(b"OK")
+        assert (await viewer.readexactly(5))[:1] == b"\x02"
+        requests.close()
 
 
-def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        assert address.image_port is None
-        assert address.control_port
-        stop.set()
-
+async def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
     options = make_options(tmp_path)
     server_options = ServerOptions(control_port=0, has_images=False)
-    run_scenario(
-        serve_for(dataclasses.replace(options, server_options=server_options, stream_port=0), visit)
-    )
+    async with serve_for(
+        dataclasses.replace(options, server_options=server_options, stream_port=0)
+    ) as (address, _):
+        assert address.image_port is None
+        assert address.control_port
 
 
-def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+async def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(
+    tmp_path: Path,
+) -> None:
+    ini = tmp_path / "server.ini"
+    ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
+    async with serve_for(dataclasses.replace(make_options(tmp_path), server_file=ini)) as (
+        address,
+        _,
+    ):
         first = await asyncio.open_connection(HOST, address.control_port)
         assert (await first[0].readline()).startswith(b"NFO ")
         # Without a command it would make room for the second.
@@ -251,36 +237,25 @@ def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_p
         while not await receives_greeting(address.control_port):
             deadline.check()
         second[1].close()
-        stop.set()
-
-    ini = tmp_path / "server.ini"
-    ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
-    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), server_file=ini), visit))
 
 
 @pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="no IPv6 on this machine")
-def test_all_ports_on_all_ipv6_addresses_accept_ipv4_too(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+async def test_all_ports_on_all_ipv6_addresses_accept_ipv4_too(tmp_path: Path) -> None:
+    async with serve_for(dataclasses.replace(make_options(tmp_path), host="::")) as (address, _):
         assert address.image_port is not None
         for port in (address.control_port, address.image_port, address.stream_port):
             _, writer = await asyncio.open_connection(HOST, port)
             writer.close()
-        stop.set()
-
-    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), host="::"), visit))
 
 
-def test_timeouts_hold_for_control_and_image_port(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+async def test_timeouts_hold_for_control_and_image_port(tmp_path: Path) -> None:
+    options = make_options(tmp_path)
+    limited = options.server_options | ServerOptions(handshake_timeout_s=0.1)
+    async with serve_for(dataclasses.replace(options, server_options=limited)) as (address, _):
         for port in (address.control_port, address.image_port):
             reader, writer = await asyncio.open_connection(HOST, port)
             await reader.read()  # to the end: without a command or request it is closed
             writer.close()
-        stop.set()
-
-    options = make_options(tmp_path)
-    limited = options.server_options | ServerOptions(handshake_timeout_s=0.1)
-    run_scenario(serve_for(dataclasses.replace(options, server_options=limited), visit))
 
 
 async def receives_greeting(port: int) -> bool:
@@ -291,56 +266,42 @@ async def receives_greeting(port: int) -> bool:
     return bool(line)
 
 
-def test_stream_client_when_it_connects_before_the_stream_is_loaded_is_served(
+async def test_stream_client_when_it_connects_before_the_stream_is_loaded_is_served(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connected = threading.Event()
-
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        reader, writer = await asyncio.open_connection(HOST, address.stream_port)
-        connected.set()
-        # The first byte of a greeting of ZeroMQ.
-        assert await reader.readexactly(1) == b"\xff"
-        writer.close()
-        stop.set()
-
     use_renderer(monkeypatch, FakeView())
     # Without the connection it would wait for ever.
     monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
     monkeypatch.setattr(
         server_module, "load_deferred_modules", lambda *_, **__: connected.wait(DEADLINE_S)
     )
-    run_scenario(serve_for(make_options(tmp_path), visit))
+    async with serve_for(make_options(tmp_path)) as (address, _):
+        reader, writer = await asyncio.open_connection(HOST, address.stream_port)
+        connected.set()
+        # The first byte of a greeting of ZeroMQ.
+        assert await reader.readexactly(1) == b"\xff"
+        writer.close()
 
 
 @pytest.mark.parametrize("is_stopped", [False, True])
-def test_modules_are_loaded_soon_without_a_client_unless_the_server_is_stopped(
+async def test_modules_are_loaded_soon_without_a_client_unless_the_server_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stopped: bool
 ) -> None:
     loaded = threading.Event()
-
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        assert is_stopped or await asyncio.to_thread(loaded.wait, DEADLINE_S)
-        stop.set()
-
     use_renderer(monkeypatch, FakeView())
     if is_stopped:
         # Else the time might pass before the stop.
         monkeypatch.setattr(server_module, "_FIRST_FRAME_TIME_S", None)
     monkeypatch.setattr(server_module, "load_deferred_modules", lambda *_, **__: loaded.set())
-    run_scenario(serve_for(make_options(tmp_path), visit))
+    async with serve_for(make_options(tmp_path)):
+        assert is_stopped or await asyncio.to_thread(loaded.wait, DEADLINE_S)
     assert loaded.is_set() is not is_stopped
 
 
-def test_page_when_its_default_port_is_in_use_takes_a_free_one(
+async def test_page_when_its_default_port_is_in_use_takes_a_free_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    links: list[str | None] = []
-
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        links.append(address.view_link)
-        stop.set()
-
     use_renderer(monkeypatch, FakeView())
     with socket.create_server((HOST, 0)) as occupied, socket.create_server((HOST, 0)) as spare:
         control_port, port = spare.getsockname()[1], occupied.getsockname()[1]
@@ -351,8 +312,8 @@ def test_page_when_its_default_port_is_in_use_takes_a_free_one(
             server_options=ServerOptions(control_port=control_port, has_images=False),
         )
         caplog.set_level("INFO")
-        run_scenario(serve_for(options, visit))
-    (link,) = links
+        async with serve_for(options) as (address, _):
+            link = address.view_link
     assert link is not None
     assert not link.endswith(f":{port}/")
     assert "the live page takes a free port" in caplog.text
@@ -366,21 +327,12 @@ def test_page_when_its_default_port_is_in_use_takes_a_free_one(
         ({"host": "0.0.0.0"}, r"http://localhost:\d+/\?token=[\w-]{43}"),
     ],
 )
-def test_link_of_the_page_is_announced_where_it_is_served(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    changes: dict[str, Any],
-    pattern: str | None,
+async def test_link_of_the_page_is_announced_where_it_is_served(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], pattern: str | None
 ) -> None:
-    links: list[str | None] = []
-
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        links.append(address.view_link)
-        stop.set()
-
     use_renderer(monkeypatch, FakeView())
-    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), **changes), visit))
-    (link,) = links
+    async with serve_for(dataclasses.replace(make_options(tmp_path), **changes)) as (address, _):
+        link = address.view_link
     assert (link is None) is (pattern is None)
     assert pattern is None or re.fullmatch(pattern, link or "")
 
@@ -391,28 +343,25 @@ async def connect_for_ever(port: int) -> None:
         writer.close()
 
 
-def test_server_that_cannot_load_the_page_serves_the_rest(
+async def test_server_that_cannot_load_the_page_serves_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail() -> None:
         raise ImportError("injected")
 
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(server_module, "load_view_modules", fail)
+    async with serve_for(make_options(tmp_path)) as (address, _):
         port = int((address.view_link or "").rstrip("/").rpartition(":")[2])
         with pytest.raises(ConnectionError):
             await connect_for_ever(port)
         reader, writer = await asyncio.open_connection(HOST, address.stream_port)
         assert await reader.read(1)  # the stream's greeting
         writer.close()
-        stop.set()
-
-    use_renderer(monkeypatch, FakeView())
-    monkeypatch.setattr(server_module, "load_view_modules", fail)
-    run_scenario(serve_for(make_options(tmp_path), visit))
     assert "the live page is not served: injected" in caplog.text
 
 
-def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
+async def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     is_loading, may_end = threading.Event(), threading.Event()
@@ -421,18 +370,12 @@ def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
         is_loading.set()
         may_end.wait(DEADLINE_S)
 
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        assert await asyncio.to_thread(is_loading.wait, DEADLINE_S)
-        stop.set()
-
-    async def scenario() -> None:
-        await serve_for(make_options(tmp_path), visit)
-        assert not may_end.is_set()
-        may_end.set()
-
     use_renderer(monkeypatch, FakeView())
     monkeypatch.setattr(server_module, "load_view_modules", load)
-    run_scenario(scenario())
+    async with serve_for(make_options(tmp_path)):
+        assert await asyncio.to_thread(is_loading.wait, DEADLINE_S)
+    assert not may_end.is_set()
+    may_end.set()
 
 
 # A process of its own: this one has loaded nearly all modules already.

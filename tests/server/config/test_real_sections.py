@@ -29,9 +29,7 @@ def ignored_classes(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [r.message.partition(": ")[2] for r in caplog.records if r.levelname == "WARNING"]
 
 
-def test_udk_when_loaded_reports_only_keys_without_effect(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_udk_when_loaded_reports_only_keys_without_effect(caplog: pytest.LogCaptureFixture) -> None:
     _, file = read("udk.ini")
     # Physics of the part, numbers that UDK's source does not configure, and the near plane.
     assert unknown_keys(file) == ["Weight", "Sigma", "Mean", "Mass", "CameraNearPlane"]
@@ -68,7 +66,7 @@ def test_ut2004_when_loaded_reports_only_keys_without_effect(
     robot, file = read("ut2004.ini")
     # Karma's physics and its log; the motor's are of hinges, and there is none.
     assert unknown_keys(file) == [
-        *("bDebug", "Weight", "Payload", "ChassisMass", "MotorTorque", "MotorSpeed"),
+        *("bDebug", "Weight", "Payload", "ChassisMass", "MotorTorque", "MotorSpeed")
     ]
     assert ignored_classes(caplog) == [
         "class USARBot.RangeScanner3D is unknown: item TarantulaRangeScanner3D has no effect"

@@ -163,9 +163,7 @@ def test_camera_when_part_of_the_omni_camera_is_no_perspective_one() -> None:
     assert read_robot(ROBOTS / "omni_p2dx.ini")[0].perspective_cameras == ()
 
 
-def test_lens_when_larger_than_the_memory_limit_is_rejected_at_its_line(
-    tmp_path: Path,
-) -> None:
+def test_lens_when_larger_than_the_memory_limit_is_rejected_at_its_line(tmp_path: Path) -> None:
     path = tmp_path / "robot.ini"
     path.write_text(
         "[Configuration]\nBasedOn=p3at_udk.ini\n[USARSensor.USARCamera]\nResolutionX=8192\n"

@@ -14,7 +14,7 @@ from catoptra_server.config.robot_file import find_unserved_robots, read_robot, 
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
-from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
+from helpers.configs import OMNI_ROBOT, ROBOTS
 
 BARE = """\
 [USARBot.P2AT]
@@ -81,52 +81,6 @@ def test_robot_when_written_over_two_sections_is_one(tmp_path: Path) -> None:
 def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_path: Path) -> None:
     text = BARE.replace("Z=0.3)", "Z=0.3)'was y=-1.2")
     assert read_robot(write_file(tmp_path, text))[0].drive.dimensions_m == (0.5, 0.4, 0.3)
-
-
-@pytest.mark.parametrize(
-    ("edit", "key", "expected"),
-    [
-        (Edit("SteeringType=Skid", "SteeringType=Ackermann"), "SteeringType", "SkidSteered"),
-        (Edit("WheelRadius=0.13", "WheelRadius=0"), "WheelRadius", "from 0.001 to 10"),
-        (Edit("WheelSeparation=0.4712", "WheelSeparation=wide"), "WheelSeparation", "a number"),
-        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Dimensions.Y", "from 0.001 to 100"),
-        (Edit("(X=0.5238,Y=0.4968,Z=0.2913)", "(X=0.5238"), "Dimensions", "a struct such as"),
-        (Edit("TurnSlip=0.03", "TurnSlip=1.5"), "TurnSlip", "from 0 to 0.9"),
-        (Edit("msgTimer=0.2", "msgTimer=0"), "msgTimer", "from 0.01 to 60"),
-        (Edit("Decimals=2", "Decimals=2.5"), "Decimals", "a whole number from 0 to 12"),
-        (Edit("[USARBot.OmniP2AT]", "[USARBot.Omni P2AT]"), "section", "one word"),
-        (Edit('ItemName="GroundTruth"', 'ItemName=""'), "Sensors.ItemName", "one word"),
-        (Edit('ItemName="GroundTruth"', 'ItemName="a{b"'), "Sensors.ItemName", "one word"),
-        (Edit('ItemName="GroundTruth"', 'ItemName="a b"'), "Sensors.ItemName", "one word"),
-        (Edit('ItemName="GroundTruth"', 'ItemName="odometry"'), "Sensors.ItemName", "no other"),
-    ],
-    ids=lambda value: value.new if isinstance(value, Edit) else "",
-)
-def test_robot_when_broken_names_file_line_key_and_expectation(
-    tmp_path: Path, edit: Edit, key: str, expected: str
-) -> None:
-    path = write_edited_copy(OMNI_ROBOT, tmp_path, edit)
-    with pytest.raises(ConfigError) as caught:
-        read_robot(path)
-    error = caught.value
-    assert (error.location.file, error.location.line) == (
-        str(path),
-        find_line_number(path, edit.new),
-    )
-    assert error.key == key
-    assert expected in error.expected
-
-
-@pytest.mark.parametrize("key", ["Dimensions", "WheelRadius", "MaxSpeed", "Mass", "RideHeight"])
-def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str) -> None:
-    lines = [line for line in BARE.splitlines() if not line.startswith(key)]
-    with pytest.raises(ConfigError, match=rf"robot\.ini:1: USARBot\.P2AT\.{key}=''.*missing"):
-        read_robot(write_file(tmp_path, "\n".join(lines)))
-
-
-def test_file_when_it_has_no_robot_describes_one(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"robot\.ini: section=.*SteeringType=SkidSteered"):
-        read_robot(write_file(tmp_path, "[A.B]\nK=1\n"))
 
 
 def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Path) -> None:

@@ -137,9 +137,7 @@ def test_unknown_when_keys_and_members_were_not_read_lists_them() -> None:
         lambda s: s.get_wire_name("A"),
     ],
 )
-def test_unknown_when_a_key_was_read_omits_the_key(
-    read: Callable[[SectionReader], object],
-) -> None:
+def test_unknown_when_a_key_was_read_omits_the_key(read: Callable[[SectionReader], object]) -> None:
     section = make_section("A=1")
     read(section)
     assert section.unknown_names() == []

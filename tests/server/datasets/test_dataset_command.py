@@ -87,10 +87,7 @@ def test_folder_of_another_recipe_is_refused(
     ],
 )
 def test_bad_recipe_is_an_error_and_makes_no_folder(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    lines: tuple[str, ...],
-    message: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: tuple[str, ...], message: str
 ) -> None:
     recipe = write_recipe(tmp_path, lines=lines)
     assert main([str(recipe), "--out", str(tmp_path / "out")], Termination()) == 2

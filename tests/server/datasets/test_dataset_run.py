@@ -9,10 +9,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.dataset_run import (
-    DatasetRun,
-    ProgressReport,
-)
+from catoptra_server.datasets.dataset_run import DatasetRun, ProgressReport
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.drawn_datasets import draw_here
 

@@ -11,10 +11,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import DatasetRun
-from catoptra_server.datasets.local_workers import (
-    DatasetInterruptedError,
-    LocalWorkers,
-)
+from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
 from catoptra_server.datasets.shards import ShardJob
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.long_cases import quick_cases
@@ -69,8 +66,7 @@ def test_shard_whose_workers_all_die_is_an_error_that_names_the_sample(job: Shar
 
     workers = LocalWorkers(job, 1, count=count)
     with pytest.raises(
-        CatoptraError,
-        match=r"shard 0: 3 workers have ended .* sample [01]: ended by SIGKILL",
+        CatoptraError, match=r"shard 0: 3 workers have ended .* sample [01]: ended by SIGKILL"
     ):
         list(workers.draw([0]))
 

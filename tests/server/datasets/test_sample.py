@@ -93,8 +93,7 @@ def test_metadata_are_json_and_describe_camera_pose_and_light(tmp_path: Path) ->
     camera, _ = omni_camera_from_pairs(tuple(map(tuple, metadata["camera_model"])))
     assert (camera.width_px, camera.height_px) == (64, 64)
     np.testing.assert_array_equal(
-        metadata["world_from_camera"]["position_m"],
-        description.state.world_from_mirror.translation,
+        metadata["world_from_camera"]["position_m"], description.state.world_from_mirror.translation
     )
     np.testing.assert_array_equal(
         metadata["world_from_robot"]["quaternion_xyzw"],

@@ -26,7 +26,6 @@ from catoptra_server.frames.frame import (
     is_variant,
 )
 from catoptra_server.frames.plan.camera import CameraVariant
-from helpers.loopback import run_scenario
 
 
 def make_frame(rgb: npt.NDArray[np.uint8]) -> Frame:
@@ -38,7 +37,7 @@ def make_image(height: int, width: int) -> npt.NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("encoding", [ImageType.RAW, ImageType.BAD], ids=lambda e: e.name)
-def test_image_when_requested_by_several_clients_is_encoded_once(
+async def test_image_when_requested_by_several_clients_is_encoded_once(
     encoding: ImageType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[ImageType] = []
@@ -47,51 +46,39 @@ def test_image_when_requested_by_several_clients_is_encoded_once(
         calls.append(encoding)
         return b"encoded"
 
-    async def scenario() -> None:
-        frame = make_frame(make_image(4, 4))
-        encoded = await asyncio.gather(*[frame.encode(encoding) for _ in range(8)])
-        assert encoded == [b"encoded"] * 8
-        assert await frame.encode(encoding) is encoded[0]
-
     monkeypatch.setattr(encode_module, "_encode_image", encode)
-    run_scenario(scenario())
+    frame = make_frame(make_image(4, 4))
+    encoded = await asyncio.gather(*[frame.encode(encoding) for _ in range(8)])
+    assert encoded == [b"encoded"] * 8
+    assert await frame.encode(encoding) is encoded[0]
     assert calls == [encoding]
 
 
-def test_client_that_leaves_while_an_image_is_encoded_leaves_the_others_waiting() -> None:
-    async def scenario() -> None:
-        frame = make_frame(make_image(4, 4))
-        gone, stays = (asyncio.create_task(frame.encode(ImageType.GOOD)) for _ in range(2))
-        await asyncio.sleep(0)
-        gone.cancel()
-        assert len(await stays) > 0
-
-    run_scenario(scenario())
+async def test_client_that_leaves_while_an_image_is_encoded_leaves_the_others_waiting() -> None:
+    frame = make_frame(make_image(4, 4))
+    gone, stays = (asyncio.create_task(frame.encode(ImageType.GOOD)) for _ in range(2))
+    await asyncio.sleep(0)
+    gone.cancel()
+    assert len(await stays) > 0
 
 
-def test_jpeg_when_requested_by_both_transports_is_encoded_once() -> None:
-    async def scenario() -> None:
-        frame = make_frame(make_image(8, 8))
-        payload, reply = [await frame.encode(e) for e in (ImageEncoding.JPEG, ImageType.GOOD)]
-        assert isinstance(payload, memoryview)
-        assert payload.obj is reply
-        assert bytes(payload) == reply[-len(payload) :]
-
-    run_scenario(scenario())
+async def test_jpeg_when_requested_by_both_transports_is_encoded_once() -> None:
+    frame = make_frame(make_image(8, 8))
+    payload, reply = [await frame.encode(e) for e in (ImageEncoding.JPEG, ImageType.GOOD)]
+    assert isinstance(payload, memoryview)
+    assert payload.obj is reply
+    assert bytes(payload) == reply[-len(payload) :]
 
 
-def test_png_and_raw_of_the_stream_when_decoded_are_the_image() -> None:
-    async def scenario() -> None:
-        rgb = make_image(6, 5)
-        frame = make_frame(rgb)
-        png = cv2.imdecode(
-            np.frombuffer(await frame.encode(ImageEncoding.PNG), np.uint8), cv2.IMREAD_COLOR_RGB
-        )
-        np.testing.assert_array_equal(png, rgb)
-        raw = np.frombuffer(await frame.encode(ImageEncoding.RAW), np.uint8).reshape(rgb.shape)
-        np.testing.assert_array_equal(raw, rgb)
-
-    run_scenario(scenario())
+async def test_png_and_raw_of_the_stream_when_decoded_are_the_image() -> None:
+    rgb = make_image(6, 5)
+    frame = make_frame(rgb)
+    png = cv2.imdecode(
+        np.frombuffer(await frame.encode(ImageEncoding.PNG), np.uint8), cv2.IMREAD_COLOR_RGB
+    )
+    np.testing.assert_array_equal(png, rgb)
+    raw = np.frombuffer(await frame.encode(ImageEncoding.RAW), np.uint8).reshape(rgb.shape)
+    np.testing.assert_array_equal(raw, rgb)
 
 
 def test_difference_is_absolute_and_to_the_right_of_the_picture() -> None:
@@ -147,13 +134,10 @@ def test_objects_in_view_are_those_of_the_ids() -> None:
     assert FrameLabels(GroundTruth({}, OBJECTS)).objects_in_view() == ()
 
 
-def test_payloads_are_encoded_once() -> None:
-    async def encode_twice() -> None:
-        for encoding in ChannelEncoding:
-            first = await LABELS.encode(encoding)
-            assert await LABELS.encode(encoding) is first
-        raw, packed = [await LABELS.encode(encoding) for encoding in ChannelEncoding]
-        assert bytes(raw["ids"]) == IDS.tobytes() == zlib.decompress(packed["ids"])
-        assert bytes(raw["flow"]) == FLOW.tobytes()
-
-    asyncio.run(encode_twice())
+async def test_payloads_are_encoded_once() -> None:
+    for encoding in ChannelEncoding:
+        first = await LABELS.encode(encoding)
+        assert await LABELS.encode(encoding) is first
+    raw, packed = [await LABELS.encode(encoding) for encoding in ChannelEncoding]
+    assert bytes(raw["ids"]) == IDS.tobytes() == zlib.decompress(packed["ids"])
+    assert bytes(raw["flow"]) == FLOW.tobytes()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +28,6 @@ from catoptra_server.frames.mailbox import (
 from catoptra_server.frames.plan.camera import CameraVariant
 from catoptra_server.simulation.events import SimulationEvent
 from helpers.frame_requests import make_request
-from helpers.loopback import run_scenario
 
 NOW_S = 1000.0
 
@@ -53,19 +50,10 @@ class RequestCounter:
         self.newer_than = newer_than
 
 
-def run(
-    scenario: Callable[[Mailbox, RequestCounter], Coroutine[Any, Any, None]],
-    *,
-    prefetch: bool = True,
-) -> None:
-    """Run a scenario with a mailbox and the counter of its requests."""
-
-    # A mailbox belongs to the running loop: it is created on the loop.
-    async def with_mailbox() -> None:
-        requests = RequestCounter()
-        await scenario(Mailbox(requests, prefetch=prefetch, monotonic=lambda: NOW_S), requests)
-
-    run_scenario(with_mailbox())
+def make_mailbox(*, prefetch: bool = True) -> tuple[Mailbox, RequestCounter]:
+    """A mailbox of the running loop, and the counter of its requests."""
+    requests = RequestCounter()
+    return Mailbox(requests, prefetch=prefetch, monotonic=lambda: NOW_S), requests
 
 
 async def let_it_wait(task: asyncio.Task[Frame]) -> None:
@@ -74,26 +62,14 @@ async def let_it_wait(task: asyncio.Task[Frame]) -> None:
     assert not task.done()
 
 
-def test_frame_when_missing_is_requested_and_waited_for() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        assert requests.count == 1
-        mailbox.put(frame(1))
-        assert (await task).sequence == 1
-        assert requests.count == 2  # the next one, ahead
-
-    run(scenario)
-
-
-def test_frame_when_several_wait_reaches_all() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
-        await let_it_wait(tasks[-1])
-        mailbox.put(frame(1))
-        assert {(await task).sequence for task in tasks} == {1}
-
-    run(scenario)
+async def test_frame_when_missing_is_requested_and_waited_for() -> None:
+    mailbox, requests = make_mailbox()
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    assert requests.count == 1
+    mailbox.put(frame(1))
+    assert (await task).sequence == 1
+    assert requests.count == 2  # the next one, ahead
 
 
 @pytest.mark.parametrize(
@@ -106,263 +82,225 @@ def test_frame_when_several_wait_reaches_all() -> None:
     ],
     ids=["young and new", "known already", "older than drawing takes", "younger than a tick"],
 )
-def test_stored_frame_when_prefetching_is_served_if_fresh_and_new(
+async def test_stored_frame_when_prefetching_is_served_if_fresh_and_new(
     waiting: Frame, last: int, taken: bool
 ) -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(waiting)
-        await asyncio.sleep(0)
-        task = asyncio.create_task(mailbox.wait_for_newer(last))
-        await asyncio.sleep(0)
-        assert task.done() is taken
-        mailbox.put(frame(6))
-        assert (await task).sequence == (5 if taken else 6)
-
-    run(scenario)
+    mailbox, _ = make_mailbox()
+    mailbox.put(waiting)
+    await asyncio.sleep(0)
+    task = asyncio.create_task(mailbox.wait_for_newer(last))
+    await asyncio.sleep(0)
+    assert task.done() is taken
+    mailbox.put(frame(6))
+    assert (await task).sequence == (5 if taken else 6)
 
 
-def test_stored_frame_under_lockstep_is_never_served() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(5, drawn_s=1e9))
-        await asyncio.sleep(0)
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        mailbox.put(frame(6))
-        assert (await task).sequence == 6
-        assert requests.count == 1  # nothing ahead: time stands still
-
-    run(scenario, prefetch=False)
+async def test_stored_frame_under_lockstep_is_never_served() -> None:
+    mailbox, requests = make_mailbox(prefetch=False)
+    mailbox.put(frame(5, drawn_s=1e9))
+    await asyncio.sleep(0)
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    mailbox.put(frame(6))
+    assert (await task).sequence == 6
+    assert requests.count == 1  # nothing ahead: time stands still
 
 
-def test_frames_when_several_arrive_leave_the_newest() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        for sequence in (1, 2, 3):
-            mailbox.put(frame(sequence, drawn_s=1e9))
-        await asyncio.sleep(0)
-        assert (await mailbox.wait_for_newer(0)).sequence == 3
-
-    run(scenario)
+async def test_frames_when_several_arrive_leave_the_newest() -> None:
+    mailbox, _ = make_mailbox()
+    for sequence in (1, 2, 3):
+        mailbox.put(frame(sequence, drawn_s=1e9))
+    await asyncio.sleep(0)
+    assert (await mailbox.wait_for_newer(0)).sequence == 3
 
 
-def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
-        await let_it_wait(stays)
-        gone.cancel()
-        await let_it_wait(stays)
-        assert mailbox.wants_next
-        mailbox.put(frame(1))
-        assert (await stays).sequence == 1
-        assert gone.cancelled()
-
-    run(scenario)
+async def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
+    mailbox, _ = make_mailbox()
+    gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+    await let_it_wait(stays)
+    gone.cancel()
+    await let_it_wait(stays)
+    assert mailbox.wants_next
+    mailbox.put(frame(1))
+    assert (await stays).sequence == 1
+    assert gone.cancelled()
 
 
-def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        task = asyncio.create_task(mailbox.wait_for_newer(0))
-        await let_it_wait(task)
-        assert mailbox.wants_next
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        assert not mailbox.wants_next
-
-    run(scenario)
+async def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> None:
+    mailbox, _ = make_mailbox()
+    task = asyncio.create_task(mailbox.wait_for_newer(0))
+    await let_it_wait(task)
+    assert mailbox.wants_next
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert not mailbox.wants_next
 
 
-def test_frame_when_several_wait_is_requested_once() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(7, drawn_s=1e9))
-        assert (await mailbox.wait_for_newer(6)).sequence == 7
-        assert requests.newer_than == 7  # the next one, ahead
-        task = asyncio.create_task(mailbox.wait_for_newer(7))
-        await let_it_wait(task)
-        assert requests.newer_than == 7  # the same one again: it is drawn only once
-        mailbox.put(frame(8))
-        assert (await task).sequence == 8
-
-    run(scenario)
+async def test_frame_when_several_wait_is_requested_once() -> None:
+    mailbox, requests = make_mailbox()
+    mailbox.put(frame(7, drawn_s=1e9))
+    assert (await mailbox.wait_for_newer(6)).sequence == 7
+    assert requests.newer_than == 7  # the next one, ahead
+    task = asyncio.create_task(mailbox.wait_for_newer(7))
+    await let_it_wait(task)
+    assert requests.newer_than == 7  # the same one again: it is drawn only once
+    mailbox.put(frame(8))
+    assert (await task).sequence == 8
 
 
-def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        async def wait_and_cancel() -> None:
-            await mailbox.wait_for_newer(0)
-            cancelled.cancel()
+async def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
+    mailbox, _ = make_mailbox()
 
-        first = asyncio.create_task(wait_and_cancel())
-        await let_it_wait(first)
-        cancelled, last = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
-        await let_it_wait(last)
-        asyncio.get_running_loop().call_soon(mailbox.put, frame(1))
-        assert (await last).sequence == 1
-        await first
-        await asyncio.gather(cancelled, return_exceptions=True)
-        assert cancelled.cancelled()
+    async def wait_and_cancel() -> None:
+        await mailbox.wait_for_newer(0)
+        cancelled.cancel()
 
-    run(scenario)
+    first = asyncio.create_task(wait_and_cancel())
+    await let_it_wait(first)
+    cancelled, last = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+    await let_it_wait(last)
+    asyncio.get_running_loop().call_soon(mailbox.put, frame(1))
+    assert (await last).sequence == 1
+    await first
+    await asyncio.gather(cancelled, return_exceptions=True)
+    assert cancelled.cancelled()
 
 
-def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=False)
-        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        other = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        await let_it_wait(waiting)
-        assert posted == [FrameRequested(math.inf, IMAGE_PORT)]  # once, for both
-        boxes.put(frame(38))
-        assert (await waiting).sequence == (await other).sequence == 38
-        assert posted[1:] == [FrameRendered(IMAGE_PORT)]
-
-    run_scenario(scenario())
+async def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=False)
+    waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    other = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    await let_it_wait(waiting)
+    assert posted == [FrameRequested(math.inf, IMAGE_PORT)]  # once, for both
+    boxes.put(frame(38))
+    assert (await waiting).sequence == (await other).sequence == 38
+    assert posted[1:] == [FrameRendered(IMAGE_PORT)]
 
 
 @pytest.mark.parametrize("prefetch", [True, False])
-def test_frame_that_is_awaited_when_put_has_the_next_one_requested_at_once(prefetch: bool) -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=prefetch)
-        tasks = [asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0)) for _ in range(3)]
-        await let_it_wait(tasks[-1])
-        boxes.put(frame(1))
-        # Before any coroutine is resumed, and by none of them again.
-        expected = [FrameRendered(IMAGE_PORT), *[FrameRequested(1, IMAGE_PORT)][:prefetch]]
-        assert posted[1:] == expected
-        await asyncio.gather(*tasks)
-        assert posted[1:] == expected
+async def test_frame_that_is_awaited_when_put_has_the_next_one_requested_at_once(
+    prefetch: bool,
+) -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=prefetch)
+    tasks = [asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0)) for _ in range(3)]
+    await let_it_wait(tasks[-1])
+    boxes.put(frame(1))
+    # Before any coroutine is resumed, and by none of them again.
+    expected = [FrameRendered(IMAGE_PORT), *[FrameRequested(1, IMAGE_PORT)][:prefetch]]
+    assert posted[1:] == expected
+    await asyncio.gather(*tasks)
+    assert posted[1:] == expected
 
-    run_scenario(scenario())
 
-
-def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        held = boxes.get(IMAGE_PORT)
-        boxes.put(frame(1))
-        await asyncio.sleep(0)
-        assert posted == [FrameRendered(IMAGE_PORT)]
-        # A client that begins to wait between frame and delivery has the next one requested.
-        waiting = asyncio.create_task(held.wait_for_newer(1))
-        await let_it_wait(waiting)
-        assert posted[1:] == [FrameRequested(1, IMAGE_PORT)]
-        boxes.put(frame(2))
-        assert (await waiting).sequence == 2
-
-    run_scenario(scenario())
+async def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    held = boxes.get(IMAGE_PORT)
+    boxes.put(frame(1))
+    await asyncio.sleep(0)
+    assert posted == [FrameRendered(IMAGE_PORT)]
+    # A client that begins to wait between frame and delivery has the next one requested.
+    waiting = asyncio.create_task(held.wait_for_newer(1))
+    await let_it_wait(waiting)
+    assert posted[1:] == [FrameRequested(1, IMAGE_PORT)]
+    boxes.put(frame(2))
+    assert (await waiting).sequence == 2
 
 
 @pytest.mark.parametrize("prefetch", [True, False])
-def test_clients_of_a_frame_are_those_that_wait_or_would_request_it_next(prefetch: bool) -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda event: None, prefetch=prefetch)
-        assert boxes.find_clients(IMAGE_PORT) is None
-        held = boxes.get(IMAGE_PORT)
-        tasks = [asyncio.create_task(held.wait_for_newer(0, client)) for client in "ab"]
-        await let_it_wait(tasks[-1])
-        assert boxes.find_clients(IMAGE_PORT) == {"a", "b"}
-        tasks[0].cancel()
-        await asyncio.gather(tasks[0], return_exceptions=True)
-        assert boxes.find_clients(IMAGE_PORT) == {"b"}
-        boxes.put(frame(1))
-        await tasks[1]
-        # The next one is drawn ahead for the client that receives this one.
-        assert boxes.find_clients(IMAGE_PORT) == ({"b"} if prefetch else None)
-        del held, tasks
-        assert boxes.find_clients(IMAGE_PORT) is None
-
-    run_scenario(scenario())
-
-
-def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
-        await let_it_wait(waiting)
-        boxes.drop_frame(IMAGE_PORT)
-        await asyncio.sleep(0)
-        assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
-        boxes.put(frame(1))
-        assert (await waiting).sequence == 1
-
-    run_scenario(scenario())
+async def test_clients_of_a_frame_are_those_that_wait_or_would_request_it_next(
+    prefetch: bool,
+) -> None:
+    boxes = Mailboxes(lambda event: None, prefetch=prefetch)
+    assert boxes.find_clients(IMAGE_PORT) is None
+    held = boxes.get(IMAGE_PORT)
+    tasks = [asyncio.create_task(held.wait_for_newer(0, client)) for client in "ab"]
+    await let_it_wait(tasks[-1])
+    assert boxes.find_clients(IMAGE_PORT) == {"a", "b"}
+    tasks[0].cancel()
+    await asyncio.gather(tasks[0], return_exceptions=True)
+    assert boxes.find_clients(IMAGE_PORT) == {"b"}
+    boxes.put(frame(1))
+    await tasks[1]
+    # The next one is drawn ahead for the client that receives this one.
+    assert boxes.find_clients(IMAGE_PORT) == ({"b"} if prefetch else None)
+    del held, tasks
+    assert boxes.find_clients(IMAGE_PORT) is None
 
 
-def test_frame_that_is_repeated_has_a_new_number_and_times_and_the_same_payloads() -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda request: None, prefetch=True)
-        mailbox, first = boxes.get(IMAGE_PORT), frame(1)
-        request = dataclasses.replace(make_request(sequence=2), repeats=1)
-        assert not boxes.repeat(request)  # of a channel without a frame
-        boxes.put(first)
-        await asyncio.sleep(0)
-        waiting = asyncio.create_task(mailbox.wait_for_newer(1))
-        await let_it_wait(waiting)
-        assert boxes.repeat(request)
-        second = await waiting
-        assert (second.sequence, second.time_s, second.exposed_at_s) == (2, 0.5, 2.0)
-        assert second.rgb is first.rgb
-        assert await second.encode(ImageType.RAW) is await first.encode(ImageType.RAW)
-        assert not boxes.repeat(request)  # the newest is another one
-
-    run_scenario(scenario())
+async def test_frame_that_was_not_drawn_is_requested_again_for_who_waits_since() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+    await let_it_wait(waiting)
+    boxes.drop_frame(IMAGE_PORT)
+    await asyncio.sleep(0)
+    assert posted[1:] == [FrameRendered(IMAGE_PORT), FrameRequested(math.inf, IMAGE_PORT)]
+    boxes.put(frame(1))
+    assert (await waiting).sequence == 1
 
 
-def test_channel_that_restarts_its_count_is_requested_again() -> None:
-    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
-        mailbox.put(frame(9), is_next_requested=True)
-        for number in (1, 2):  # frames of another robot under the old name
-            task = asyncio.create_task(mailbox.wait_for_newer(9))
-            await let_it_wait(task)
-            assert requests.count == number - 1
-            mailbox.put(frame(number))
-            assert (await task).sequence == number
-            assert requests.newer_than == number
-
-    run(scenario)
-
-
-def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda request: None, prefetch=False)
-        lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
-        waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
-        other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
-        await let_it_wait(waiting)
-        boxes.fail(lost, "")
-        with pytest.raises(ChannelUnavailableError):
-            await waiting
-        boxes.put(frame(1))
-        assert (await other).sequence == 1
-
-    run_scenario(scenario())
+async def test_frame_that_is_repeated_has_a_new_number_and_times_and_the_same_payloads() -> None:
+    boxes = Mailboxes(lambda request: None, prefetch=True)
+    mailbox, first = boxes.get(IMAGE_PORT), frame(1)
+    request = dataclasses.replace(make_request(sequence=2), repeats=1)
+    assert not boxes.repeat(request)  # of a channel without a frame
+    boxes.put(first)
+    await asyncio.sleep(0)
+    waiting = asyncio.create_task(mailbox.wait_for_newer(1))
+    await let_it_wait(waiting)
+    assert boxes.repeat(request)
+    second = await waiting
+    assert (second.sequence, second.time_s, second.exposed_at_s) == (2, 0.5, 2.0)
+    assert second.rgb is first.rgb
+    assert await second.encode(ImageType.RAW) is await first.encode(ImageType.RAW)
+    assert not boxes.repeat(request)  # the newest is another one
 
 
-def test_mailbox_without_a_reference_is_freed() -> None:
-    async def scenario() -> None:
-        boxes = Mailboxes(lambda request: None, prefetch=False)
-        held = boxes.get(IMAGE_PORT)
-        assert boxes.get(IMAGE_PORT) is held
-        boxes.get(CameraChannel("R", ""))
-        assert len(boxes) == 1
-
-    run_scenario(scenario())
-
-
-def test_variant_of_a_camera_is_never_requested_ahead() -> None:
-    async def scenario() -> None:
-        posted: list[SimulationEvent] = []
-        boxes = Mailboxes(posted.append, prefetch=True)
-        channel = CameraChannel("R", "Omni", CameraVariant(samples=1))
-        task = asyncio.create_task(boxes.get(channel).wait_for_newer(0))
+async def test_channel_that_restarts_its_count_is_requested_again() -> None:
+    mailbox, requests = make_mailbox()
+    mailbox.put(frame(9), is_next_requested=True)
+    for number in (1, 2):  # frames of another robot under the old name
+        task = asyncio.create_task(mailbox.wait_for_newer(9))
         await let_it_wait(task)
-        boxes.put(dataclasses.replace(frame(1), channel=channel))
-        assert (await task).sequence == 1
-        assert posted == [FrameRequested(math.inf, channel), FrameRendered(channel)]
+        assert requests.count == number - 1
+        mailbox.put(frame(number))
+        assert (await task).sequence == number
+        assert requests.newer_than == number
 
-    run_scenario(scenario())
+
+async def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
+    boxes = Mailboxes(lambda request: None, prefetch=False)
+    lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
+    waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
+    other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
+    await let_it_wait(waiting)
+    boxes.fail(lost, "")
+    with pytest.raises(ChannelUnavailableError):
+        await waiting
+    boxes.put(frame(1))
+    assert (await other).sequence == 1
+
+
+async def test_mailbox_without_a_reference_is_freed() -> None:
+    boxes = Mailboxes(lambda request: None, prefetch=False)
+    held = boxes.get(IMAGE_PORT)
+    assert boxes.get(IMAGE_PORT) is held
+    boxes.get(CameraChannel("R", ""))
+    assert len(boxes) == 1
+
+
+async def test_variant_of_a_camera_is_never_requested_ahead() -> None:
+    posted: list[SimulationEvent] = []
+    boxes = Mailboxes(posted.append, prefetch=True)
+    channel = CameraChannel("R", "Omni", CameraVariant(samples=1))
+    task = asyncio.create_task(boxes.get(channel).wait_for_newer(0))
+    await let_it_wait(task)
+    boxes.put(dataclasses.replace(frame(1), channel=channel))
+    assert (await task).sequence == 1
+    assert posted == [FrameRequested(math.inf, channel), FrameRendered(channel)]
 
 
 OTHER = CameraChannel("R", "Rear")
@@ -375,10 +313,6 @@ def start_due_frames(
         scheduler.find_state(channel).start_frame(time_s, interval_s=interval_s)
         for channel in scheduler.due_channels(time_s)
     ]
-
-
-def test_channel_without_a_request_is_not_due() -> None:
-    assert CaptureScheduler().due_channels(0.0) == []
 
 
 def test_channel_when_requested_several_times_is_captured_once() -> None:

@@ -25,7 +25,12 @@ from catoptra_server.frames.frame import (
 )
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.camera import (
+    CameraSpec,
+    CameraVariant,
+    OmniCameraSpec,
+    PerspectiveCameraSpec,
+)
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread, render_frame
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.render_settings import RenderSettings
@@ -33,6 +38,10 @@ from catoptra_server.world.camera_state import CameraState
 from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
+
+
+def view_by(camera: CameraSpec) -> ViewRequest:
+    return ViewRequest(camera, CameraState(Pose.identity()))
 
 
 class FrameStore:
@@ -148,9 +157,7 @@ class _FailingViews(FakeViewProvider):
         return super().render(request)
 
 
-BROKEN = ViewRequest(
-    PerspectiveCameraSpec(PerspectiveCamera(4, 3, 2.0)), CameraState(Pose.identity())
-)
+BROKEN = view_by(PerspectiveCameraSpec(PerspectiveCamera(4, 3, 2.0)))
 BROKEN_CHANNEL = CameraChannel("R", "Broken")
 
 
@@ -213,19 +220,14 @@ def query_plans(render_thread: RenderThread, *clients: str) -> list[ViewState | 
     return replies
 
 
-def test_plan_query_is_answered_by_the_render_thread() -> None:
-    render_thread, _ = make_render_thread()
-    replies = query_plans(render_thread, "a")
-    render_thread.run(FakeViewProvider, lambda: None)
-    assert [isinstance(state, ViewState) and state.median_ms for state in replies] == [12.5]
-
-
 def test_plan_query_of_the_same_client_supersedes_the_older() -> None:
     render_thread, _ = make_render_thread()
     replies = query_plans(render_thread, "a", "b", "a")
     assert replies == [PlanFailure("superseded by a newer request")]
     render_thread.run(FakeViewProvider, lambda: None)
     assert [type(state) for state in replies] == [PlanFailure, ViewState, ViewState]
+    assert isinstance(replies[-1], ViewState)
+    assert replies[-1].median_ms == 12.5
 
 
 def test_plan_query_without_a_renderer_fails_in_words() -> None:
@@ -279,9 +281,7 @@ def test_idle_thread_closes_idle_views(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not thread.is_alive()
 
 
-SLOW = ViewRequest(
-    PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.5)), CameraState(Pose.identity())
-)
+SLOW = view_by(PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.5)))
 
 
 class _SlowViews(FakeViewProvider):
@@ -421,6 +421,10 @@ def test_pauses_of_many_channels_are_limited(others: int, attempts: int) -> None
     assert len(store.rejections) == others + 2
 
 
+def draw_frame(request: FrameRequest, views: FakeViewProvider | None) -> Frame:
+    return render_frame(request, views, monotonic=lambda: 0.0)
+
+
 BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "dim")
 
 
@@ -437,32 +441,28 @@ class _DecidingViews(FakeViewProvider):
 
 
 def test_frame_of_one_camera_has_its_decisions_and_of_several_none() -> None:
-    alone = render_frame(make_request(VIEW), _DecidingViews(), monotonic=lambda: 0.0)
+    alone = draw_frame(make_request(VIEW), _DecidingViews())
     layout = multi_view_layout(2, 1, width_px=4, height_px=3)
-    both = render_frame(
-        make_request(VIEW, VIEW, layout=layout), _DecidingViews(), monotonic=lambda: 0.0
-    )
+    both = draw_frame(make_request(VIEW, VIEW, layout=layout), _DecidingViews())
     assert (alone.effect_decisions, both.effect_decisions) == ((BLOOMING,), ())
 
 
 def test_frame_of_several_tiles_is_composed_and_its_times_are_sums() -> None:
     layout = multi_view_layout(2, 1, width_px=4, height_px=3)
-    frame = render_frame(
-        make_request(VIEW, VIEW, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
-    )
+    frame = draw_frame(make_request(VIEW, VIEW, layout=layout), FakeViewProvider())
     assert frame.rgb[0, :, 0].tolist() == [1, 1, 1, 1, 2, 2, 2, 2]
     assert frame.stage_ms == {"fake": 2.0}
 
 
 def test_frame_with_an_unused_tile_is_black_there_and_renders_nothing() -> None:
     views, layout = FakeViewProvider(), multi_view_layout(2, 1, width_px=4, height_px=3)
-    frame = render_frame(make_request(None, VIEW, layout=layout), views, monotonic=lambda: 0.0)
+    frame = draw_frame(make_request(None, VIEW, layout=layout), views)
     assert frame.rgb[0, :, 0].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert len(views.view_requests) == 1
 
 
 def test_frame_without_views_is_black() -> None:
-    frame = render_frame(make_request(VIEW), None, monotonic=lambda: 0.0)
+    frame = draw_frame(make_request(VIEW), None)
     assert (frame.rgb.shape, frame.rgb.any(), frame.plan) == ((3, 4, 3), False, None)
 
 
@@ -471,17 +471,13 @@ def test_frame_when_the_view_provider_is_empty_is_rendered() -> None:
         def __len__(self) -> int:
             return 0
 
-    assert render_frame(make_request(VIEW), Unprepared(), monotonic=lambda: 0.0).rgb.any()
+    assert draw_frame(make_request(VIEW), Unprepared()).rgb.any()
 
 
 def test_frame_of_an_omni_camera_carries_the_bound_of_its_plan() -> None:
-    view = ViewRequest(
-        OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity())
-    )
+    view = view_by(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings))
     layout = TileLayout(1, 1, 8, 6, 8, 6)
-    frame = render_frame(
-        make_request(view, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
-    )
+    frame = draw_frame(make_request(view, layout=layout), FakeViewProvider())
     assert frame.error_bounds is not None
     assert frame.error_bound_px == frame.error_bounds["outline_px"] > 0.0
     assert "rounding_px" in frame.error_bounds
@@ -489,15 +485,9 @@ def test_frame_of_an_omni_camera_carries_the_bound_of_its_plan() -> None:
 
 def test_frame_when_one_view_has_no_bound_has_none() -> None:
     layout = multi_view_layout(2, 1, width_px=8, height_px=6)
-    omni = ViewRequest(
-        OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity())
-    )
-    perspective = ViewRequest(
-        PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0)), CameraState(Pose.identity())
-    )
-    frame = render_frame(
-        make_request(omni, perspective, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
-    )
+    omni = view_by(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings))
+    perspective = view_by(PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0)))
+    frame = draw_frame(make_request(omni, perspective, layout=layout), FakeViewProvider())
     assert (frame.error_bounds, frame.error_bound_px) == (None, None)
 
 
@@ -505,8 +495,8 @@ def test_bounds_of_several_views_are_the_largest_of_each() -> None:
     specs = [OmniCameraSpec(CAMERA.camera, RenderSettings(samples=samples)) for samples in (4, 1)]
     layout = multi_view_layout(2, 1, width_px=8, height_px=6)
     views = FakeViewProvider()
-    requests = [ViewRequest(spec, CameraState(Pose.identity())) for spec in specs]
-    frame = render_frame(make_request(*requests, layout=layout), views, monotonic=lambda: 0.0)
+    requests = [view_by(spec) for spec in specs]
+    frame = draw_frame(make_request(*requests, layout=layout), views)
     coarse = views.error_bound(specs[1])
     assert coarse is not None
     assert frame.error_bounds == coarse.numbers_by_name()
@@ -515,11 +505,7 @@ def test_bounds_of_several_views_are_the_largest_of_each() -> None:
 def test_frame_with_a_reference_shows_the_difference_and_has_the_view_s_own_numbers() -> None:
     request = make_request(VIEW)
     composition = dataclasses.replace(request.composition, reference=VIEW)
-    frame = render_frame(
-        dataclasses.replace(request, composition=composition),
-        FakeViewProvider(),
-        monotonic=lambda: 0.0,
-    )
+    frame = draw_frame(dataclasses.replace(request, composition=composition), FakeViewProvider())
     # The fake view counts its frames in grey levels.
     assert frame.rgb[0, :, 0].tolist() == [1, 1, 1, 1, 1, 1, 1, 1]
     assert frame.difference is not None

@@ -232,11 +232,6 @@ LENS, MIRROR = lens(), mirror()
 # --- Preparation and memory
 
 
-def test_no_view_is_prepared_before_the_first_frame() -> None:
-    fakes = Fakes()
-    assert (len(fakes.views), fakes.log) == (0, [])
-
-
 def test_cameras_of_one_plan_share_a_view_whatever_effects_they_have() -> None:
     fakes = Fakes()
     fakes.render(lens(20), lens(20), lens(30), lens(20))

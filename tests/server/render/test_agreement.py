@@ -16,12 +16,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer

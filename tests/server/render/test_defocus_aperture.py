@@ -23,9 +23,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
-)
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.raster import RasterRenderer

@@ -14,12 +14,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,

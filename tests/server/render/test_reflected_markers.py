@@ -62,10 +62,7 @@ def reflect_pixel(
         slope = mpf(radius_px) * mpf(camera.inverse_focal_length)
         depth = mp.findroot(lambda d: equation(slope * d, d), _bracket(equation, slope))
         r = slope * depth
-        normal = (
-            diff(lambda x: equation(x, depth), r),
-            diff(lambda y: equation(r, y), depth),
-        )
+        normal = (diff(lambda x: equation(x, depth), r), diff(lambda y: equation(r, y), depth))
         length = sqrt(normal[0] ** 2 + normal[1] ** 2)
         n_r, n_depth = normal[0] / length, normal[1] / length
         norm = sqrt(1 + slope**2)

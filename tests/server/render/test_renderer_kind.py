@@ -14,11 +14,7 @@ from catoptra_server.config.startup import create_ray_caster, read_startup_confi
 from catoptra_server.frames import renderers as renderer_choice
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.render.raster import device as gl_device
-from catoptra_server.render.renderer_kind import (
-    RENDERER_NAMES,
-    RendererKind,
-    has_embreex,
-)
+from catoptra_server.render.renderer_kind import RENDERER_NAMES, RendererKind, has_embreex
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world

@@ -70,10 +70,7 @@ class Exit:
 def stop_on_signal(termination: Termination) -> Iterator[threading.Event]:
     """Handle signals with an orderly end, the event, that does not come."""
     stopping = threading.Event()
-    with (
-        termination.handle_signals(),
-        termination.call_on_signal(stopping.set, flush=lambda: None),
-    ):
+    with termination.handle_signals(), termination.call_on_signal(stopping.set, flush=lambda: None):
         yield stopping
 
 
@@ -133,10 +130,7 @@ def test_first_signal_begins_an_orderly_end() -> None:
 def test_orderly_end_that_takes_too_long_is_cut_short_after_the_log() -> None:
     exit_process, flushed = Exit(), threading.Event()
     termination = Termination(exit_process, grace_s=0.01)
-    with (
-        termination.handle_signals(),
-        termination.call_on_signal(lambda: None, flush=flushed.set),
-    ):
+    with termination.handle_signals(), termination.call_on_signal(lambda: None, flush=flushed.set):
         signal.raise_signal(signal.SIGTERM)
         assert exit_process.wait() == 0
         assert flushed.is_set()

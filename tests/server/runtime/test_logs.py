@@ -13,13 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from catoptra_server.runtime import logs as module
-from catoptra_server.runtime.logs import (
-    MAX_LINES,
-    WINDOW_S,
-    LineLimiter,
-    LogWriter,
-    write_log,
-)
+from catoptra_server.runtime.logs import MAX_LINES, WINDOW_S, LineLimiter, LogWriter, write_log
 from helpers.deadline import Deadline
 
 

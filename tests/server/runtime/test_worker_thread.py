@@ -16,7 +16,7 @@ from catoptra_server.runtime.worker_thread import (
     WorkerThread,
     lower_thread_priority,
 )
-from helpers.loopback import DEADLINE_S, run_scenario
+from helpers.loopback import DEADLINE_S
 
 
 class Work:
@@ -42,15 +42,12 @@ class Work:
         self._stopped.set()
 
 
-def test_worker_when_stopped_has_ended() -> None:
-    async def scenario() -> None:
-        work = Work()
-        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
-        await worker.start()
-        await worker.stop()
-        assert work.has_ended
-
-    run_scenario(scenario())
+async def test_worker_when_stopped_has_ended() -> None:
+    work = Work()
+    worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
+    await worker.start()
+    await worker.stop()
+    assert work.has_ended
 
 
 @pytest.mark.parametrize(
@@ -60,31 +57,25 @@ def test_worker_when_stopped_has_ended() -> None:
         ("in words", DomainError, "no renderer"),
     ],
 )
-def test_worker_that_cannot_start_raises_the_reason(
+async def test_worker_that_cannot_start_raises_the_reason(
     fails: str, error: type[Exception], reason: str
 ) -> None:
-    async def scenario() -> None:
-        work = Work(fails=fails)
-        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
-        with pytest.raises(error, match=reason):
-            await worker.start()
-
-    run_scenario(scenario())
+    work = Work(fails=fails)
+    worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
+    with pytest.raises(error, match=reason):
+        await worker.start()
 
 
-def test_worker_when_it_fails_later_reports_at_once_and_when_stopped(
+async def test_worker_when_it_fails_later_reports_at_once_and_when_stopped(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def scenario() -> None:
-        failed = asyncio.Event()
-        work = Work(fails="after")
-        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=failed.set)
-        await worker.start()
-        await failed.wait()
-        with pytest.raises(ThreadFailedError, match="the w thread failed: ValueError: broken"):
-            await worker.stop()
-
-    run_scenario(scenario())
+    failed = asyncio.Event()
+    work = Work(fails="after")
+    worker = WorkerThread("w", work.run, stop=work.stop, on_failure=failed.set)
+    await worker.start()
+    await failed.wait()
+    with pytest.raises(ThreadFailedError, match="the w thread failed: ValueError: broken"):
+        await worker.stop()
     assert "the w thread failed: the server ends" in caplog.text
     assert "ValueError: broken" in caplog.text
 

@@ -13,18 +13,13 @@ from dataclasses import dataclass
 import pytest
 
 from catoptra_server.serve import port as port_module
-from catoptra_server.serve.port import (
-    ConnectionLimits,
-    Port,
-    create_listener,
-    warn_of_exposure,
-)
-from helpers.loopback import HOST, run_scenario, wait_until
+from catoptra_server.serve.port import ConnectionLimits, Port, create_listener, warn_of_exposure
+from helpers.loopback import HOST, wait_until
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.5.6.7", "::1", "localhost"])
-def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) -> None:
-    run_scenario(warn_of_exposure(host))
+async def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) -> None:
+    await warn_of_exposure(host)
     assert caplog.records == []
 
 
@@ -32,18 +27,18 @@ def test_loopback_is_no_exposure(host: str, caplog: pytest.LogCaptureFixture) ->
     ("host", "named"),
     [("0.0.0.0", "0.0.0.0"), ("::", "::"), ("", "0.0.0.0"), ("192.0.2.7", "192.0.2.7")],
 )
-def test_address_of_the_network_is_warned_of_in_words(
+async def test_address_of_the_network_is_warned_of_in_words(
     host: str, named: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    run_scenario(warn_of_exposure(host))
+    await warn_of_exposure(host)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "without authentication" in caplog.text
     assert named in caplog.text
 
 
-def test_unknown_host_is_left_to_the_ports(caplog: pytest.LogCaptureFixture) -> None:
+async def test_unknown_host_is_left_to_the_ports(caplog: pytest.LogCaptureFixture) -> None:
     # A name that is wrong before any name server is queried.
-    run_scenario(warn_of_exposure("a..b"))
+    await warn_of_exposure("a..b")
     assert caplog.records == []
 
 
@@ -129,48 +124,39 @@ def open_port(
             connection.end()
 
 
-def test_connections_are_opened_with_their_address() -> None:
-    async def scenario() -> None:
-        with open_port() as port:
-            clients = [socket.create_connection((HOST, port.number)) for _ in range(40)]
-            await wait_until(lambda: len(port) == len(clients), "connection")
-            addresses = {"{}:{}".format(*client.getsockname()) for client in clients}
-            assert {one.address for one in port} == addresses
-            for client in clients:
-                client.close()
-
-    run_scenario(scenario())
+async def test_connections_are_opened_with_their_address() -> None:
+    with open_port() as port:
+        clients = [socket.create_connection((HOST, port.number)) for _ in range(40)]
+        await wait_until(lambda: len(port) == len(clients), "connection")
+        addresses = {"{}:{}".format(*client.getsockname()) for client in clients}
+        assert {one.address for one in port} == addresses
+        for client in clients:
+            client.close()
 
 
-def test_connections_have_keepalive_and_send_without_delay() -> None:
-    async def scenario() -> None:
-        with open_port() as port, socket.create_connection((HOST, port.number)):
-            await wait_until(lambda: bool(len(port)), "connection")
-            (end,) = (one.accepted for one in port)
-            assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
-
-    run_scenario(scenario())
+async def test_connections_have_keepalive_and_send_without_delay() -> None:
+    with open_port() as port, socket.create_connection((HOST, port.number)):
+        await wait_until(lambda: bool(len(port)), "connection")
+        (end,) = (one.accepted for one in port)
+        assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
 
 
-def test_newcomer_with_bytes_passes_a_storm_of_silent_and_closed_connections() -> None:
-    async def scenario() -> None:
-        with open_port(ConnectionLimits(max_connections=300)) as port:
-            silent = [socket.create_connection((HOST, port.number)) for _ in range(100)]
-            for client in silent[70:]:
-                client.close()
-            with socket.create_connection((HOST, port.number)) as newcomer:
-                newcomer.sendall(b"INIT")
-                address = "{}:{}".format(*newcomer.getsockname())
-                await wait_until(lambda: any(one.address == address for one in port), "newcomer")
-                # 64 at once, then 20 a second: five of the silent ones are still to come.
-                assert len(port) < 68
-            await wait_until(lambda: len(port) == 71, "connections that are still open")
-            for client in silent:
-                client.close()
-
-    run_scenario(scenario())
+async def test_newcomer_with_bytes_passes_a_storm_of_silent_and_closed_connections() -> None:
+    with open_port(ConnectionLimits(max_connections=300)) as port:
+        silent = [socket.create_connection((HOST, port.number)) for _ in range(100)]
+        for client in silent[70:]:
+            client.close()
+        with socket.create_connection((HOST, port.number)) as newcomer:
+            newcomer.sendall(b"INIT")
+            address = "{}:{}".format(*newcomer.getsockname())
+            await wait_until(lambda: any(one.address == address for one in port), "newcomer")
+            # 64 at once, then 20 a second: five of the silent ones are still to come.
+            assert len(port) < 68
+        await wait_until(lambda: len(port) == 71, "connections that are still open")
+        for client in silent:
+            client.close()
 
 
 def fill(port: Port[FakeConnection], **states: list[int]) -> list[FakeConnection]:
@@ -203,119 +189,101 @@ ALL = [0, 1, 2, 3]
         ({"old": [0, 1, 2], "has_handshake": ALL}, 0),
     ],
 )
-def test_newcomer_at_the_limit_takes_the_place_that_is_needed_least(
+async def test_newcomer_at_the_limit_takes_the_place_that_is_needed_least(
     states: dict[str, list[int]], ended: int | None
 ) -> None:
-    async def scenario() -> None:
-        with open_port(ConnectionLimits(max_connections=4)) as port:
-            clients = [socket.create_connection((HOST, port.number)) for _ in range(4)]
-            await wait_until(lambda: len(port) == 4, "full port")
-            before = fill(port, **states)
-            reader, writer = await asyncio.open_connection(HOST, port.number)
-            if ended is None:
-                assert await reader.read() == b""
-                assert [*port] == before
-            else:
-                await wait_until(lambda: [*port] != before, "newcomer")
-                assert [one for one in before if one not in port] == [before[ended]]
-                assert len(port) == 4
-            writer.close()
-            for client in clients:
-                client.close()
-
-    run_scenario(scenario())
+    with open_port(ConnectionLimits(max_connections=4)) as port:
+        clients = [socket.create_connection((HOST, port.number)) for _ in range(4)]
+        await wait_until(lambda: len(port) == 4, "full port")
+        before = fill(port, **states)
+        reader, writer = await asyncio.open_connection(HOST, port.number)
+        if ended is None:
+            assert await reader.read() == b""
+            assert [*port] == before
+        else:
+            await wait_until(lambda: [*port] != before, "newcomer")
+            assert [one for one in before if one not in port] == [before[ended]]
+            assert len(port) == 4
+        writer.close()
+        for client in clients:
+            client.close()
 
 
-def test_address_of_another_machine_has_a_limit_of_its_own(
+async def test_address_of_another_machine_has_a_limit_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(port_module, "find_shared_address", lambda address: "192.0.2.7")
-
-    async def scenario() -> None:
-        with open_port(ConnectionLimits(max_per_address=2)) as port:
-            clients = [socket.create_connection((HOST, port.number)) for _ in range(2)]
-            await wait_until(lambda: len(port) == 2, "connections")
-            fill(port, has_handshake=[0, 1], is_in_use=[0, 1])
-            reader, writer = await asyncio.open_connection(HOST, port.number)
-            assert await reader.read() == b""
-            writer.close()
-            for client in clients:
-                client.close()
-
-    run_scenario(scenario())
+    with open_port(ConnectionLimits(max_per_address=2)) as port:
+        clients = [socket.create_connection((HOST, port.number)) for _ in range(2)]
+        await wait_until(lambda: len(port) == 2, "connections")
+        fill(port, has_handshake=[0, 1], is_in_use=[0, 1])
+        reader, writer = await asyncio.open_connection(HOST, port.number)
+        assert await reader.read() == b""
+        writer.close()
+        for client in clients:
+            client.close()
 
 
-def test_connection_without_a_word_in_time_or_with_a_reason_is_ended(
+async def test_connection_without_a_word_in_time_or_with_a_reason_is_ended(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def scenario() -> None:
-        limits = ConnectionLimits(handshake_timeout_s=0.3)
-        with open_port(limits, check=lambda one, _: "too old" if one.has_left else "") as port:
-            ends = [await asyncio.open_connection(HOST, port.number) for _ in range(3)]
-            await wait_until(lambda: len(port) == 3, "connections")
-            fill(port, has_handshake=[0, 1], has_left=[1])
-            assert await ends[1][0].read() == b""
-            assert await ends[2][0].read() == b""
-            assert not ends[0][0].at_eof()
-            for _, writer in ends:
-                writer.close()
-
-    with caplog.at_level(logging.INFO):
-        run_scenario(scenario())
+    caplog.set_level(logging.INFO)
+    limits = ConnectionLimits(handshake_timeout_s=0.3)
+    with open_port(limits, check=lambda one, _: "too old" if one.has_left else "") as port:
+        ends = [await asyncio.open_connection(HOST, port.number) for _ in range(3)]
+        await wait_until(lambda: len(port) == 3, "connections")
+        fill(port, has_handshake=[0, 1], has_left=[1])
+        assert await ends[1][0].read() == b""
+        assert await ends[2][0].read() == b""
+        assert not ends[0][0].at_eof()
+        for _, writer in ends:
+            writer.close()
     assert "nothing valid within 0.3 s" in caplog.text
     assert "too old" in caplog.text
 
 
-def test_memory_is_released_once_after_connections_have_ended(
+async def test_memory_is_released_once_after_connections_have_ended(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     releases: list[int] = []
     monkeypatch.setattr(port_module, "_TRIM_DELAY_S", 0.1)
     monkeypatch.setattr(port_module, "release_freed_memory", lambda: releases.append(1))
-
-    async def scenario() -> None:
-        with open_port() as port:
-            clients = [socket.create_connection((HOST, port.number)) for _ in range(3)]
-            await wait_until(lambda: len(port) == 3, "connections")
-            for connection, client in zip(port, clients, strict=True):
-                port.remove(connection)
-                connection.end()
-                client.close()
-            await wait_until(lambda: bool(releases), "release")
-            assert len(releases) == 1
-
-    run_scenario(scenario())
+    with open_port() as port:
+        clients = [socket.create_connection((HOST, port.number)) for _ in range(3)]
+        await wait_until(lambda: len(port) == 3, "connections")
+        for connection, client in zip(port, clients, strict=True):
+            port.remove(connection)
+            connection.end()
+            client.close()
+        await wait_until(lambda: bool(releases), "release")
+        assert len(releases) == 1
 
 
-def test_connection_that_is_refused_is_closed_and_logged(caplog: pytest.LogCaptureFixture) -> None:
-    async def scenario() -> None:
-        with open_port(refusal="no room") as port:
-            reader, writer = await asyncio.open_connection(HOST, port.number)
-            assert await reader.read() == b""
-            writer.close()
-
-    run_scenario(scenario())
+async def test_connection_that_is_refused_is_closed_and_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with open_port(refusal="no room") as port:
+        reader, writer = await asyncio.open_connection(HOST, port.number)
+        assert await reader.read() == b""
+        writer.close()
     assert "to the x port closed: no room" in caplog.text
 
 
-def test_accept_without_descriptors_pauses_with_a_line_and_continues(
+async def test_accept_without_descriptors_pauses_with_a_line_and_continues(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def scenario() -> None:
-        clients = [socket.socket() for _ in range(8)]
-        with open_port() as port:
-            with few_descriptors(2):
-                for client in clients:
-                    client.connect((HOST, port.number))
-                await wait_until(lambda: len(caplog.records) == 3, "third pause")
-                assert len(port) <= 2
-            await wait_until(lambda: len(port) == len(clients), "other connections")
-            for client in clients:
-                client.close()
-
     monkeypatch.setattr(port_module, "_ACCEPT_RETRY_S", 0.05)
-    with caplog.at_level(logging.WARNING):
-        run_scenario(scenario())
+    caplog.set_level(logging.WARNING)
+    clients = [socket.socket() for _ in range(8)]
+    with open_port() as port:
+        with few_descriptors(2):
+            for client in clients:
+                client.connect((HOST, port.number))
+            await wait_until(lambda: len(caplog.records) == 3, "third pause")
+            assert len(port) <= 2
+        await wait_until(lambda: len(port) == len(clients), "other connections")
+        for client in clients:
+            client.close()
     assert "the x port accepts no connection for 0.05 s (3 times so far): Too many open" in (
         caplog.text
     )

@@ -137,17 +137,6 @@ def test_robot_when_the_other_is_removed_continues() -> None:
     assert true_x_m(one) == pytest.approx(1.3)
 
 
-def test_scan_when_another_robot_is_on_the_right_is_shorter_in_its_low_half() -> None:
-    fleet = make_fleet()
-    one = spawn(fleet, "P2AT", 0.0)
-    spawn(fleet, "Small", 0.1, 2.0)
-    run(fleet, 0.2)
-    scan = last_report(one, RangeScanReading)
-    assert isinstance(scan, RangeScanReading)
-    assert scan.ranges_m[0] == pytest.approx(1.85)
-    assert set(scan.ranges_m[90:]) == {20.0}
-
-
 def test_scan_when_the_other_moved_has_its_new_position() -> None:
     fleet = make_fleet()
     one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
@@ -168,16 +157,6 @@ def test_joints_when_driven_in_one_line_all_move() -> None:
     status = last_report(client, MissionPackageStatus)
     assert isinstance(status, MissionPackageStatus)
     assert [link.value for link in status.links] == pytest.approx([0.1, -0.1])
-
-
-def test_environment_of_a_robot_has_the_other_robots_alone() -> None:
-    fleet = make_fleet()
-    one, _ = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
-    robot = fleet.find_robot(one)
-    assert robot is not None
-    ((pose, size_m),) = fleet.sense(robot).robot_boxes
-    assert size_m == (0.3, 0.3, 0.3)
-    assert tuple(pose.translation) == (2.0, 0.0, -0.15)
 
 
 def test_package_when_commanded_by_either_command_moves() -> None:
@@ -254,12 +233,6 @@ def test_robot_without_a_free_place_is_refused_in_words(monkeypatch: pytest.Monk
     assert not refused[0].reports
     assert fleet.find_robot(refused[0]) is None
     assert_apart(fleet, [client for client in clients if client.spawns])
-
-
-@pytest.mark.parametrize("x_m", [1e308, -1e19, 1.01e5])
-def test_robot_out_of_limits_is_refused_and_nothing_overflows(x_m: float) -> None:
-    client = spawn(make_fleet(), "P2AT", x_m)
-    assert "out of limits" in client.rejections[0]
 
 
 @pytest.mark.parametrize("x_m", [1e5, -1e5])

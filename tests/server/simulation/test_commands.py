@@ -19,7 +19,6 @@ from catoptra_protocol.usarsim.commands import (
 )
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import (
-    CommandResult,
     EncoderReadings,
     InsReading,
     OdometryReading,
@@ -146,8 +145,7 @@ def test_omni_camera_when_set_to_a_target_is_rendered_by_the_target() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "params"),
-    [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")],
+    ("name", "params"), [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")]
 )
 def test_accuracy_target_when_invalid_has_the_result_failed_and_stays(
     name: str, params: str | None
@@ -195,9 +193,7 @@ def test_sensor_of_a_bundled_robot_replies_with_its_name(
     [robot for _, robot in bundled_robots()],
     ids=[name for name, _ in bundled_robots()],
 )
-def test_line_of_a_bundled_robot_names_parts_that_reply(
-    description: RobotDescription,
-) -> None:
+def test_line_of_a_bundled_robot_names_parts_that_reply(description: RobotDescription) -> None:
     robot = spawn(description)
     for sensor, report in zip(robot.sensors, robot.read_all(0.0), strict=False):
         line = line_from_report(report).decode()
@@ -223,14 +219,6 @@ def test_package_and_camera_when_requested_reply() -> None:
         b"GEO {Type Camera} {Name Camera Location 0.0820,0.0002,0.0613 "
         b"Orientation 0.0000,0.0000,0.0000 Mount CameraTilt}\r\n"
     )
-
-
-def test_question_when_nothing_matches_has_the_empty_form() -> None:
-    robot = spawn(make_p2at())
-    (conf,) = execute_get_conf(robot, GetConf("RFID"))
-    (geo,) = execute_get_geo(robot, GetGeo("RFID", "X"))
-    assert line_from_report(conf) == b"CONF {Type RFID}\r\n"
-    assert line_from_report(geo) == b"GEO {Type RFID} {Name X}\r\n"
 
 
 def test_omni_camera_when_its_bound_is_known_reports_it_after_the_camera_model() -> None:
@@ -263,31 +251,13 @@ def test_reply_in_udk_equals_the_capture(command: GetConf | GetGeo, line: bytes)
     assert line_from_report(report, Dialect.UDK) == line
 
 
-def make_robot() -> Robot:
-    return Robot(make_p2at(), PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
-
-
 def refuse_to_sense() -> SensorEnvironment:
     raise AssertionError("the command reads no sensor")
 
 
-def test_drive_sets_the_wheels_and_reports_nothing() -> None:
-    robot = make_robot()
-    assert execute_control(robot, Drive(1.0, 2.0), 0.0, refuse_to_sense) == []
-    assert robot.wheel_speeds_rad_s == (1.0, 2.0)
-
-
 def test_trace_is_accepted_without_a_reply() -> None:
     command = Trace(True, 1.0, "Red")
-    assert execute_control(make_robot(), command, 0.0, refuse_to_sense) == []
-
-
-@pytest.mark.parametrize(("name", "status"), [("Odometry", "OK"), ("Other", "Failed")])
-def test_set_reports_its_result(name: str, status: str) -> None:
-    command = SetCommand("Odometry", name, "RESET", None)
-    (result,) = execute_control(make_robot(), command, 0.0, lambda: EMPTY_ENVIRONMENT)
-    assert isinstance(result, CommandResult)
-    assert result.status == status
+    assert execute_control(spawn(make_p2at()), command, 0.0, refuse_to_sense) == []
 
 
 ROLLING = (1.0, -1.0)
@@ -317,12 +287,6 @@ class SharingFleet:
         robot = self.fleet.find_robot(self.owner)
         assert robot is not None
         return robot.wheel_speeds_rad_s
-
-
-def test_robot_when_shared_is_driven_by_others() -> None:
-    sharing = SharingFleet()
-    sharing.drive(sharing.driver)
-    assert sharing.speeds == ROLLING
 
 
 def test_robot_when_not_shared_is_driven_by_its_owner_only() -> None:

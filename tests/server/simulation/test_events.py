@@ -39,10 +39,7 @@ WORK: tuple[tuple[ClientWork, list[object]], ...] = (
     (StepRequested(CLIENT, 1.0, store), [(StepResult(0.5, failure=FAULT_REASON),)]),
     (ResetRequested(CLIENT, store), [()]),
     (LandmarksRequested(CLIENT, CameraChannel("R", ""), store), [(0.5, Fault(FAULT_REASON))]),
-    (
-        AccuracyTargetChanged(CLIENT, "Omni", 1.0, None, store),
-        [(Fault(FAULT_REASON), "Omni")],
-    ),
+    (AccuracyTargetChanged(CLIENT, "Omni", 1.0, None, store), [(Fault(FAULT_REASON), "Omni")]),
     (
         PixelRequested(CLIENT, CameraChannel("R", ""), (0.5, 0.5), store),
         [(0.5, Fault(FAULT_REASON))],

@@ -231,17 +231,6 @@ def test_sensors_when_none_is_due_cast_no_rays() -> None:
     assert queries == [0, 2, 3, 5, 6]
 
 
-def test_robot_when_driving_at_a_wall_stops_at_the_surface() -> None:
-    fleet = make_fleet(wall_m=1.0)
-    client = spawn(fleet)
-    fleet.execute(client, Drive(5.0, 5.0), 0.0)
-    for tick in range(1, 201):
-        fleet.step(0.02, tick * 0.02)
-        fleet.deliver_due_reports(tick * 0.02)
-    nose = read_ground_truth(client).location_m[0] + 0.5 * 0.5238
-    assert 1.0 - 1e-3 < nose <= 1.0
-
-
 def test_frame_of_the_image_port_is_of_the_first_robot() -> None:
     views, fleet = FakeViewProvider(), make_fleet()
     spawn(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))

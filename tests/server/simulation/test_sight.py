@@ -218,8 +218,8 @@ def test_ball_next_to_a_mirror_without_a_viewpoint_is_where_it_is_drawn(
     drawn_px = centroid_px(light)
     things = NamedScene(scene, EmbreeRayCaster(scene), (), ())
     spec = OmniCameraSpec(camera, RenderSettings())
-    left, top = (int(value) - 12 for value in drawn_px)
-    names = np.zeros((48, 48))
+    left, top = (int(value) - 6 for value in drawn_px)
+    names = np.zeros((24, 24))
     for row, column in np.ndindex(names.shape):
         point = (left + (column + 0.5) / 2.0, top + (row + 0.5) / 2.0)
         view = look_through_pixel(spec, Pose.identity(), point, things, None)
@@ -241,9 +241,7 @@ def centroid_px(image: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("point_px", [(1.0, 1.0), (-1.0, 100.0), (100.0, 201.0), (math.inf, 0.0)])
-def test_pixel_outside_the_mirror_or_the_image_shows_nothing(
-    point_px: tuple[float, float],
-) -> None:
+def test_pixel_outside_the_mirror_or_the_image_shows_nothing(point_px: tuple[float, float]) -> None:
     assert look(OMNI, point_px) == OUTSIDE
 
 

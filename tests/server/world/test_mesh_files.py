@@ -243,9 +243,7 @@ def test_triangles_without_area_are_dropped_at_any_scale(
     assert not caplog.records
 
 
-def test_square_with_one_texture_coordinate_shows_that_texel(
-    tmp_path: Path,
-) -> None:
+def test_square_with_one_texture_coordinate_shows_that_texel(tmp_path: Path) -> None:
     path = export_mesh(make_textured_square(), tmp_path / "m.obj")
     lines = path.read_text().splitlines()
     path.write_text("\n".join("vt 0.25 0.75" if x.startswith("vt ") else x for x in lines))
@@ -307,10 +305,7 @@ def test_file_larger_than_the_memory_limit_is_rejected_unread(tmp_path: Path, en
 
 @pytest.mark.parametrize(
     "write",
-    [
-        lambda folder: export_mesh(make_textured_square(), folder / "m.obj"),
-        write_textured_dae,
-    ],
+    [lambda folder: export_mesh(make_textured_square(), folder / "m.obj"), write_textured_dae],
     ids=["obj", "dae"],
 )
 def test_image_of_a_mesh_that_announces_gigabytes_is_rejected_undecoded(

@@ -86,9 +86,7 @@ def test_directions_by_position_are_the_corners() -> None:
 
 
 @pytest.mark.parametrize("tessellation", [Tessellation(32, 32), Tessellation(8, 8)], ids=str)
-def test_directions_by_uv_lie_on_the_plane_of_one_face(
-    tessellation: Tessellation,
-) -> None:
+def test_directions_by_uv_lie_on_the_plane_of_one_face(tessellation: Tessellation) -> None:
     mesh = build_mirror_mesh(CAMERA, tessellation)
     unit = mesh.corners / np.linalg.norm(mesh.corners, axis=-1, keepdims=True)
     looked_up = mesh.directions / np.linalg.norm(mesh.directions, axis=-1, keepdims=True)

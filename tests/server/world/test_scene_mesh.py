@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
@@ -285,7 +285,6 @@ def test_goal_has_its_colour() -> None:
     np.testing.assert_array_equal(np.unique(build_landmark(GOAL).albedo, axis=0), [ALBEDOS["cyan"]])
 
 
-WORLD_LINE = SourceLocation("house.ini", 12)
 TURNED = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
 
 
@@ -334,46 +333,3 @@ def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
     scene = load_mesh(write_unlit_glb(tmp_path), material=GREY)
     assert not scene.unlit.any()
     np.testing.assert_array_equal(scene.albedo, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "key", "expected"),
-    [
-        (
-            "cut.glb",
-            b"glTF\x02\0\0\0\xff\0\0\0rest",
-            "house.File",
-            "cut off: 16 of 255 bytes",
-        ),
-        ("empty.glb", b"", "house.File", "it is empty"),
-        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "house.File", "at least one triangle"),
-        ("part.step", b"ISO-10303", "house.File", "a known format"),
-        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "house.File", "at least one tri"),
-        (
-            "bare.gltf",
-            b'{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":12}]}',
-            "house.File",
-            "refers to none.bin, and there is no such file beside it",
-        ),
-    ],
-)
-def test_mesh_that_is_unusable_names_the_line_of_the_world(
-    tmp_path: Path, name: str, content: bytes, key: str, expected: str
-) -> None:
-    (tmp_path / name).write_bytes(content)
-    item = Item("house", MeshFile(tmp_path / name), Pose.identity(), None, where=WORLD_LINE)
-    with pytest.raises(ConfigError) as caught:
-        build_scene(World("world", (item,)))
-    assert (caught.value.location, caught.value.key) == (WORLD_LINE, key)
-    assert expected in caught.value.expected
-    assert str(tmp_path / name) in str(caught.value)
-
-
-def test_texture_that_is_unusable_names_the_line_of_the_world(tmp_path: Path) -> None:
-    image = tmp_path / "wall.png"
-    image.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
-    material = Material((1.0, 1.0, 1.0), texture=image)
-    item = Item("wall", Box((1.0, 1.0, 1.0)), Pose.identity(), material, where=WORLD_LINE)
-    with pytest.raises(ConfigError) as caught:
-        build_scene(World("world", (item,)))
-    assert (caught.value.location, caught.value.key) == (WORLD_LINE, "wall.Texture")

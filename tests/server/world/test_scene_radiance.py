@@ -53,9 +53,7 @@ def bound_of(world: World) -> float:
         (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
     ],
 )
-def test_image_is_never_brighter_than_the_bound(
-    lights: tuple[Light, ...],
-) -> None:
+def test_image_is_never_brighter_than_the_bound(lights: tuple[Light, ...]) -> None:
     world = make_test_world(lights=lights)
     scene, camera = build_scene(world), make_omni_camera()
     renderer = TraceRenderer(scene, world, threads=1)

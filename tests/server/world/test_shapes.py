@@ -119,13 +119,6 @@ def test_solid_has_its_volume_and_area(name: str) -> None:
     assert area(patch) == pytest.approx(square_metres, rel=1e-4)
 
 
-def test_box_has_its_top_up() -> None:
-    patch = box(Box((1.0, 2.0, 3.0)))
-    top = area_vectors(patch)[(patch.corners[..., 2] == -1.5).all(axis=1)]
-    assert (top[:, 2] < 0.0).all()
-    assert len(top) == 2
-
-
 def test_box_when_textured_shows_the_image_once_and_unmirrored_on_each_side() -> None:
     patch = box(Box((1.0, 2.0, 3.0)))
     assert_texture_is_upright(patch)

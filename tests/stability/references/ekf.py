@@ -247,10 +247,7 @@ NOT_USED = {
 def _write_refusals() -> None:
     cases = [
         refusal(
-            name,
-            {"mean": POSE, "covariance": some(), "seen": [row]},
-            expect="invalid",
-            which=which,
+            name, {"mean": POSE, "covariance": some(), "seen": [row]}, expect="invalid", which=which
         )
         for name, (row, which) in NOT_USED.items()
         if which

@@ -7,14 +7,7 @@ from typing import Any
 
 from mpmath import atan, cos, sqrt
 
-from stability.references.mirror_exact import (
-    LARGEST,
-    NEXT_TO_2,
-    PAPER_K,
-    RIM_T,
-    TOLERANCE,
-    limit_t,
-)
+from stability.references.mirror_exact import LARGEST, NEXT_TO_2, PAPER_K, RIM_T, TOLERANCE, limit_t
 from stability.references.writing import case, float64_case, refusal, write
 
 

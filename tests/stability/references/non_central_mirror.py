@@ -72,11 +72,7 @@ def profile(
 
 
 def radial_table(
-    t: Any,
-    angles_deg: list[Any],
-    image_radii: list[Any],
-    vertex_distance_m: Any,
-    rim_rad: Any,
+    t: Any, angles_deg: list[Any], image_radii: list[Any], vertex_distance_m: Any, rim_rad: Any
 ) -> Any:
     """Of a x + b x^3, x in degrees, which the spline is exactly."""
     (low, high), (low_radius, high_radius) = angles_deg[-2:], image_radii[-2:]

@@ -80,10 +80,7 @@ def main() -> None:
     ]
     rows += [
         refusal(
-            n,
-            {"mean": [0.0, 0.0, 0.0], "covariance": P, "truth": t},
-            expect="invalid",
-            which="",
+            n, {"mean": [0.0, 0.0, 0.0], "covariance": P, "truth": t}, expect="invalid", which=""
         )
         for n, (P, t) in NO_NEES.items()
     ]

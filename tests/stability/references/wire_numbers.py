@@ -87,10 +87,7 @@ def read_rows() -> list[dict[str, Any]]:
     """Cases of number_from_text."""
     return [
         float64_case(
-            name,
-            {"text": text},
-            exact=_always(value),
-            tolerance=ROUNDED if value else EXACT,
+            name, {"text": text}, exact=_always(value), tolerance=ROUNDED if value else EXACT
         )
         for name, (text, value) in READ.items()
     ]

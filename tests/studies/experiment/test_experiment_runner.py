@@ -171,15 +171,6 @@ def test_report_and_summary_are_written(config, trained, results):
     assert report.stat().st_size > 200_000  # five figures are inside
 
 
-def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):
-    missing = tmp_path / "missing.ini"
-    with (
-        pytest.raises(CatoptraError, match=r"did not start:[\s\S]*missing\.ini"),
-        run_server(missing, missing, seed=0, log_file=tmp_path / "log"),
-    ):
-        pass
-
-
 @pytest.mark.parametrize(
     ("text", "address"),
     [

@@ -147,11 +147,6 @@ def test_overconfident_filter_stays_locked_out_unless_it_recovers():
     assert recovering.estimate_error_m[31:].max() < 0.1
 
 
-def test_replay_twice_gives_the_same_numbers():
-    one, two = (replay_filter(make_perfect_log(), REAL, PAPER_FILTER, FIELD_MAP) for _ in range(2))
-    assert np.array_equal(one.estimate, two.estimate)
-
-
 @pytest.mark.parametrize(
     ("measured", "accepted", "expected"),
     [

@@ -14,10 +14,8 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame, LabelledPixels
-from catoptra_client.frame_sources.stream.stream_client import (
-    LandmarkProjection,
-    StreamClient,
-)
+from catoptra_client.frame_sources.stream import zmq_socket
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.camera_conf import pairs_from_omni_camera, pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
@@ -139,10 +137,7 @@ def decode_frames(header: FrameHeader, *parts: bytes, frames: int = 1) -> list[F
     def reply(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(dataclasses.replace(header, id=request.id)), *parts]]
 
-    with (
-        serve_stream_script(reply) as port,
-        StreamClient(HOST, port, clock=lambda: 3.0) as client,
-    ):
+    with serve_stream_script(reply) as port, StreamClient(HOST, port, clock=lambda: 3.0) as client:
         return [client.get_frame() for _ in range(frames)]
 
 
@@ -282,11 +277,6 @@ def test_swelling_part_is_not_inflated() -> None:
 EXPECTED_LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 
 
-def test_landmarks_when_received_are_as_in_the_file() -> None:
-    found = call(lambda id_: LandmarksReply(id_, (LANDMARK,)), StreamClient.get_landmarks)
-    assert found == (EXPECTED_LANDMARK,)
-
-
 def test_landmarks_when_projected_have_pixel_and_time() -> None:
     visible = dataclasses.replace(LANDMARK, pixel=(3.0, 4.0), visible=True)
     hidden = dataclasses.replace(LANDMARK, pixel=None, visible=False)
@@ -333,10 +323,6 @@ def reply_to_all(request: Request) -> list[list[bytes]]:
         header = dataclasses.replace(HEADER, id=request.id, sequence=request.id, camera_model=None)
         return [[bytes_from_message(header), RAW_IMAGE]]
     return [[bytes_from_message(reply)] for reply in make_replies(request)]
-
-
-def reply_with_error(request: Request) -> list[list[bytes]]:
-    return [[bytes_from_message(Error(request.id, "no robot"))]]
 
 
 def ignore_request(request: Request) -> list[list[bytes]]:
@@ -405,31 +391,6 @@ def test_replies_when_late_or_unknown_or_heartbeats_are_skipped() -> None:
         assert client.get_frame(encoding=ImageEncoding.RAW).sequence == 3
 
 
-def test_request_when_rejected_raises_with_the_reason() -> None:
-    with serve_stream_script(reply_with_error) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(CatoptraError, match=f"127.0.0.1:{port} rejected the request: no robot"):
-            client.drive(1.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("make_reply", "reason"),
-    [
-        (lambda request: Error(0, "no msgpack"), "cannot read the request: no msgpack"),
-        (lambda request: Ok(request.id), "replied with ok"),
-    ],
-    ids=["unreadable", "another kind"],
-)
-def test_request_when_misunderstood_raises_with_the_reason(
-    make_reply: Callable[[Request], Reply], reason: str
-) -> None:
-    def reply(request: Request) -> list[list[bytes]]:
-        return [[bytes_from_message(make_reply(request))]]
-
-    with serve_stream_script(reply) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(RemoteProtocolError, match=reason):
-            client.get_status()
-
-
 def test_connection_when_there_is_no_server_names_the_address() -> None:
     with pytest.raises(ConnectionLostError, match=r"no stream server at .*--stream-port"):
         StreamClient.connect(HOST, 1, timeout_s=SHORT_S)
@@ -443,8 +404,13 @@ def test_connection_when_there_is_no_server_names_the_address() -> None:
     ],
 )
 def test_server_when_it_sends_no_frame_is_lost_or_slow(
-    sends_heartbeats: bool, error: type[CatoptraError], message: str
+    sends_heartbeats: bool,
+    error: type[CatoptraError],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(zmq_socket, "_SILENT_SERVER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(zmq_socket, "_CHECK_INTERVAL_S", 0.1)
     with serve_stream_script(ignore_request, sends_heartbeats=sends_heartbeats) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
             with pytest.raises(error, match=message):

@@ -30,14 +30,6 @@ def test_one_sphere_is_the_unified_model() -> None:
     assert first == pytest.approx(radii(UnifiedLens(0.8), *theta), rel=1e-13)
 
 
-def test_radius_is_that_of_the_published_formula() -> None:
-    theta = math.radians(110.0)
-    xi, alpha, rho, z = TUM_VI.xi, TUM_VI.alpha, math.sin(theta), math.cos(theta)
-    d2 = math.sqrt(rho**2 + (xi + z) ** 2)
-    expected = rho / (alpha * d2 + (1.0 - alpha) * (xi + z))
-    assert radii(TUM_VI, 110.0) == pytest.approx(expected, rel=1e-14)
-
-
 def test_limit_is_where_the_published_formula_ends_or_turns_back() -> None:
     def radius(lens: DoubleSphereLens, theta: float) -> mpmath.mpf:
         rho, z = mpmath.sin(theta), mpmath.cos(theta)

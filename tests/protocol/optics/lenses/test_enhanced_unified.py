@@ -29,13 +29,6 @@ def test_sphere_is_the_unified_lens(xi: float) -> None:
     assert limit_rad(lens) == pytest.approx(limit_rad(unified))
 
 
-def test_radius_is_that_of_the_published_formula() -> None:
-    alpha, beta, theta = 0.6, 1.1, math.radians(100.0)
-    rho, z = math.sin(theta), math.cos(theta)
-    expected = rho / (alpha * math.sqrt(beta * rho**2 + z**2) + (1.0 - alpha) * z)
-    assert radii(EnhancedUnifiedLens(alpha, beta), 100.0) == pytest.approx(expected, rel=1e-14)
-
-
 @pytest.mark.parametrize("parameters", [(-0.1, 1.0), (1.1, 1.0), (0.5, 0.0), (0.5, math.nan)])
 def test_impossible_lens_is_rejected(parameters: tuple[float, float]) -> None:
     with pytest.raises(DomainError):

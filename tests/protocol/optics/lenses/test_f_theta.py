@@ -18,12 +18,6 @@ def test_lens_is_a_projection(lens: FThetaLens) -> None:
     assert_rejects(lens)
 
 
-def test_angle_is_the_polynomial_of_the_radius() -> None:
-    lens = FThetaLens(0.003, 1e-7, -1e-10)
-    expected = math.degrees(0.003 * 400.0 + 1e-7 * 400.0**2 - 1e-10 * 400.0**3)
-    assert theta_deg_from_radius(lens, 400.0) == pytest.approx(expected)
-
-
 def test_lens_ends_where_the_angle_stops_growing() -> None:
     # theta = r / 100 - r^2 / 40000: slope 0 at r = 200, where theta is 1.
     lens = FThetaLens(0.01, -0.25e-4)

@@ -19,12 +19,6 @@ def test_published_lens_is_a_projection() -> None:
     assert_rejects(LAFIDA, LAFIDA.t_limit * 1.01)
 
 
-def test_ray_of_a_radius_is_the_polynomial() -> None:
-    height = 209.2008 - 0.00213742 * 250**2 + 4.22036e-6 * 250**3 - 1.771461e-8 * 250**4
-    expected = math.degrees(math.atan2(250.0, height))
-    assert theta_deg_from_radius(LAFIDA, 250.0) == pytest.approx(expected, rel=1e-13)
-
-
 def test_parabola_has_two_terms() -> None:
     # z = (h^2 - r^2) / (2 h): a0 = h / 2, a2 = -1 / (2 h).
     lens, theta = OCamLens((50.0, 0.0, -0.005)), (10.0, 90.0, 120.0)

@@ -23,12 +23,6 @@ def test_ratio_is_eq_2_and_its_own_inverse() -> None:
     np.testing.assert_array_equal(MIRROR.t_from_radius_ratio(MIRROR.radius_ratio_from_t(t)), t)
 
 
-def test_surface_lies_on_the_paraboloid_and_on_the_ray() -> None:
-    r, z = MIRROR.surface_point(T)
-    np.testing.assert_allclose(z, (0.05**2 - r**2) / 0.1, rtol=1e-14, atol=1e-17)
-    np.testing.assert_allclose(r * (1.0 - T**2), z * 2.0 * T, rtol=1e-14, atol=1e-17)
-
-
 def test_ray_when_aimed_at_the_viewpoint_leaves_along_the_axis() -> None:
     r, z = MIRROR.surface_point(T)
     normal = np.stack((r / 0.05, np.ones_like(r)), axis=-1)

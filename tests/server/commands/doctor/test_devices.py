@@ -138,9 +138,7 @@ def test_device_when_it_fails_alone_is_the_only_problem(result: Outcome) -> None
 
 
 @pytest.mark.parametrize("result", FAILURES.values(), ids=FAILURES)
-def test_device_when_the_first_fails_is_a_fault_for_raster_alone(
-    result: Outcome,
-) -> None:
+def test_device_when_the_first_fails_is_a_fault_for_raster_alone(result: Outcome) -> None:
     run_check = fake_run_check(devices=ONE, raster=(result,))
     assert exit_status(problems("raster", run_check)) == 2
     assert exit_status(problems("auto", run_check)) == 1

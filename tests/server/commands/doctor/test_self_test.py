@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.commands.doctor.machine import Level
-from catoptra_server.commands.doctor.self_test import (
-    check_configurations,
-    run_self_test,
-)
+from catoptra_server.commands.doctor.self_test import check_configurations, run_self_test
 from catoptra_server.config.known_names import bundled_files
 from catoptra_server.render.renderer import Image, RenderedImage
 from catoptra_server.render.trace.trace_renderer import TraceView

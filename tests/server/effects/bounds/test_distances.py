@@ -136,10 +136,7 @@ def test_bounds_of_a_box_of_viewpoints_hold_for_each() -> None:
 def test_bounds_with_few_triangles_are_looser_and_hold() -> None:
     corners, normals = soup(1500)
     bvh = RingDistanceBvh(corners, normals)
-    hasty, patient = (
-        bvh.bounds(HERE, RINGS, max_triangles=0),
-        bvh.bounds(HERE, RINGS),
-    )
+    hasty, patient = (bvh.bounds(HERE, RINGS, max_triangles=0), bvh.bounds(HERE, RINGS))
     assert (hasty <= patient).all()
     assert (hasty < patient).any()
 

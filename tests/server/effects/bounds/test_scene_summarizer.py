@@ -128,15 +128,6 @@ def test_bounds_in_bundled_worlds_are_mostly_above_half_the_distance(name: str) 
     assert np.quantile(shares, 0.05) > 0.4
 
 
-def test_wire_thinner_than_a_pixel_is_bounded() -> None:
-    wire = Item("wire", Box((1e-4, 1e-4, 2.0)), Pose.from_rpy((0.8, 0.3, -0.6)), WHITE)
-    state = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
-    world = World("wire", (wire,))
-    nearest = make_summarizer(world).summarize(state, CAMERA).min_distances_m
-    assert min(nearest) == pytest.approx(math.hypot(0.8, 0.3), rel=0.25)
-    assert min(nearest) <= math.hypot(0.8, 0.3)
-
-
 def test_object_rates_bound_the_motion_of_visible_parts() -> None:
     summary = make_summarizer(make_test_world()).summarize(DRIVING_STATE, CAMERA)
     (body,) = DRIVING_STATE.objects

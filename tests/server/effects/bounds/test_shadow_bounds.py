@@ -11,10 +11,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds import shadow_bounds
 from catoptra_server.effects.bounds.light_loss import grey_level_change
-from catoptra_server.effects.bounds.shadow_bounds import (
-    LightShafts,
-    ShadowBounds,
-)
+from catoptra_server.effects.bounds.shadow_bounds import LightShafts, ShadowBounds
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
@@ -249,10 +246,7 @@ def test_floor_alone_loses_nothing_until_an_object_comes() -> None:
     shade = bound(world, DynamicObject(MESH, Pose.identity()))
     assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx(
         (0.5 / 0.7, 0.2 / 0.7)
-    ) or (
-        shade.lost_radiance,
-        shade.remaining_radiance,
-    ) == pytest.approx((0.5, 0.2))
+    ) or (shade.lost_radiance, shade.remaining_radiance) == pytest.approx((0.5, 0.2))
 
 
 def test_object_near_a_point_light_may_lose_more_than_the_floor() -> None:

@@ -15,11 +15,7 @@ from catoptra_server.effects.kernels.lens_blur import (
 )
 from catoptra_server.effects.medium.defocus import Defocus
 from helpers.blur_measurement import inner_pixels, make_point_source, measure_blur_diameters_px
-from helpers.effect_measurement import (
-    CAPTURE_CONTEXT,
-    make_test_pattern,
-    max_grey_level_change,
-)
+from helpers.effect_measurement import CAPTURE_CONTEXT, make_test_pattern, max_grey_level_change
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=240)

@@ -15,11 +15,7 @@ from catoptra_server.effects.medium.diffraction import (
     kernel_weights,
 )
 from helpers.blur_measurement import make_point_source
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    max_grey_level_change,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, max_grey_level_change
 
 PITCH_M = 7.4e-6
 DAYLIGHT = SceneSummary(1.0)
@@ -90,9 +86,7 @@ def test_lens_when_disabled_would_leave_the_disc_of_every_point_in_its_pixel(
 
 
 @pytest.mark.parametrize("f_number", [5.0, 5.6, 8.0, 16.0, 32.0])
-def test_lens_when_enabled_spreads_light_farther_than_half_the_threshold(
-    f_number: float,
-) -> None:
+def test_lens_when_enabled_spreads_light_farther_than_half_the_threshold(f_number: float) -> None:
     effect = make_diffraction(f_number)
     bound = effect.bound(DAYLIGHT, CAMERA)
     assert bound.displacement_px > 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -25,7 +26,8 @@ from catoptra_server.render.renderer import advance
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
-from catoptra_server.world.camera_state import INSTANTANEOUS, FogMedium
+from catoptra_server.render.trace.trace_renderer import EngineName
+from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState, FogMedium
 from catoptra_server.world.world_description import Box, Item, Material, Twist
 from helpers.labelled_rooms import (
     CAMERAS,
@@ -48,6 +50,24 @@ def camera(request: pytest.FixtureRequest) -> OmniCamera:
     return CAMERAS[request.param]
 
 
+def draw_labels(
+    image: LabelledImage,
+    channels: tuple[str, ...],
+    other: CameraState | None = None,
+    *,
+    engine: EngineName = "kernel",
+) -> Mapping[str, np.ndarray]:
+    """Channels of one image, with the flow to the other state."""
+    with open_labels(engine) as labels:
+        return labels.render(image, channels, other).channels
+
+
+MOVED_ROBOTS = tuple(
+    replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
+    for robot in ROBOTS
+)
+
+
 @cache
 def cast_still(camera: OmniCamera) -> CastRays:
     """Rays of the still scene, of which both engines are compared with the same."""
@@ -57,8 +77,7 @@ def cast_still(camera: OmniCamera) -> CastRays:
 @pytest.mark.parametrize("engine", ["kernel", "reference"])
 def test_channels_are_those_of_an_independent_caster(camera: OmniCamera, engine) -> None:
     cast = cast_still(camera)
-    with open_labels(engine) as labels:
-        found = labels.render(LabelledImage(camera, STATE), ALL).channels
+    found = draw_labels(LabelledImage(camera, STATE), ALL, engine=engine)
     sure = cast.is_certain
     assert sure.mean() > 0.5 * found["valid"].mean()
     seen = sure & np.isfinite(cast.range_m)
@@ -77,10 +96,7 @@ def test_ids_beside_edges_are_the_majority_of_samples(camera: OmniCamera) -> Non
     """Pixels that edges cross have the id of most of 16 x 16 rays, where most agree clearly."""
     side = 16
     offsets = (np.arange(side) + 0.5) / side
-    with open_labels() as labels:
-        found = labels.render(
-            LabelledImage(camera, STATE, samples=4), ("ids", "agreement")
-        ).channels
+    found = draw_labels(LabelledImage(camera, STATE, samples=4), ("ids", "agreement"))
     mixed = (found["agreement"] > 0) & (found["agreement"] < 255) & (found["ids"] > 0)
     rows, columns = np.nonzero(mixed)
     assert len(rows) > 100
@@ -102,10 +118,7 @@ def test_ids_beside_edges_are_the_majority_of_samples(camera: OmniCamera) -> Non
 
 def test_agreement_is_whole_where_a_pixel_shows_one_object() -> None:
     camera = CAMERAS["paper"]
-    with open_labels() as labels:
-        found = labels.render(
-            LabelledImage(camera, STATE, samples=2), ("ids", "agreement")
-        ).channels
+    found = draw_labels(LabelledImage(camera, STATE, samples=2), ("ids", "agreement"))
     ids = found["ids"].astype(int)
     inner = np.zeros(ids.shape, dtype=bool)
     inner[1:-1, 1:-1] = True
@@ -132,12 +145,10 @@ def test_ranges_of_two_poses_make_one_cloud(camera: OmniCamera) -> None:
     """Back-projected points lie on the planes that the other pose saw, at the rim as in the
     middle."""
     other = replace(STATE, world_from_mirror=Pose.from_rpy((0.1, -0.3, -0.75), (0.05, 0.1, -1.1)))
-    with open_labels() as labels:
-        clouds = [
-            labels.render(LabelledImage(camera, state), ("point", "normal", "ids")).channels
-            for state in (STATE, other)
-        ]
-    first, second = clouds
+    first, second = (
+        draw_labels(LabelledImage(camera, state), ("point", "normal", "ids"))
+        for state in (STATE, other)
+    )
     planes = 0
     for number in np.unique(second["ids"]):
         if number == 0 or number > 5:
@@ -168,8 +179,7 @@ def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
         objects=tuple(replace(robot, twist=Twist((0.0, 1.0, 0.0))) for robot in ROBOTS),
         shutter=INSTANTANEOUS.add_exposure(0.02, 3.0).add_readout(0.06, 9.0),
     )
-    with open_labels() as labels:
-        found = labels.render(LabelledImage(camera, moving), ("range", "ids")).channels
+    found = draw_labels(LabelledImage(camera, moving), ("range", "ids"))
     for row in (10, 48, 80):
         time_s = 0.06 * ((row + 0.5) / camera.height_px - 0.5)
         pixels = np.column_stack(
@@ -190,9 +200,8 @@ def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
         twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
         shutter=INSTANTANEOUS.add_exposure(0.05, 3.0),
     )
-    with open_labels() as labels:
-        blurred = labels.render(LabelledImage(camera, moving), ("ids",)).channels
-        still = labels.render(LabelledImage(camera, STATE), ("ids",)).channels
+    blurred = draw_labels(LabelledImage(camera, moving), ("ids",))
+    still = draw_labels(LabelledImage(camera, STATE), ("ids",))
     np.testing.assert_array_equal(blurred["ids"], still["ids"])
 
 
@@ -200,9 +209,8 @@ def test_displaced_camera_is_labelled_as_its_picture_shows() -> None:
     camera = CAMERAS["paper"]
     displaced = Misalignment(x_m=0.004, pitch_rad=0.01)
     drawn = LabelledImage(camera, STATE, image_effects=(displaced,))
-    with open_labels() as labels:
-        found = labels.render(drawn, ("ids", "valid")).channels
-        aligned = labels.render(LabelledImage(camera, STATE), ("ids",)).channels
+    found = draw_labels(drawn, ("ids", "valid"))
+    aligned = draw_labels(LabelledImage(camera, STATE), ("ids",))
     lookup = lookup_offset_map(displaced, camera)
     assert np.hypot(lookup[..., 0], lookup[..., 1])[lookup[..., 2] > 0].max() > 1.0
     u, v = np.meshgrid(np.arange(96) + 0.5, np.arange(96) + 0.5)
@@ -217,16 +225,10 @@ def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera)
     there = replace(
         STATE,
         world_from_mirror=Pose.from_rpy((0.36, 0.2, -0.61), (0.01, -0.02, 0.36)),
-        objects=tuple(
-            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
-            for robot in ROBOTS
-        ),
+        objects=MOVED_ROBOTS,
     )
-    with open_labels() as labels:
-        forward = labels.render(
-            LabelledImage(camera, here), ("flow", "ids", "point"), there
-        ).channels
-        backward = labels.render(LabelledImage(camera, there), ("flow", "ids"), here).channels
+    forward = draw_labels(LabelledImage(camera, here), ("flow", "ids", "point"), there)
+    backward = draw_labels(LabelledImage(camera, there), ("flow", "ids"), here)
     flow = forward["flow"]
     known = np.isfinite(flow).all(axis=-1)
     assert 0.5 < known[forward["ids"] > 0].mean() < 1.0
@@ -251,19 +253,15 @@ def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera)
 
 def test_flow_is_unknown_without_another_frame_and_of_what_is_gone() -> None:
     camera = CAMERAS["paper"]
-    with open_labels() as labels:
-        none = labels.render(LabelledImage(camera, STATE), ("flow",)).channels["flow"]
-        found = labels.render(
-            LabelledImage(camera, STATE), ("flow", "ids"), replace(STATE, objects=())
-        ).channels
-    assert np.isnan(none).all()
+    none = draw_labels(LabelledImage(camera, STATE), ("flow",))
+    found = draw_labels(LabelledImage(camera, STATE), ("flow", "ids"), replace(STATE, objects=()))
+    assert np.isnan(none["flow"]).all()
     assert np.isnan(found["flow"][found["ids"] > 5]).all()
     assert np.isfinite(found["flow"][found["ids"] == 1]).all(axis=-1).mean() > 0.9
 
 
 def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
-    with open_labels() as labels:
-        found = labels.render(LabelledImage(camera, STATE), ("flow", "ids"), STATE).channels
+    found = draw_labels(LabelledImage(camera, STATE), ("flow", "ids"), STATE)
     flow = found["flow"]
     known = np.isfinite(flow).all(axis=-1)
     assert known[found["ids"] > 0].mean() > 0.98
@@ -272,17 +270,15 @@ def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
 
 def test_perspective_cameras_have_the_same_channels() -> None:
     camera = PerspectiveCamera(64, 48, 1.2)
-    with open_labels() as labels:
-        found = labels.render(LabelledImage(camera, STATE, samples=2), ALL).channels
+    found = draw_labels(LabelledImage(camera, STATE, samples=2), ALL)
     assert found["range"].shape == (48, 64)
     assert found["valid"].all()
     assert len(np.unique(found["ids"])) > 2
 
 
 def test_only_requested_channels_are_rendered() -> None:
-    with open_labels() as labels:
-        assert list(labels.render(LabelledImage(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
-        assert labels.render(LabelledImage(FISH_EYE, STATE), ()).channels == {}
+    assert list(draw_labels(LabelledImage(FISH_EYE, STATE), ("valid",))) == ["valid"]
+    assert draw_labels(LabelledImage(FISH_EYE, STATE), ()) == {}
 
 
 @pytest.mark.parametrize("engine", ["kernel", "reference"])
@@ -290,10 +286,7 @@ def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, 
     there = replace(
         STATE,
         world_from_mirror=Pose.from_rpy((0.41, 0.12, -0.62), (0.03, -0.02, 0.42)),
-        objects=tuple(
-            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
-            for robot in ROBOTS
-        ),
+        objects=MOVED_ROBOTS,
     )
     with open_labels(engine) as labels:
         found = labels.render(
@@ -380,8 +373,7 @@ def test_screen_hides_the_pixels_that_it_takes(name: str) -> None:
         Pose.from_rpy((-0.25, -0.45, -0.35), (0.0, 0.0, 0.8)),
         Material((0.5, 0.5, 0.5)),
     )
-    with open_labels() as labels:
-        alone = labels.render(LabelledImage(camera, STATE), CHANNELS).channels["ids"]
+    alone = draw_labels(LabelledImage(camera, STATE), CHANNELS)["ids"]
     world = replace(WORLD, items=(*WORLD.items, screen))
     with open_labels(world=world) as labels:
         drawn = LabelledImage(camera, STATE)

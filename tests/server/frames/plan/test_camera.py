@@ -172,8 +172,7 @@ AUTO = OmniCameraSpec(BALL, RenderSettings(central_error_px=0.25))
 NEVER = OmniCameraSpec(BALL, RenderSettings())
 ALWAYS = OmniCameraSpec(replace(BALL, is_approximated=True), RenderSettings())
 PRECISE = OmniCameraSpec(
-    BALL,
-    RenderSettings(central_error_px=0.25, accuracy_target=AccuracyTarget(max_error_px=0.5)),
+    BALL, RenderSettings(central_error_px=0.25, accuracy_target=AccuracyTarget(max_error_px=0.5))
 )
 CENTRAL = OmniCameraSpec(
     camera_with_inscribed_rim(PAPER_MIRROR, width_px=90, height_px=90, rim_rad=2.0),

@@ -96,8 +96,9 @@ def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
     assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).numbers_by_name()
 
 
-def test_marker_error_is_the_sum_of_both() -> None:
+def test_errors_of_outlines_and_markers_are_displacement_plus_sampling() -> None:
     whole = make_bound(RASTER, PerPixel())
+    assert whole.outline_error_px == whole.geometric.max_px + whole.sampling.edge_error_px
     assert whole.marker_error_px == whole.geometric.max_px + whole.sampling.centroid_error_px
 
 
@@ -117,11 +118,6 @@ def test_mesh_under_an_orthographic_camera_has_no_bound() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03))
     with pytest.raises(DomainError, match="pinhole"):
         error_bound(camera, make_plan(TRACE, Tessellation(8, 8)))
-
-
-def test_outline_error_is_displacement_plus_sampling() -> None:
-    whole = make_bound(RASTER, PerPixel())
-    assert whole.outline_error_px == whole.geometric.max_px + whole.sampling.edge_error_px
 
 
 # Sixteenths of a texel: the standard patterns that Direct3D 11.1 prescribes and drivers share.

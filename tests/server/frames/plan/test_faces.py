@@ -21,11 +21,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_server.frames.plan.faces import (
-    face_regions,
-    max_face_size_px,
-    texel_footprint,
-)
+from catoptra_server.frames.plan.faces import face_regions, max_face_size_px, texel_footprint
 from catoptra_server.render.renderer import FaceRegion, FaceWindow
 from helpers.worlds import make_omni_camera, regions_of_size
 

@@ -13,12 +13,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
-from catoptra_protocol.optics.mirrors import (
-    PAPER_MIRROR,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-)
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_server.render.raster import device as module
 from catoptra_server.render.raster.device import (
     FrameUniforms,

@@ -109,16 +109,12 @@ def test_rows_that_show_one_time_sample_each_are_those_of_sharp_images(device: G
         )
     darker = make_effect("Exposure", {"exposure_s": 0.01})
     np.testing.assert_allclose(
-        view.render_linear(rolling, (darker,)),
-        darker.gain * view.render_linear(rolling),
-        rtol=1e-5,
+        view.render_linear(rolling, (darker,)), darker.gain * view.render_linear(rolling), rtol=1e-5
     )
     view.close()
 
 
-def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(
-    device: GlDevice,
-) -> None:
+def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(device: GlDevice) -> None:
     renderer = make_raster(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(DRIVING_STATE)

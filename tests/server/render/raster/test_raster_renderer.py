@@ -20,12 +20,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.opengl import make_raster
-from helpers.worlds import (
-    CAMERA_STATE,
-    HEMISPHERE_LIGHT,
-    make_omni_camera,
-    make_plan,
-)
+from helpers.worlds import CAMERA_STATE, HEMISPHERE_LIGHT, make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=120)
 HERE = CameraState(Pose.identity())

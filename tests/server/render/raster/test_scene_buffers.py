@@ -101,9 +101,7 @@ def test_scene_without_shadow_casting_lights_has_one_set_of_batches(device: GlDe
     buffers.close()
 
 
-def test_objects_when_shadowed_are_rendered_by_a_program_with_shadows(
-    device: GlDevice,
-) -> None:
+def test_objects_when_shadowed_are_rendered_by_a_program_with_shadows(device: GlDevice) -> None:
     programs = ShaderPrograms(device.context)
     buffers = SceneBuffers(device.context, programs, build_scene(WORLD), WORLD)
     scene = buffers.with_lighting(SHADOWED)

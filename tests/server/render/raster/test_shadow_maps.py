@@ -11,9 +11,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
-from catoptra_server.render.raster.shadow_maps import (
-    ShadowMaps,
-)
+from catoptra_server.render.raster.shadow_maps import ShadowMaps
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import shadow_casting_lights

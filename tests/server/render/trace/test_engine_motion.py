@@ -13,20 +13,10 @@ from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
-from catoptra_server.world.world_description import (
-    Box,
-    DirectionalLight,
-    Item,
-    Material,
-    World,
-)
+from catoptra_server.world.world_description import Box, DirectionalLight, Item, Material, World
 from helpers.dynamic_objects import build_cube_mesh, place_cube
 from helpers.shadows import floor_item, make_world
-from helpers.trace_engines import (
-    ENGINES,
-    measure_rays,
-    render_rays,
-)
+from helpers.trace_engines import ENGINES, measure_rays, render_rays
 
 pytestmark = pytest.mark.parametrize("engine", ENGINES)
 
@@ -114,10 +104,6 @@ def test_shadow_of_a_moving_object_is_that_of_each_ray_s_time(engine: EngineName
     states = tuple(CameraState(above, (placed,), has_shadows=True) for placed in (before, after))
     world = make_world(floor_item(), lights=(NOON,))
     seen = render_rays(
-        engine,
-        world,
-        np.tile(DOWN, (3, 1)),
-        exposure=MovingExposure(states),
-        times=(0.0, 0.5, 1.0),
+        engine, world, np.tile(DOWN, (3, 1)), exposure=MovingExposure(states), times=(0.0, 0.5, 1.0)
     )
     assert seen[:, 0].tolist() == pytest.approx([0.25, 0.0, 0.25])

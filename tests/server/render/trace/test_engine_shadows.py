@@ -13,17 +13,9 @@ from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
-from catoptra_server.world.world_description import (
-    Box,
-    DirectionalLight,
-    PointLight,
-    World,
-)
+from catoptra_server.world.world_description import Box, DirectionalLight, PointLight, World
 from helpers.shadows import GREY, box_item, floor_item, make_world
-from helpers.trace_engines import (
-    ENGINES,
-    render_rays,
-)
+from helpers.trace_engines import ENGINES, render_rays
 from helpers.worlds import translate_world
 
 pytestmark = pytest.mark.parametrize("engine", ENGINES)

@@ -10,10 +10,7 @@ import pytest
 from catoptra_server.render.trace import ray_caster
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-from catoptra_server.render.trace.ray_caster import (
-    EmbreeRayCaster,
-    commit_ray_caster,
-)
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world

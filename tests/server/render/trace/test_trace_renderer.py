@@ -16,10 +16,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect import CaptureContext
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel
@@ -33,13 +30,7 @@ from catoptra_server.world import textures as texture_levels
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import (
-    Box,
-    Item,
-    Material,
-    World,
-    srgb_from_linear,
-)
+from catoptra_server.world.world_description import Box, Item, Material, World, srgb_from_linear
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.image_comparison import level_differences
 from helpers.range_images import RangeRecorder
@@ -285,9 +276,7 @@ def test_image_when_no_effect_changes_it_is_the_usual_one(
     assert np.median(difference) == 0
 
 
-def test_image_with_effects_is_their_result_on_the_linear_image(
-    renderer: TraceRenderer,
-) -> None:
+def test_image_with_effects_is_their_result_on_the_linear_image(renderer: TraceRenderer) -> None:
     plan = make_plan(CAMERA, samples=2)
     view = renderer.prepare(CAMERA, plan)
     light = view.render_linear(CAMERA_STATE).astype(np.float64)

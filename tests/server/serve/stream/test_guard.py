@@ -21,7 +21,7 @@ from catoptra_server.serve.stream.guard import (
     Relay,
     ZmtpPartCounter,
 )
-from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario, wait_until
+from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, wait_until
 from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
 
 MAX_PARTS = 8
@@ -60,12 +60,6 @@ def test_identity_is_renamed_and_all_other_bytes_stay(
     data, stream = GREETING + sent + MESSAGES, IdentityFilter()
     pieces = [data[i : i + piece_bytes] for i in range(0, len(data), piece_bytes)]
     assert b"".join(map(stream.feed, pieces)) == GREETING + passed + MESSAGES
-
-
-def test_greeting_is_passed_before_it_is_complete() -> None:
-    stream = IdentityFilter()
-    assert stream.feed(GREETING[:10]) == GREETING[:10]
-    assert stream.feed(GREETING[10:] + READY[:5]) == GREETING[10:]
 
 
 def test_ready_when_too_long_is_rejected() -> None:
@@ -186,102 +180,80 @@ def open_relay(
             end.close()
 
 
-def test_bytes_pass_in_order_whatever_the_sink_accepts() -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        with open_relay() as fixture:
-            data = bytes(range(256)) * 4000
-            sending = asyncio.create_task(loop.sock_sendall(fixture.near, data))
-            await wait_until(lambda: fixture.relay.is_blocked, "full sink")
-            received = bytearray()
-            while len(received) < len(data):
-                received += await loop.sock_recv(fixture.far, 65536)
-            await sending
-            assert received == data
-            assert not fixture.relay.is_blocked
-
-    run_scenario(scenario())
+async def test_bytes_pass_in_order_whatever_the_sink_accepts() -> None:
+    loop = asyncio.get_running_loop()
+    with open_relay() as fixture:
+        data = bytes(range(256)) * 4000
+        sending = asyncio.create_task(loop.sock_sendall(fixture.near, data))
+        await wait_until(lambda: fixture.relay.is_blocked, "full sink")
+        received = bytearray()
+        while len(received) < len(data):
+            received += await loop.sock_recv(fixture.far, 65536)
+        await sending
+        assert received == data
+        assert not fixture.relay.is_blocked
 
 
-def test_source_when_paused_is_read_after_the_pause() -> None:
+async def test_source_when_paused_is_read_after_the_pause() -> None:
     pauses = [0.05, 0.0]
-
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        with open_relay(lambda data: (data, pauses.pop(0))) as fixture:
-            fixture.near.send(bytes(2000))
-            begin_s = loop.time()
-            assert len(await loop.sock_recv(fixture.far, 10_000)) == 1000
-            assert len(await loop.sock_recv(fixture.far, 10_000)) == 1000
-            assert loop.time() - begin_s > 0.04
-            assert pauses == []
-
-    run_scenario(scenario())
+    loop = asyncio.get_running_loop()
+    with open_relay(lambda data: (data, pauses.pop(0))) as fixture:
+        fixture.near.send(bytes(2000))
+        begin_s = loop.time()
+        assert len(await loop.sock_recv(fixture.far, 10_000)) == 1000
+        assert len(await loop.sock_recv(fixture.far, 10_000)) == 1000
+        assert loop.time() - begin_s > 0.04
+        assert pauses == []
 
 
-def test_end_of_the_source_is_reported_after_its_bytes() -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        with open_relay() as fixture:
-            fixture.near.send(b"last")
-            fixture.near.close()
-            assert await loop.sock_recv(fixture.far, 100) == b"last"
-            await wait_until(lambda: bool(fixture.ends), "end")
-            assert fixture.ends[0] is None
-
-    run_scenario(scenario())
+async def test_end_of_the_source_is_reported_after_its_bytes() -> None:
+    loop = asyncio.get_running_loop()
+    with open_relay() as fixture:
+        fixture.near.send(b"last")
+        fixture.near.close()
+        assert await loop.sock_recv(fixture.far, 100) == b"last"
+        await wait_until(lambda: bool(fixture.ends), "end")
+        assert fixture.ends[0] is None
 
 
-def test_end_of_the_sink_is_reported() -> None:
-    async def scenario() -> None:
-        with open_relay() as fixture:
-            fixture.far.close()
-            fixture.near.send(b"data")
-            await wait_until(lambda: bool(fixture.ends), "end")
-            assert isinstance(fixture.ends[0], BrokenPipeError)
-
-    run_scenario(scenario())
+async def test_end_of_the_sink_is_reported() -> None:
+    with open_relay() as fixture:
+        fixture.far.close()
+        fixture.near.send(b"data")
+        await wait_until(lambda: bool(fixture.ends), "end")
+        assert isinstance(fixture.ends[0], BrokenPipeError)
 
 
-def test_bytes_when_rejected_are_not_relayed() -> None:
+async def test_bytes_when_rejected_are_not_relayed() -> None:
     def reject(data: bytes) -> tuple[bytes, float]:
         raise RemoteProtocolError("bad")
 
-    async def scenario() -> None:
-        with open_relay(reject) as fixture:
-            fixture.near.send(b"data")
-            await wait_until(lambda: bool(fixture.ends), "end")
-            assert isinstance(fixture.ends[0], RemoteProtocolError)
-            with pytest.raises(BlockingIOError):
-                fixture.far.recv(1)
-
-    run_scenario(scenario())
+    with open_relay(reject) as fixture:
+        fixture.near.send(b"data")
+        await wait_until(lambda: bool(fixture.ends), "end")
+        assert isinstance(fixture.ends[0], RemoteProtocolError)
+        with pytest.raises(BlockingIOError):
+            fixture.far.recv(1)
 
 
-def test_relay_when_closed_in_a_pause_reads_nothing_more() -> None:
-    async def scenario() -> None:
-        with open_relay(lambda data: (data, 0.001)) as fixture:
-            fixture.near.send(bytes(100))
-            await asyncio.get_running_loop().sock_recv(fixture.far, 100)
-            fixture.relay.close()
-            fixture.near.send(bytes(100))
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(asyncio.get_running_loop().sock_recv(fixture.far, 100), 0.05)
-
-    run_scenario(scenario())
+async def test_relay_when_closed_in_a_pause_reads_nothing_more() -> None:
+    with open_relay(lambda data: (data, 0.001)) as fixture:
+        fixture.near.send(bytes(100))
+        await asyncio.get_running_loop().sock_recv(fixture.far, 100)
+        fixture.relay.close()
+        fixture.near.send(bytes(100))
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(asyncio.get_running_loop().sock_recv(fixture.far, 100), 0.05)
 
 
-def test_relay_when_closed_holds_no_bytes() -> None:
-    async def scenario() -> None:
-        with open_relay(lambda data: (data, 0.0)) as fixture:
-            loop = asyncio.get_running_loop()
-            sending = asyncio.create_task(loop.sock_sendall(fixture.near, bytes(10_000_000)))
-            await wait_until(lambda: fixture.relay.is_blocked, "bytes that wait for the sink")
-            fixture.relay.close()
-            assert not fixture.relay.is_blocked
-            sending.cancel()
-
-    run_scenario(scenario())
+async def test_relay_when_closed_holds_no_bytes() -> None:
+    with open_relay(lambda data: (data, 0.0)) as fixture:
+        loop = asyncio.get_running_loop()
+        sending = asyncio.create_task(loop.sock_sendall(fixture.near, bytes(10_000_000)))
+        await wait_until(lambda: fixture.relay.is_blocked, "bytes that wait for the sink")
+        fixture.relay.close()
+        assert not fixture.relay.is_blocked
+        sending.cancel()
 
 
 HELLO = GREETING + READY
@@ -344,210 +316,159 @@ async def relay(folder: Path, sent: bytes) -> bytes:
             return received
 
 
-def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        up = HELLO + 100 * zmtp_frame(bytes(8 * 1024), LONG)
-        down = bytes(range(256)) * 16_000
-        async with open_guard(tmp_path) as guard:
-            with connect_client(guard.port) as end:
-                reader, writer = await guard.accepted.get()
-                sending = asyncio.create_task(loop.sock_sendall(end, up))
-                writer.write(down)
-                assert await reader.readexactly(len(up)) == up
-                received = bytearray()
-                while len(received) < len(down):
-                    received += await loop.sock_recv(end, 100_000)
-                await sending
-                writer.close()
-        assert received == down
-
-    run_scenario(scenario())
-
-
-def test_connection_when_its_message_has_too_many_parts_is_ended(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        assert await relay(tmp_path, HELLO + 1000 * zmtp_frame(b"part", MORE)) == b""
-
-    run_scenario(scenario())
-
-
-def test_connection_when_not_of_zmtp_3_is_ended(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        assert await relay(tmp_path, b"GET / HTTP/1.1\r\n".ljust(100)) == b""
-
-    run_scenario(scenario())
-
-
-def test_connection_when_the_client_disconnects_ends_after_its_last_bytes(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            with connect_client(guard.port) as end:
-                reader, writer = await guard.accepted.get()
-                end.send(HELLO)
-            assert await reader.read() == HELLO
+async def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
+    loop = asyncio.get_running_loop()
+    up = HELLO + 100 * zmtp_frame(bytes(8 * 1024), LONG)
+    down = bytes(range(256)) * 16_000
+    async with open_guard(tmp_path) as guard:
+        with connect_client(guard.port) as end:
+            reader, writer = await guard.accepted.get()
+            sending = asyncio.create_task(loop.sock_sendall(end, up))
+            writer.write(down)
+            assert await reader.readexactly(len(up)) == up
+            received = bytearray()
+            while len(received) < len(down):
+                received += await loop.sock_recv(end, 100_000)
+            await sending
             writer.close()
-
-    run_scenario(scenario())
-
-
-def test_connection_when_the_router_ends_it_is_ended(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            with connect_client(guard.port) as end:
-                _, writer = await guard.accepted.get()
-                writer.write(b"last bytes")
-                writer.close()
-                loop = asyncio.get_running_loop()
-                assert await loop.sock_recv(end, 100) == b"last bytes"
-                assert await loop.sock_recv(end, 100) == b""
-
-    run_scenario(scenario())
+    assert received == down
 
 
-def test_client_when_it_reads_nothing_blocks_the_inside(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            with socket.socket() as unread:
-                unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
-                unread.connect((HOST, guard.port))
-                _, writer = await guard.accepted.get()
-                assert await write_until_blocked(writer) < 100
-                writer.transport.abort()
-
-    run_scenario(scenario())
+async def test_connection_when_its_message_has_too_many_parts_is_ended(tmp_path: Path) -> None:
+    assert await relay(tmp_path, HELLO + 1000 * zmtp_frame(b"part", MORE)) == b""
 
 
-def test_connection_when_the_limit_is_reached_is_closed_and_those_with_requests_stay(
+async def test_connection_when_not_of_zmtp_3_is_ended(tmp_path: Path) -> None:
+    assert await relay(tmp_path, b"GET / HTTP/1.1\r\n".ljust(100)) == b""
+
+
+async def test_connection_when_the_router_ends_it_is_ended(tmp_path: Path) -> None:
+    async with open_guard(tmp_path) as guard:
+        with connect_client(guard.port) as end:
+            _, writer = await guard.accepted.get()
+            writer.write(b"last bytes")
+            writer.close()
+            loop = asyncio.get_running_loop()
+            assert await loop.sock_recv(end, 100) == b"last bytes"
+            assert await loop.sock_recv(end, 100) == b""
+
+
+async def test_client_when_it_reads_nothing_blocks_the_inside(tmp_path: Path) -> None:
+    async with open_guard(tmp_path) as guard:
+        with socket.socket() as unread:
+            unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
+            unread.connect((HOST, guard.port))
+            _, writer = await guard.accepted.get()
+            assert await write_until_blocked(writer) < 100
+            writer.transport.abort()
+
+
+async def test_connection_when_the_limit_is_reached_is_closed_and_those_with_requests_stay(
     tmp_path: Path,
 ) -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path, ConnectionLimits(max_connections=1)) as guard:
-            with connect_client(guard.port) as first:
-                reader, writer = await guard.accepted.get()
-                first.send(HELLO + REQUEST)
-                assert await reader.readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
-                with connect_client(guard.port) as second:
-                    assert await loop.sock_recv(second, 1) == b""
-                first.send(REQUEST)
-                assert await reader.readexactly(len(REQUEST)) == REQUEST
-            assert await reader.read() == b""
-            with connect_client(guard.port):  # below the limit again
-                _, other = await guard.accepted.get()
-            for end in (writer, other):
-                end.close()
-
-    run_scenario(scenario())
+    loop = asyncio.get_running_loop()
+    async with open_guard(tmp_path, ConnectionLimits(max_connections=1)) as guard:
+        with connect_client(guard.port) as first:
+            reader, writer = await guard.accepted.get()
+            first.send(HELLO + REQUEST)
+            assert await reader.readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
+            with connect_client(guard.port) as second:
+                assert await loop.sock_recv(second, 1) == b""
+            first.send(REQUEST)
+            assert await reader.readexactly(len(REQUEST)) == REQUEST
+        assert await reader.read() == b""
+        with connect_client(guard.port):  # below the limit again
+            _, other = await guard.accepted.get()
+        for end in (writer, other):
+            end.close()
 
 
-def test_connection_without_a_request_makes_room_at_the_limit(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path, ConnectionLimits(max_connections=2)) as guard:
-            with connect_client(guard.port) as oldest, connect_client(guard.port) as newer:
-                ends = [await guard.accepted.get() for _ in range(2)]
-                for end in (oldest, newer):
-                    end.send(HELLO)  # a handshake alone keeps no place
-                with connect_client(guard.port):
-                    ends.append(await guard.accepted.get())
-                    assert await loop.sock_recv(oldest, 1) == b""
-                    newer.send(REQUEST)
-                    assert await ends[1][0].readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
-            for _, writer in ends:
-                writer.close()
-
-    run_scenario(scenario())
+async def test_connection_without_a_request_makes_room_at_the_limit(tmp_path: Path) -> None:
+    loop = asyncio.get_running_loop()
+    async with open_guard(tmp_path, ConnectionLimits(max_connections=2)) as guard:
+        with connect_client(guard.port) as oldest, connect_client(guard.port) as newer:
+            ends = [await guard.accepted.get() for _ in range(2)]
+            for end in (oldest, newer):
+                end.send(HELLO)  # a handshake alone keeps no place
+            with connect_client(guard.port):
+                ends.append(await guard.accepted.get())
+                assert await loop.sock_recv(oldest, 1) == b""
+                newer.send(REQUEST)
+                assert await ends[1][0].readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
+        for _, writer in ends:
+            writer.close()
 
 
-def test_connection_without_a_request_in_time_is_closed_and_others_stay(
+async def test_connection_without_a_request_in_time_is_closed_and_others_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard_module, "CHECK_INTERVAL_S", 0.01)
-
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path, ConnectionLimits(handshake_timeout_s=0.2)) as guard:
-            with connect_client(guard.port) as served, connect_client(guard.port) as idle:
-                served.send(HELLO + REQUEST)
-                idle.send(HELLO)
-                ends = [await guard.accepted.get() for _ in range(2)]
-                assert await loop.sock_recv(idle, 1) == b""
-                served.send(REQUEST)
-                size = len(HELLO + REQUEST + REQUEST)
-                assert len(await ends[0][0].readexactly(size)) == size
-            for _, writer in ends:
-                writer.close()
-
-    run_scenario(scenario())
+    loop = asyncio.get_running_loop()
+    async with open_guard(tmp_path, ConnectionLimits(handshake_timeout_s=0.2)) as guard:
+        with connect_client(guard.port) as served, connect_client(guard.port) as idle:
+            served.send(HELLO + REQUEST)
+            idle.send(HELLO)
+            ends = [await guard.accepted.get() for _ in range(2)]
+            assert await loop.sock_recv(idle, 1) == b""
+            served.send(REQUEST)
+            size = len(HELLO + REQUEST + REQUEST)
+            assert len(await ends[0][0].readexactly(size)) == size
+        for _, writer in ends:
+            writer.close()
 
 
-def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_closed(
+async def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard_module, "CHECK_INTERVAL_S", 0.01)
-
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            with socket.socket() as unread:
-                unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
-                unread.connect((HOST, guard.port))
-                _, writer = await guard.accepted.get()
-                await write_until_blocked(writer)
-                writer.transport.abort()
-                # A reset, which an ordinary close after the last bytes would not be.
-                unread.setblocking(False)
-                end_poll = select.poll()
-                end_poll.register(unread, 0)
-                await wait_until(lambda: bool(end_poll.poll(0)), "reset of the connection")
-
-    run_scenario(scenario())
+    async with open_guard(tmp_path) as guard:
+        with socket.socket() as unread:
+            unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
+            unread.connect((HOST, guard.port))
+            _, writer = await guard.accepted.get()
+            await write_until_blocked(writer)
+            writer.transport.abort()
+            # A reset, which an ordinary close after the last bytes would not be.
+            unread.setblocking(False)
+            end_poll = select.poll()
+            end_poll.register(unread, 0)
+            await wait_until(lambda: bool(end_poll.poll(0)), "reset of the connection")
 
 
-def test_flood_of_messages_is_held_back_and_single_ones_pass_at_once(
+async def test_flood_of_messages_is_held_back_and_single_ones_pass_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard_module, "_MESSAGE_COST_S", 0.01)
-
-    async def scenario() -> None:
-        loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path) as guard:
-            with connect_client(guard.port) as flooding, connect_client(guard.port) as other:
-                ends = [await guard.accepted.get() for _ in range(2)]
-                flood = asyncio.create_task(loop.sock_sendall(flooding, HELLO + 100_000 * REQUEST))
-                other.send(HELLO)
-                await ends[1][0].readexactly(len(HELLO))
-                for _ in range(3):
-                    other.send(REQUEST)
-                    assert await ends[1][0].readexactly(len(REQUEST)) == REQUEST
-                # The first read of 1 KiB is 100 messages: 1 s of work, that may take 7 s.
-                with pytest.raises(TimeoutError):
-                    await asyncio.wait_for(ends[0][0].readexactly(1025), 0.3)
-                flood.cancel()
-            for _, writer in ends:
-                writer.close()
-
-    run_scenario(scenario())
+    loop = asyncio.get_running_loop()
+    async with open_guard(tmp_path) as guard:
+        with connect_client(guard.port) as flooding, connect_client(guard.port) as other:
+            ends = [await guard.accepted.get() for _ in range(2)]
+            flood = asyncio.create_task(loop.sock_sendall(flooding, HELLO + 100_000 * REQUEST))
+            other.send(HELLO)
+            await ends[1][0].readexactly(len(HELLO))
+            for _ in range(3):
+                other.send(REQUEST)
+                assert await ends[1][0].readexactly(len(REQUEST)) == REQUEST
+            # The first read of 1 KiB is 100 messages: 1 s of work, that may take 7 s.
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(ends[0][0].readexactly(1025), 0.3)
+            flood.cancel()
+        for _, writer in ends:
+            writer.close()
 
 
-def test_connection_when_there_is_no_router_is_closed(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            (tmp_path / "inside").unlink()
-            with connect_client(guard.port) as end:
-                assert await asyncio.get_running_loop().sock_recv(end, 1) == b""
-
-    run_scenario(scenario())
+async def test_connection_when_there_is_no_router_is_closed(tmp_path: Path) -> None:
+    async with open_guard(tmp_path) as guard:
+        (tmp_path / "inside").unlink()
+        with connect_client(guard.port) as end:
+            assert await asyncio.get_running_loop().sock_recv(end, 1) == b""
 
 
-def test_connections_when_the_guard_closes_are_ended(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with open_guard(tmp_path) as guard:
-            end = socket.create_connection((HOST, guard.port))
-            reader, writer = await guard.accepted.get()
-        assert await reader.read() == b""
-        writer.close()
-        with end:
-            assert end.recv(1) == b""
-
-    run_scenario(scenario())
+async def test_connections_when_the_guard_closes_are_ended(tmp_path: Path) -> None:
+    async with open_guard(tmp_path) as guard:
+        end = socket.create_connection((HOST, guard.port))
+        reader, writer = await guard.accepted.get()
+    assert await reader.read() == b""
+    writer.close()
+    with end:
+        assert end.recv(1) == b""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import pytest
@@ -46,7 +46,7 @@ from catoptra_server.simulation.events import (
 )
 from catoptra_server.simulation.robot import FleetState
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
-from helpers.loopback import run_scenario, wait_until
+from helpers.loopback import wait_until
 from helpers.stream_messages import SAMPLE_REQUESTS
 from helpers.stream_peer import RawPeer, connect_raw_peer
 
@@ -101,21 +101,8 @@ async def open_session(simulation: FakeSimulation | None = None) -> AsyncIterato
             yield PeerSession(raw, server, simulation)
 
 
-def run_session(
-    play: Callable[[PeerSession], Awaitable[None]],
-    simulation: FakeSimulation | None = None,
-) -> None:
-    """Run a coroutine function with an open session."""
-
-    async def scenario() -> None:
-        async with open_session(simulation) as session:
-            await play(session)
-
-    run_scenario(scenario())
-
-
-def test_drive_with_a_robot_is_ok_and_without_one_an_error() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_drive_with_a_robot_is_ok_and_without_one_an_error() -> None:
+    async with open_session() as session:
         drive = DriveRequest(5, 1.0, None, True)
         reply = await session.raw.send_request(drive)
         assert isinstance(reply, Error)
@@ -123,20 +110,16 @@ def test_drive_with_a_robot_is_ok_and_without_one_an_error() -> None:
         await session.spawn()
         assert await session.raw.send_request(drive) == Ok(5)
 
-    run_session(play)
-
 
 @pytest.mark.parametrize(
     "request_", [PublishRequest(5, "ekf", "{}"), ShareControlRequest(5, True)], ids=lambda r: r.KIND
 )
-def test_note_and_sharing_without_a_robot_are_errors(request_: Request) -> None:
-    async def play(session: PeerSession) -> None:
+async def test_note_and_sharing_without_a_robot_are_errors(request_: Request) -> None:
+    async with open_session() as session:
         reply = await session.raw.send_request(request_)
         assert isinstance(reply, Error)
         assert "spawn one first" in reply.reason
         assert session.posted == []
-
-    run_session(play)
 
 
 @pytest.mark.parametrize(
@@ -153,8 +136,10 @@ def test_note_and_sharing_without_a_robot_are_errors(request_: Request) -> None:
     ],
     ids=["no name", "escape", "long name", "list", "NaN", "deep", "giant", "surrogate"],
 )
-def test_note_when_none_is_an_error_and_reaches_no_robot(name: str, text: str, reason: str) -> None:
-    async def play(session: PeerSession) -> None:
+async def test_note_when_none_is_an_error_and_reaches_no_robot(
+    name: str, text: str, reason: str
+) -> None:
+    async with open_session() as session:
         await session.spawn()
         num_posted = len(session.posted)
         reply = await session.raw.send_request(PublishRequest(5, name, text))
@@ -162,11 +147,9 @@ def test_note_when_none_is_an_error_and_reaches_no_robot(name: str, text: str, r
         assert reason in reply.reason
         assert len(session.posted) == num_posted
 
-    run_session(play)
 
-
-def test_note_is_ok_once_the_simulation_has_stored_it() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_note_is_ok_once_the_simulation_has_stored_it() -> None:
+    async with open_session() as session:
         await session.spawn()
         await session.send(PublishRequest(5, "ekf", "{}"))
         event = session.posted[-1]
@@ -175,11 +158,9 @@ def test_note_is_ok_once_the_simulation_has_stored_it() -> None:
         assert await session.receive() == Ok(5)
         assert await session.raw.send_request(ShareControlRequest(6, True)) == Ok(6)
 
-    run_session(play)
 
-
-def test_drive_with_a_name_needs_no_robot_and_has_the_outcome_as_reply() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_drive_with_a_name_needs_no_robot_and_has_the_outcome_as_reply() -> None:
+    async with open_session() as session:
         for id_, reason in ((5, ""), (6, "there is no robot 'Gone'")):
             await session.send(DriveRequest(id_, 1.0, 1.0, False, "Gone"))
             event = session.posted[-1]
@@ -187,22 +168,18 @@ def test_drive_with_a_name_needs_no_robot_and_has_the_outcome_as_reply() -> None
             event.reply(reason)
             assert await session.receive() == (Error(id_, reason) if reason else Ok(id_))
 
-    run_session(play)
 
-
-def test_state_is_collected_by_the_simulation_without_a_robot() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_state_is_collected_by_the_simulation_without_a_robot() -> None:
+    async with open_session() as session:
         await session.send(GetStateRequest(5, ""))
         event = session.posted[-1]
         assert isinstance(event, StateRequested)
         event.reply(1.5, FleetState(()))
         assert await session.receive() == StateReply(5, 1.5, (), "", (), ())
 
-    run_session(play)
 
-
-def test_reset_is_ok_and_readings_are_of_the_robot_alone() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_reset_is_ok_and_readings_are_of_the_robot_alone() -> None:
+    async with open_session() as session:
         await session.spawn()
         session.client.robot.deliver([OdometryReading("Odometry", 7.0, 2.0, 0.5)])
         readings = await session.raw.send_request(GetReadingsRequest(9))
@@ -216,11 +193,9 @@ def test_reset_is_ok_and_readings_are_of_the_robot_alone() -> None:
         assert isinstance(await session.raw.send_request(GetReadingsRequest(9)), Error)
         assert isinstance(await session.spawn(), SensorReports)
 
-    run_session(play)
 
-
-def test_requests_when_too_many_are_pending_are_errors_and_each_has_one_reply() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_requests_when_too_many_are_pending_are_errors_and_each_has_one_reply() -> None:
+    async with open_session() as session:
         for number in range(1, 70):
             await session.raw.send(bytes_from_message(StepRequest(number, 0.1)))
         refused = [await session.receive() for _ in range(5)]
@@ -232,23 +207,18 @@ def test_requests_when_too_many_are_pending_are_errors_and_each_has_one_reply() 
         replies = [await session.receive() for _ in range(64)]
         assert [getattr(reply, "id", 0) for reply in replies] == list(range(1, 65))
 
-    run_session(play)
 
-
-def test_replies_when_more_than_zeromq_takes_are_all_received_in_order() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_replies_when_more_than_zeromq_takes_are_all_received_in_order() -> None:
+    async with open_session() as session:
         for number in range(1, 101):
             await session.raw.send(bytes_from_message(GetStatusRequest(number)))
         replies = [await session.receive() for _ in range(100)]
         assert [getattr(reply, "id", 0) for reply in replies] == list(range(1, 101))
 
-    run_session(play)
 
-
-def test_commands_when_the_queue_of_the_simulation_is_full_are_errors() -> None:
+async def test_commands_when_the_queue_of_the_simulation_is_full_are_errors() -> None:
     simulation = FakeSimulation()
-
-    async def play(session: PeerSession) -> None:
+    async with open_session(simulation) as session:
         await session.spawn()
         simulation.has_room = False
         assert await session.raw.send_request(DriveRequest(2, 1.0, 1.0, False)) == Ok(2)
@@ -258,11 +228,9 @@ def test_commands_when_the_queue_of_the_simulation_is_full_are_errors() -> None:
         session.client.robot.resume_reading()
         assert await session.raw.send_request(DriveRequest(4, 1.0, 1.0, False)) == Ok(4)
 
-    run_session(play, simulation)
 
-
-def test_fault_of_the_robot_rejects_pending_requests_and_the_client_stays() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_fault_of_the_robot_rejects_pending_requests_and_the_client_stays() -> None:
+    async with open_session() as session:
         await session.spawn()
         await session.send(StepRequest(2, 0.1))
         step, faulty = session.posted[-1], session.client.robot
@@ -274,29 +242,24 @@ def test_fault_of_the_robot_rejects_pending_requests_and_the_client_stays() -> N
         assert not session.client.robot.has_robot
         assert isinstance(await session.spawn(), SensorReports)
 
-    run_session(play)
 
-
-def test_camera_when_unnamed_is_that_of_the_own_robot() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_camera_when_unnamed_is_that_of_the_own_robot() -> None:
+    async with open_session() as session:
         await session.spawn()
         camera = await session.raw.send_request(GetCameraRequest(2, ""))
         assert isinstance(camera, CameraReply)
         assert (camera.class_name, camera.camera) == ("USARBot.OmniP2AT", "Omni")
 
-    run_session(play)
-
 
 @pytest.mark.parametrize("request_", SAMPLE_REQUESTS, ids=lambda request: request.KIND)
-def test_request_when_its_handling_raises_is_an_error_and_the_server_goes_on(
+async def test_request_when_its_handling_raises_is_an_error_and_the_server_goes_on(
     request_: Request, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def raise_error(*arguments: object, **keywords: object) -> None:
         raise ZeroDivisionError("injected")
 
     simulation = FakeSimulation()
-
-    async def play(session: PeerSession) -> None:
+    async with open_session(simulation) as session:
         await session.spawn()
         if isinstance(request_, SpawnRequest):
             session.client.robot.expects_robot = False
@@ -308,8 +271,6 @@ def test_request_when_its_handling_raises_is_an_error_and_the_server_goes_on(
         monkeypatch.undo()
         assert not session.client.wants_heartbeat(0)  # nothing is pending
         await session.raw.send_request(GetStatusRequest(99))
-
-    run_session(play, simulation)
     assert "injected" in caplog.text
 
 
@@ -326,30 +287,24 @@ def inject_fault(
         monkeypatch.setattr(peer_module, name, raise_error)
 
 
-def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
+async def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(peer_module, "MAX_BLOCKED_S", 0.0)
-
-    async def scenario() -> None:
-        async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
-            with connect_raw_peer(server.port, high_water_mark=1) as stalled:
-                await stalled.send_request(GetStatusRequest(1000))
-                (client,) = server.peers
-                while client in server.peers:
-                    await stalled.request_frame()
-                    server.send_heartbeats()
-                    await asyncio.sleep(0)
-
-    run_scenario(scenario())
+    async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
+        with connect_raw_peer(server.port, high_water_mark=1) as stalled:
+            await stalled.send_request(GetStatusRequest(1000))
+            (client,) = server.peers
+            while client in server.peers:
+                await stalled.request_frame()
+                server.send_heartbeats()
+                await asyncio.sleep(0)
 
 
-def test_heartbeats_when_idle_are_due_up_to_a_number_and_when_waiting_always() -> None:
-    async def play(session: PeerSession) -> None:
+async def test_heartbeats_when_idle_are_due_up_to_a_number_and_when_waiting_always() -> None:
+    async with open_session() as session:
         assert [session.client.wants_heartbeat(2) for _ in range(4)] == [True, True, False, False]
         session.client.reset_idle_count()
         assert session.client.wants_heartbeat(2)
         await session.send(StepRequest(2, 0.1))
         assert all(session.client.wants_heartbeat(2) for _ in range(4))
-
-    run_session(play)

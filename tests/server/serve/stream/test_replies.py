@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -77,7 +79,6 @@ from helpers.fake_simulation import (
     create_fake_context,
     serve_fake_simulation,
 )
-from helpers.loopback import run_scenario
 from helpers.robots import CAMERA, FORWARD_MOUNT, make_p2at
 from helpers.stream_peer import connect_raw_peer
 
@@ -147,24 +148,37 @@ def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
     assert records[1].reason == "the rim"
 
 
-async def query_projections(
-    request: GetLandmarksRequest, result: tuple[LandmarkVisibility, ...] | Fault | None
-) -> Reply:
-    """Reply to a request, with this result of the simulation's thread at 1.5 s."""
+async def query(
+    request: Callable[[PendingRequests, RobotSession], None], result: object
+) -> tuple[Any, Reply]:
+    """Event of a request, and the reply for this result of the simulation's thread at 1.5 s."""
     replies: asyncio.Queue[Reply] = asyncio.Queue()
+    events = list[Any]()
 
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, LandmarksRequested)
-        assert (event.client, event.channel) == (session, CameraChannel("A", ""))
+    def post(event: Any) -> bool:
+        events.append(event)
         thread = threading.Thread(target=event.reply, args=(1.5, result))
         thread.start()
         thread.join()
         return True
 
     session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
-    request_projections(request, pending.add(request.id), session)
-    return await replies.get()
+    request(PendingRequests(replies.put_nowait), session)
+    (event,) = events
+    assert event.client is session
+    return event, await replies.get()
+
+
+async def query_projections(
+    request: GetLandmarksRequest, result: tuple[LandmarkVisibility, ...] | Fault | None
+) -> Reply:
+    event, reply = await query(
+        lambda pending, session: request_projections(request, pending.add(request.id), session),
+        result,
+    )
+    assert isinstance(event, LandmarksRequested)
+    assert event.channel == CameraChannel("A", "")
+    return reply
 
 
 def test_landmarks_without_a_camera_are_the_true_ones() -> None:
@@ -173,31 +187,22 @@ def test_landmarks_without_a_camera_are_the_true_ones() -> None:
     assert reply.time_s is None
 
 
-def test_landmarks_of_a_camera_have_their_projections() -> None:
-    async def scenario() -> None:
-        projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
-        reply = await query_projections(GetLandmarksRequest(2, "A"), (projected,))
-        assert isinstance(reply, LandmarksReply)
-        (record,) = reply.landmarks
-        assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
-
-    run_scenario(scenario())
+async def test_landmarks_of_a_camera_have_their_projections() -> None:
+    projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
+    reply = await query_projections(GetLandmarksRequest(2, "A"), (projected,))
+    assert isinstance(reply, LandmarksReply)
+    (record,) = reply.landmarks
+    assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
 
 
-def test_landmarks_of_a_missing_camera_are_an_error() -> None:
-    async def scenario() -> None:
-        error = Error(3, "there is no camera of robot 'A'")
-        assert await query_projections(GetLandmarksRequest(3, "A", ""), None) == error
-
-    run_scenario(scenario())
+async def test_landmarks_of_a_missing_camera_are_an_error() -> None:
+    error = Error(3, "there is no camera of robot 'A'")
+    assert await query_projections(GetLandmarksRequest(3, "A", ""), None) == error
 
 
-def test_landmarks_when_their_projection_failed_are_an_error_with_the_reason() -> None:
-    async def scenario() -> None:
-        reply = await query_projections(GetLandmarksRequest(3, "A", ""), Fault("a fault"))
-        assert reply == Error(3, "a fault")
-
-    run_scenario(scenario())
+async def test_landmarks_when_their_projection_failed_are_an_error_with_the_reason() -> None:
+    reply = await query_projections(GetLandmarksRequest(3, "A", ""), Fault("a fault"))
+    assert reply == Error(3, "a fault")
 
 
 def test_error_when_no_robot_is_named_speaks_of_the_image_port() -> None:
@@ -206,66 +211,49 @@ def test_error_when_no_robot_is_named_speaks_of_the_image_port() -> None:
 
 
 async def query_pixel(view: PixelView | Fault | None) -> Reply:
-    """Reply to a request, with this result of the simulation's thread at 1.5 s."""
-    replies: asyncio.Queue[Reply] = asyncio.Queue()
-
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, PixelRequested)
-        assert (event.channel, event.point_px) == (CameraChannel("A", "Omni"), (3.5, 4.5))
-        thread = threading.Thread(target=event.reply, args=(1.5, view))
-        thread.start()
-        thread.join()
-        return True
-
-    session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
     request = GetPixelRequest(7, "A", "Omni", 3.5, 4.5)
-    request_pixel(request, pending.add(request.id), session)
-    return await replies.get()
+    event, reply = await query(
+        lambda pending, session: request_pixel(request, pending.add(7), session), view
+    )
+    assert isinstance(event, PixelRequested)
+    assert (event.channel, event.point_px) == (CameraChannel("A", "Omni"), (3.5, 4.5))
+    return reply
 
 
 @pytest.mark.parametrize(
     ("view", "expected"),
     [
-        (
-            PixelView(1.0, 2.0, 3.0, "wall", 0.5),
-            PixelReply(7, 1.5, 1.0, 2.0, 3.0, "wall", 0.5),
-        ),
+        (PixelView(1.0, 2.0, 3.0, "wall", 0.5), PixelReply(7, 1.5, 1.0, 2.0, 3.0, "wall", 0.5)),
         (OUTSIDE, PixelReply(7, 1.5, None, None, None, "", None)),
         (Fault("broken"), Error(7, "broken")),
         (None, Error(7, "there is no camera 'Omni' of robot 'A'")),
     ],
 )
-def test_reply_is_that_of_the_simulation(view: PixelView | Fault | None, expected: Reply) -> None:
-    async def scenario() -> None:
-        assert await query_pixel(view) == expected
+async def test_reply_is_that_of_the_simulation(
+    view: PixelView | Fault | None, expected: Reply
+) -> None:
+    assert await query_pixel(view) == expected
 
-    run_scenario(scenario())
 
-
-def query_plan(
+async def query_plan(
     request: SetAccuracyRequest, *, result: Fault | str | None = "camera"
 ) -> tuple[Reply, list[AccuracyTargetChanged]]:
     """Reply of a server whose simulation finds a camera or this result; the posted events."""
     simulation = FakeSimulation()
     replies: list[Reply] = []
-
-    async def scenario() -> None:
-        async with serve_fake_simulation(simulation) as server:
-            with connect_raw_peer(server.port) as peer:
-                await peer.send(bytes_from_message(request))
-                await peer.send(bytes_from_message(GetStatusRequest(99)))
-                replies.append((await peer.receive())[0])  # an error, or the status
-                for change in accuracy_changes(simulation):
-                    target = AccuracyTarget().with_changes(
-                        max_error_px=change.max_error_px, budget_ms=change.budget_ms
-                    )
-                    spec = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=target))
-                    found = spec if isinstance(result, str) else result
-                    change.reply(found, change.camera or "Omni")
-                    replies.append((await peer.receive())[0])
-
-    run_scenario(scenario())
+    async with serve_fake_simulation(simulation) as server:
+        with connect_raw_peer(server.port) as peer:
+            await peer.send(bytes_from_message(request))
+            await peer.send(bytes_from_message(GetStatusRequest(99)))
+            replies.append((await peer.receive())[0])  # an error, or the status
+            for change in accuracy_changes(simulation):
+                target = AccuracyTarget().with_changes(
+                    max_error_px=change.max_error_px, budget_ms=change.budget_ms
+                )
+                spec = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=target))
+                found = spec if isinstance(result, str) else result
+                change.reply(found, change.camera or "Omni")
+                replies.append((await peer.receive())[0])
     return (replies[-1], accuracy_changes(simulation))
 
 
@@ -273,8 +261,8 @@ def accuracy_changes(simulation: FakeSimulation) -> list[AccuracyTargetChanged]:
     return [event for event in simulation.posted_events if isinstance(event, AccuracyTargetChanged)]
 
 
-def test_plan_when_a_tolerance_is_set_describes_the_resulting_plan() -> None:
-    reply, posted = query_plan(SetAccuracyRequest(1, "", 0.5, None))
+async def test_plan_when_a_tolerance_is_set_describes_the_resulting_plan() -> None:
+    reply, posted = await query_plan(SetAccuracyRequest(1, "", 0.5, None))
     assert isinstance(reply, PlanReply)
     assert (reply.id, reply.camera, reply.max_error_px, reply.budget_ms) == (1, "Omni", 0.5, 0)
     assert reply.error_bounds is not None
@@ -283,42 +271,39 @@ def test_plan_when_a_tolerance_is_set_describes_the_resulting_plan() -> None:
     assert [(p.camera, p.max_error_px, p.budget_ms) for p in posted] == [("", 0.5, None)]
 
 
-def test_plan_of_a_missing_camera_is_an_error() -> None:
-    reply, _ = query_plan(SetAccuracyRequest(2, "Rear", None, None), result=None)
+async def test_plan_of_a_missing_camera_is_an_error() -> None:
+    reply, _ = await query_plan(SetAccuracyRequest(2, "Rear", None, None), result=None)
     assert isinstance(reply, Error)
     assert "no robot with an omnidirectional camera 'Rear'" in reply.reason
 
 
-def test_plan_when_superseded_in_the_simulation_is_an_error_with_the_reason() -> None:
-    reply, _ = query_plan(SetAccuracyRequest(2, "", 0.5, None), result=Fault("superseded"))
+async def test_plan_when_superseded_in_the_simulation_is_an_error_with_the_reason() -> None:
+    reply, _ = await query_plan(SetAccuracyRequest(2, "", 0.5, None), result=Fault("superseded"))
     assert reply == Error(2, "superseded")
 
 
-def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason() -> None:
-    async def scenario() -> None:
-        replies: asyncio.Queue[Reply] = asyncio.Queue()
-        clients = []
+async def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason() -> None:
+    replies: asyncio.Queue[Reply] = asyncio.Queue()
+    clients = []
 
-        def post(event: SimulationEvent) -> bool:
-            assert isinstance(event, AccuracyTargetChanged)
-            event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
-            return True
+    def post(event: SimulationEvent) -> bool:
+        assert isinstance(event, AccuracyTargetChanged)
+        event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
+        return True
 
-        def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
-            clients.append(client)
-            reply(PlanFailure("no plan"))
+    def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
+        clients.append(client)
+        reply(PlanFailure("no plan"))
 
-        session = RobotSession(post, on_fault=print)
-        pending = PendingRequests(replies.put_nowait).add(4)
-        request_plan(SetAccuracyRequest(4, "", None, None), pending, session, find_no_plan)
-        assert await replies.get() == Error(4, "no plan")
-        assert clients == [session]
-
-    run_scenario(scenario())
+    session = RobotSession(post, on_fault=print)
+    pending = PendingRequests(replies.put_nowait).add(4)
+    request_plan(SetAccuracyRequest(4, "", None, None), pending, session, find_no_plan)
+    assert await replies.get() == Error(4, "no plan")
+    assert clients == [session]
 
 
-def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> None:
-    reply, posted = query_plan(SetAccuracyRequest(3, "", None, -1.0))
+async def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> None:
+    reply, posted = await query_plan(SetAccuracyRequest(3, "", None, -1.0))
     assert reply == Error(3, "budget_ms must be 0 (no target) or more, not -1.0")
     assert posted == []
 
@@ -334,100 +319,68 @@ STATE = FleetState(
 
 
 async def query_state(result: FleetState | Fault) -> Reply:
-    """Reply to a request for robot A, with this result of the simulation's thread at 1.5 s."""
-    replies: asyncio.Queue[Reply] = asyncio.Queue()
-
-    def post(event: SimulationEvent) -> bool:
-        assert isinstance(event, StateRequested)
-        assert (event.client, event.robot) == (session, "A")
-        thread = threading.Thread(target=event.reply, args=(1.5, result))
-        thread.start()
-        thread.join()
-        return True
-
-    session = RobotSession(post, on_fault=print)
-    pending = PendingRequests(replies.put_nowait)
-    request_state(GetStateRequest(7, "A"), pending.add(7), session, ReportLines())
-    return await replies.get()
+    request, lines = GetStateRequest(7, "A"), ReportLines()
+    event, reply = await query(
+        lambda pending, session: request_state(request, pending.add(7), session, lines), result
+    )
+    assert isinstance(event, StateRequested)
+    assert event.robot == "A"
+    return reply
 
 
-def test_state_has_robots_lines_and_notes() -> None:
-    async def scenario() -> None:
-        reply = await query_state(STATE)
-        assert isinstance(reply, StateReply)
-        assert (reply.id, reply.time_s, reply.robot) == (7, 1.5, "A")
-        (robot,) = reply.robots
-        assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
-        assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
-        assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
-        assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
-        assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
-
-    run_scenario(scenario())
+async def test_state_has_robots_lines_and_notes() -> None:
+    reply = await query_state(STATE)
+    assert isinstance(reply, StateReply)
+    assert (reply.id, reply.time_s, reply.robot) == (7, 1.5, "A")
+    (robot,) = reply.robots
+    assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
+    assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
+    assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
+    assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
+    assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
 
 
-def test_state_when_the_simulation_failed_is_an_error() -> None:
-    async def scenario() -> None:
-        assert await query_state(Fault("see the log")) == Error(7, "see the log")
-
-    run_scenario(scenario())
+async def test_state_when_the_simulation_failed_is_an_error() -> None:
+    assert await query_state(Fault("see the log")) == Error(7, "see the log")
 
 
-def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
-    async def scenario() -> None:
-        robots = tuple(
-            RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
-        )
-        scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
-        text = '{"x":"' + 8184 * "\\" + '"}'
-        notes = tuple((Note(f"{n}" * 64, text), 1.25) for n in range(8))
-        reply = await query_state(FleetState(robots, "r" * 256, (scan,) * 16, notes))
-        assert reply_from_bytes(bytes_from_message(reply)) == reply
-        assert reply_from_json(json_from_message(reply)) == reply
-
-    run_scenario(scenario())
+async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
+    robots = tuple(
+        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
+    )
+    scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
+    text = '{"x":"' + 8184 * "\\" + '"}'
+    notes = tuple((Note(f"{n}" * 64, text), 1.25) for n in range(8))
+    reply = await query_state(FleetState(robots, "r" * 256, (scan,) * 16, notes))
+    assert reply_from_bytes(bytes_from_message(reply)) == reply
+    assert reply_from_json(json_from_message(reply)) == reply
 
 
-def test_clients_are_those_between_connection_and_disconnection() -> None:
-    async def scenario() -> None:
-        context = create_fake_context(FakeSimulation())
-        outbox = Outbox(
-            lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None
-        )
-        first, second = (
-            StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
-        )
-        assert context.clients == {first, second}
-        first.disconnect()
-        first.disconnect()
-        assert context.clients == {second}
-
-    run_scenario(scenario())
+async def test_clients_are_those_between_connection_and_disconnection() -> None:
+    context = create_fake_context(FakeSimulation())
+    outbox = Outbox(lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None)
+    first, second = (
+        StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
+    )
+    assert context.clients == {first, second}
+    first.disconnect()
+    first.disconnect()
+    assert context.clients == {second}
 
 
-def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_known() -> None:
-    async def scenario() -> None:
-        robot = RobotSession(FakeSimulation().post, on_fault=lambda _: None)
-        found = camera_reply(1, "omni", SERVER_INFO, robot)
-        assert isinstance(found, CameraReply)
-        assert (found.class_name, found.camera, found.plan) == (
-            "USARBot.OmniP2AT",
-            "Omni",
-            "traced",
-        )
-        reason = "no camera 'Rear': this server's robots have Omni"
-        assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
-
-    run_scenario(scenario())
+async def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_known() -> None:
+    robot = RobotSession(FakeSimulation().post, on_fault=lambda _: None)
+    found = camera_reply(1, "omni", SERVER_INFO, robot)
+    assert isinstance(found, CameraReply)
+    assert (found.class_name, found.camera, found.plan) == ("USARBot.OmniP2AT", "Omni", "traced")
+    reason = "no camera 'Rear': this server's robots have Omni"
+    assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
 
 
-def test_status_counts_the_clients_of_all_transports() -> None:
-    async def scenario() -> None:
-        context = create_fake_context(FakeSimulation())
-        context.clients.update({object(), object()})
-        robot = RobotSession(context.post, on_fault=lambda _: None)
-        status = status_reply(7, context, robot, num_sent=3)
-        assert (status.id, status.num_clients, status.sent_frames) == (7, 2, 3)
-        assert (status.world, status.has_robot) == ("field", False)
-
-    run_scenario(scenario())
+async def test_status_counts_the_clients_of_all_transports() -> None:
+    context = create_fake_context(FakeSimulation())
+    context.clients.update({object(), object()})
+    robot = RobotSession(context.post, on_fault=lambda _: None)
+    status = status_reply(7, context, robot, num_sent=3)
+    assert (status.id, status.num_clients, status.sent_frames) == (7, 2, 3)
+    assert (status.world, status.has_robot) == ("field", False)

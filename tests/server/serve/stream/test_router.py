@@ -21,15 +21,9 @@ from catoptra_server.serve.stream.router import (
     SendResult,
     create_private_folder,
 )
-from helpers.loopback import HOST, run_scenario, wait_until
+from helpers.loopback import HOST, wait_until
 from helpers.stream_peer import connect_raw_peer
-from helpers.zmtp import (
-    LONG,
-    MORE,
-    connect_with_handshake,
-    send_until_disconnect,
-    zmtp_frame,
-)
+from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
 
 
 @dataclass
@@ -249,107 +243,77 @@ class RouterFixture:
         self.socket.close()
 
 
-def test_messages_when_many_arrive_at_once_are_all_received_in_order() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            for number in range(100):
-                await peer.send(b"%d" % number, b"more")
-            got = [(await router.received.get())[1] for _ in range(100)]
-            assert got == [[b"%d" % number, b"more"] for number in range(100)]
-
-    run_scenario(scenario())
+async def test_messages_when_many_arrive_at_once_are_all_received_in_order() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+        for number in range(100):
+            await peer.send(b"%d" % number, b"more")
+        got = [(await router.received.get())[1] for _ in range(100)]
+        assert got == [[b"%d" % number, b"more"] for number in range(100)]
 
 
-def test_message_when_sent_between_receptions_causes_no_loss() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            for _ in range(50):
-                await peer.send(b"ping")
-                identity, _ = await router.received.get()
-                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
-                assert await peer.socket.recv_multipart() == [b"pong"]
-
-    run_scenario(scenario())
-
-
-def test_messages_when_the_peer_reads_at_once_are_all_sent() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            for _ in range(2000):  # without the query of events one in hundreds fails
-                await peer.send(b"ping")
-                identity, _ = await router.received.get()
-                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
-                assert await peer.socket.recv_multipart() == [b"pong"]
-
-    run_scenario(scenario())
-
-
-def test_message_when_sent_after_the_end_has_no_peer() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+async def test_messages_when_the_peer_reads_at_once_are_all_sent() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+        for _ in range(2000):  # without the query of events one in hundreds fails
             await peer.send(b"ping")
             identity, _ = await router.received.get()
-        assert router.socket.send(identity, [b"late"]) is SendResult.DISCONNECTED
+            assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+            assert await peer.socket.recv_multipart() == [b"pong"]
 
-    run_scenario(scenario())
+
+async def test_message_when_sent_after_the_end_has_no_peer() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+        await peer.send(b"ping")
+        identity, _ = await router.received.get()
+    assert router.socket.send(identity, [b"late"]) is SendResult.DISCONNECTED
 
 
-def test_end_of_a_connection_is_reported_for_its_peer_alone() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as connected:
-            await connected.send(b"ping")
-            await router.received.get()
-            with connect_raw_peer(router.socket.port) as leaving:
-                await leaving.send(b"ping")
-                identity, _ = await router.received.get()
+async def test_end_of_a_connection_is_reported_for_its_peer_alone() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as connected:
+        await connected.send(b"ping")
+        await router.received.get()
+        with connect_raw_peer(router.socket.port) as leaving:
+            await leaving.send(b"ping")
+            identity, _ = await router.received.get()
+        assert await router.ended.get() == identity
+        # ZeroMQ's thread reports the end to the monitor before the socket learns of it.
+        await wait_until(
+            lambda: router.socket.send(identity, [b"?"]) is SendResult.DISCONNECTED,
+            "a send that finds no peer",
+        )
+        await connected.send(b"ping")
+        await router.received.get()
+        assert router.ended.empty()
+
+
+async def test_peers_with_the_same_identity_have_different_ones() -> None:
+    with (
+        RouterFixture() as router,
+        connect_raw_peer(router.socket.port, identity=b"same") as one,
+        connect_raw_peer(router.socket.port, identity=b"same") as other,
+    ):
+        identities = set()
+        for peer in (one, other):
+            await peer.send(b"ping")
+            identity, _ = await router.received.get()
+            identities.add(identity)
+            assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+            assert await peer.socket.recv_multipart() == [b"pong"]
+        assert len(identities) == 2
+        assert b"same" not in identities
+
+
+async def test_peer_when_disconnected_is_closed_and_others_stay() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as other:
+        with await asyncio.to_thread(connect_with_handshake, router.socket.port) as peer:
+            peer.sendall(zmtp_frame(b"ping"))
+            identity, _ = await router.received.get()
+            router.socket.disconnect(identity)
             assert await router.ended.get() == identity
-            # ZeroMQ's thread reports the end to the monitor before the socket learns of it.
-            await wait_until(
-                lambda: router.socket.send(identity, [b"?"]) is SendResult.DISCONNECTED,
-                "a send that finds no peer",
-            )
-            await connected.send(b"ping")
-            await router.received.get()
-            assert router.ended.empty()
-
-    run_scenario(scenario())
-
-
-def test_peers_with_the_same_identity_have_different_ones() -> None:
-    async def scenario() -> None:
-        with (
-            RouterFixture() as router,
-            connect_raw_peer(router.socket.port, identity=b"same") as one,
-            connect_raw_peer(router.socket.port, identity=b"same") as other,
-        ):
-            identities = set()
-            for peer in (one, other):
-                await peer.send(b"ping")
-                identity, _ = await router.received.get()
-                identities.add(identity)
-                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
-                assert await peer.socket.recv_multipart() == [b"pong"]
-            assert len(identities) == 2
-            assert b"same" not in identities
-
-    run_scenario(scenario())
-
-
-def test_peer_when_disconnected_is_closed_and_others_stay() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as other:
-            with await asyncio.to_thread(connect_with_handshake, router.socket.port) as peer:
-                peer.sendall(zmtp_frame(b"ping"))
-                identity, _ = await router.received.get()
-                router.socket.disconnect(identity)
-                assert await router.ended.get() == identity
-                assert await asyncio.to_thread(read_until_end, peer)
-                router.socket.disconnect(identity)  # of no effect
-            await other.send(b"ping")
-            await router.received.get()
-            assert router.ended.empty()
-
-    run_scenario(scenario())
+            assert await asyncio.to_thread(read_until_end, peer)
+            router.socket.disconnect(identity)  # of no effect
+        await other.send(b"ping")
+        await router.received.get()
+        assert router.ended.empty()
 
 
 def read_until_end(peer: socket.socket) -> bool:
@@ -359,67 +323,44 @@ def read_until_end(peer: socket.socket) -> bool:
     return True
 
 
-def test_message_to_an_unknown_peer_is_not_sent() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router:
-            assert router.socket.send(b"nobody", [b"a"]) is SendResult.DISCONNECTED
-
-    run_scenario(scenario())
-
-
-def test_messages_when_the_peer_reads_nothing_fill_its_queue() -> None:
-    async def scenario() -> None:
-        with (
-            RouterFixture() as router,
-            connect_raw_peer(router.socket.port, high_water_mark=1) as peer,
-        ):
-            await peer.send(b"here")
-            identity, _ = await router.received.get()
-            # Buffers of both sides take a part that depends on the system and on its load.
-            results = (router.socket.send(identity, [bytes(1_000_000)]) for _ in range(1000))
-            assert next(results) is SendResult.SENT
-            assert SendResult.QUEUE_FULL in results
-
-    run_scenario(scenario())
+async def test_messages_when_the_peer_reads_nothing_fill_its_queue() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port, high_water_mark=1) as peer:
+        await peer.send(b"here")
+        identity, _ = await router.received.get()
+        # Buffers of both sides take a part that depends on the system and on its load.
+        results = (router.socket.send(identity, [bytes(1_000_000)]) for _ in range(1000))
+        assert next(results) is SendResult.SENT
+        assert SendResult.QUEUE_FULL in results
 
 
-def test_port_when_in_use_raises_os_error_with_its_number() -> None:
-    async def scenario() -> None:
-        with socket.create_server((HOST, 0)) as in_use:
-            port = in_use.getsockname()[1]
-            with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
-                create_listener(HOST, port, name="stream")
-
-    run_scenario(scenario())
+async def test_port_when_in_use_raises_os_error_with_its_number() -> None:
+    with socket.create_server((HOST, 0)) as in_use:
+        port = in_use.getsockname()[1]
+        with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
+            create_listener(HOST, port, name="stream")
 
 
-def test_host_name_is_resolved() -> None:
-    async def scenario() -> None:
-        with RouterFixture("localhost") as router:
-            assert router.socket.port > 0
-
-    run_scenario(scenario())
+async def test_host_name_is_resolved() -> None:
+    with RouterFixture("localhost") as router:
+        assert router.socket.port > 0
 
 
 @pytest.mark.parametrize("block", UNTERMINATED.values(), ids=UNTERMINATED)
-def test_peers_when_their_messages_never_end_are_disconnected_and_others_served(
+async def test_peers_when_their_messages_never_end_are_disconnected_and_others_served(
     block: bytes,
 ) -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            port = router.socket.port
-            attacks = asyncio.gather(*(asyncio.to_thread(_attack, port, block) for _ in range(4)))
-            served = 0
-            while served < 50 or not attacks.done():
-                await peer.send(b"ping")
-                identity, parts = await router.received.get()
-                assert parts == [b"ping"]
-                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
-                assert await peer.socket.recv_multipart() == [b"pong"]
-                served += 1
-            assert max(await attacks) < UNTERMINATED_BYTES
-
-    run_scenario(scenario())
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+        port = router.socket.port
+        attacks = asyncio.gather(*(asyncio.to_thread(_attack, port, block) for _ in range(4)))
+        served = 0
+        while served < 50 or not attacks.done():
+            await peer.send(b"ping")
+            identity, parts = await router.received.get()
+            assert parts == [b"ping"]
+            assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+            assert await peer.socket.recv_multipart() == [b"pong"]
+            served += 1
+        assert max(await attacks) < UNTERMINATED_BYTES
 
 
 def _attack(port: int, block: bytes) -> int:
@@ -427,45 +368,34 @@ def _attack(port: int, block: bytes) -> int:
     return send_until_disconnect(port, block, max_bytes=UNTERMINATED_BYTES)
 
 
-def test_peers_when_they_disconnect_inside_a_message_do_not_affect_others() -> None:
-    async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            for _ in range(10):
-                with await asyncio.to_thread(connect_with_handshake, router.socket.port) as broken:
-                    broken.sendall(zmtp_frame(b"half", MORE))
-            await peer.send(b"complete")
-            _, parts = await router.received.get()
-            assert parts == [b"complete"]
-
-    run_scenario(scenario())
+async def test_peers_when_they_disconnect_inside_a_message_do_not_affect_others() -> None:
+    with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+        for _ in range(10):
+            with await asyncio.to_thread(connect_with_handshake, router.socket.port) as broken:
+                broken.sendall(zmtp_frame(b"half", MORE))
+        await peer.send(b"complete")
+        _, parts = await router.received.get()
+        assert parts == [b"complete"]
 
 
-def test_socket_when_closed_removes_its_directory(
+async def test_socket_when_closed_removes_its_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-
-    async def scenario() -> None:
-        with RouterFixture():
-            (folder,) = tmp_path.iterdir()
-            assert folder.stat().st_mode & 0o077 == 0
-        assert list(tmp_path.iterdir()) == []
-
-    run_scenario(scenario())
+    with RouterFixture():
+        (folder,) = tmp_path.iterdir()
+        assert folder.stat().st_mode & 0o077 == 0
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_socket_when_its_private_endpoint_fails_names_the_remedy(
+async def test_socket_when_its_private_endpoint_fails_names_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     deep = tmp_path / ("deep" * 30)  # longer than the address of a Unix socket may be
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-
-    async def scenario() -> None:
-        listener = create_listener(HOST, 0, name="stream")
-        with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
-            RouterSocket(listener, limits=ConnectionLimits(), on_message=print, on_disconnect=print)
-        assert listener.fileno() == -1  # closed
-        assert list(deep.iterdir()) == []
-
-    run_scenario(scenario())
+    listener = create_listener(HOST, 0, name="stream")
+    with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
+        RouterSocket(listener, limits=ConnectionLimits(), on_message=print, on_disconnect=print)
+    assert listener.fileno() == -1  # closed
+    assert list(deep.iterdir()) == []

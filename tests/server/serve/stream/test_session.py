@@ -36,84 +36,68 @@ from catoptra_server.simulation.events import (
     StepRequested,
     StepResult,
 )
-from helpers.loopback import run_scenario
 
 
-def test_request_when_replied_twice_has_the_first_reply_only() -> None:
-    async def scenario() -> None:
-        sent: list[Reply] = []
-        requests = PendingRequests(sent.append)
-        first, second = requests.add(1), requests.add(1)  # ids of a client may repeat
-        first.reply(Ok(1))
-        first.reject("too late")
-        assert (sent, len(requests)) == ([Ok(1)], 1)
-        second.reject("refused")
-        assert (sent[1:], len(requests)) == ([Error(1, "refused")], 0)
-
-    run_scenario(scenario())
+async def test_request_when_replied_twice_has_the_first_reply_only() -> None:
+    sent: list[Reply] = []
+    requests = PendingRequests(sent.append)
+    first, second = requests.add(1), requests.add(1)  # ids of a client may repeat
+    first.reply(Ok(1))
+    first.reject("too late")
+    assert (sent, len(requests)) == ([Ok(1)], 1)
+    second.reject("refused")
+    assert (sent[1:], len(requests)) == ([Error(1, "refused")], 0)
 
 
-def test_requests_when_all_are_rejected_have_their_ids_in_order() -> None:
-    async def scenario() -> None:
-        sent: list[Reply] = []
-        requests = PendingRequests(sent.append)
-        late = [requests.add(id_) for id_ in (3, 1, 2)]
-        requests.reject_all("removed")
-        assert sent == [Error(id_, "removed") for id_ in (3, 1, 2)]
-        for request in late:
-            request.reply(Ok(request.id))
-        assert len(sent) == 3
-
-    run_scenario(scenario())
+async def test_requests_when_all_are_rejected_have_their_ids_in_order() -> None:
+    sent: list[Reply] = []
+    requests = PendingRequests(sent.append)
+    late = [requests.add(id_) for id_ in (3, 1, 2)]
+    requests.reject_all("removed")
+    assert sent == [Error(id_, "removed") for id_ in (3, 1, 2)]
+    for request in late:
+        request.reply(Ok(request.id))
+    assert len(sent) == 3
 
 
-def test_requests_when_cancelled_have_no_reply() -> None:
-    async def scenario() -> None:
-        sent: list[Reply] = []
-        requests = PendingRequests(sent.append)
-        request = requests.add(1)
-        requests.cancel_all()
-        request.reply(Ok(1))
-        assert (sent, len(requests)) == ([], 0)
-
-    run_scenario(scenario())
+async def test_requests_when_cancelled_have_no_reply() -> None:
+    sent: list[Reply] = []
+    requests = PendingRequests(sent.append)
+    request = requests.add(1)
+    requests.cancel_all()
+    request.reply(Ok(1))
+    assert (sent, len(requests)) == ([], 0)
 
 
-def test_request_when_rejected_by_its_id_is_the_newest_of_it_or_none() -> None:
-    async def scenario() -> None:
-        sent: list[Reply] = []
-        requests = PendingRequests(sent.append)
-        oldest, newest = requests.add(1), requests.add(1)
-        requests.reject(1, "a fault")
-        newest.reply(Ok(1))
-        oldest.reply(Ok(1))
-        requests.reject(2, "not pending")
-        assert sent == [Error(1, "a fault"), Ok(1), Error(2, "not pending")]
-
-    run_scenario(scenario())
+async def test_request_when_rejected_by_its_id_is_the_newest_of_it_or_none() -> None:
+    sent: list[Reply] = []
+    requests = PendingRequests(sent.append)
+    oldest, newest = requests.add(1), requests.add(1)
+    requests.reject(1, "a fault")
+    newest.reply(Ok(1))
+    oldest.reply(Ok(1))
+    requests.reject(2, "not pending")
+    assert sent == [Error(1, "a fault"), Ok(1), Error(2, "not pending")]
 
 
-def test_reply_of_a_thread_is_made_on_the_loop(caplog: pytest.LogCaptureFixture) -> None:
-    async def scenario() -> None:
-        sent: asyncio.Queue[Reply] = asyncio.Queue()
-        requests = PendingRequests(sent.put_nowait)
-        request, failing = requests.add(1), requests.add(2)
-        makers: list[threading.Thread] = []
+async def test_reply_of_a_thread_is_made_on_the_loop(caplog: pytest.LogCaptureFixture) -> None:
+    sent: asyncio.Queue[Reply] = asyncio.Queue()
+    requests = PendingRequests(sent.put_nowait)
+    request, failing = requests.add(1), requests.add(2)
+    makers: list[threading.Thread] = []
 
-        def make_reply() -> Reply:
-            makers.append(threading.current_thread())
-            return Ok(1)
+    def make_reply() -> Reply:
+        makers.append(threading.current_thread())
+        return Ok(1)
 
-        def raise_error() -> Reply:
-            raise ZeroDivisionError
+    def raise_error() -> Reply:
+        raise ZeroDivisionError
 
-        await asyncio.to_thread(request.reply_from_thread, make_reply)
-        await asyncio.to_thread(failing.reply_from_thread, raise_error)
-        assert await sent.get() == Ok(1)
-        assert makers == [threading.current_thread()]
-        assert await sent.get() == Error(2, INTERNAL_FAULT)
-
-    run_scenario(scenario())
+    await asyncio.to_thread(request.reply_from_thread, make_reply)
+    await asyncio.to_thread(failing.reply_from_thread, raise_error)
+    assert await sent.get() == Ok(1)
+    assert makers == [threading.current_thread()]
+    assert await sent.get() == Error(2, INTERNAL_FAULT)
     assert "ZeroDivisionError" in caplog.text
 
 
@@ -221,53 +205,44 @@ def words(reply: Reply) -> list[str]:
     return [line.split()[0] for line in reply.reports]
 
 
-def test_spawn_when_confirmed_is_answered_with_the_first_readings() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        session = recorder.session
-        session.spawn(SPAWN, recorder.pending.add(1))
-        init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
-        assert recorder.posted == [CommandReceived(session, init)]
-        assert (session.has_robot, session.expects_robot) == (False, True)
-        session.confirm_spawn("Mine", (1.0, 2.0, 0.0))
-        await settle()
-        assert (session.has_robot, session.class_name) == (True, "USARBot.OmniP2AT")
-        assert recorder.sent == []
-        session.deliver([ODOMETRY, STATUS])
-        await settle()
-        (reply,) = recorder.sent
-        assert words(reply) == ["SEN", "STA"]
-        assert isinstance(reply, SensorReports)
-        assert (reply.id, reply.moved_to) == (1, (1.0, 2.0, 0.0))
-
-    run_scenario(scenario())
+async def test_spawn_when_confirmed_is_answered_with_the_first_readings() -> None:
+    recorder = Recorder()
+    session = recorder.session
+    session.spawn(SPAWN, recorder.pending.add(1))
+    init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
+    assert recorder.posted == [CommandReceived(session, init)]
+    assert (session.has_robot, session.expects_robot) == (False, True)
+    session.confirm_spawn("Mine", (1.0, 2.0, 0.0))
+    await settle()
+    assert (session.has_robot, session.class_name) == (True, "USARBot.OmniP2AT")
+    assert recorder.sent == []
+    session.deliver([ODOMETRY, STATUS])
+    await settle()
+    (reply,) = recorder.sent
+    assert words(reply) == ["SEN", "STA"]
+    assert isinstance(reply, SensorReports)
+    assert (reply.id, reply.moved_to) == (1, (1.0, 2.0, 0.0))
 
 
-def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.spawn(SPAWN, recorder.pending.add(1))
-        recorder.session.reject_init("there is no class 'X'")
-        await settle()
-        assert recorder.sent == [Error(1, "there is no class 'X'")]
-        await recorder.spawn(2)
-        assert words(recorder.sent[1]) == ["SEN", "STA"]
-
-    run_scenario(scenario())
+async def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
+    recorder = Recorder()
+    recorder.session.spawn(SPAWN, recorder.pending.add(1))
+    recorder.session.reject_init("there is no class 'X'")
+    await settle()
+    assert recorder.sent == [Error(1, "there is no class 'X'")]
+    await recorder.spawn(2)
+    assert words(recorder.sent[1]) == ["SEN", "STA"]
 
 
-def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.spawn(SPAWN, recorder.pending.add(1))
-        recorder.session.confirm_spawn("Mine", None)
-        recorder.session.reject_init("an internal fault")
-        recorder.session.deliver([STATUS])  # of no spawn
-        await settle()
-        assert recorder.sent == [Error(1, "an internal fault")]
-        assert not recorder.session.has_robot
-
-    run_scenario(scenario())
+async def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation() -> None:
+    recorder = Recorder()
+    recorder.session.spawn(SPAWN, recorder.pending.add(1))
+    recorder.session.confirm_spawn("Mine", None)
+    recorder.session.reject_init("an internal fault")
+    recorder.session.deliver([STATUS])  # of no spawn
+    await settle()
+    assert recorder.sent == [Error(1, "an internal fault")]
+    assert not recorder.session.has_robot
 
 
 @pytest.mark.parametrize(
@@ -279,206 +254,166 @@ def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation()
         (SpawnRequest(2, "P2AT", None, None, "a\nDRIVE"), "control characters"),
     ],
 )
-def test_spawn_when_a_name_is_impossible_has_the_reason(spawn: SpawnRequest, reason: str) -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.spawn(spawn, recorder.pending.add(1))
-        (reply,) = recorder.sent
-        assert isinstance(reply, Error)
-        assert reason in reply.reason
-        assert not recorder.posted
-
-    run_scenario(scenario())
-
-
-def test_spawn_when_there_is_or_will_be_a_robot_is_an_error() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.spawn(SPAWN, recorder.pending.add(1))
-        recorder.session.spawn(SPAWN, recorder.pending.add(2))
-        (reply,) = recorder.sent
-        assert isinstance(reply, Error)
-        assert (reply.id, "reset first" in reply.reason) == (2, True)
-        recorder.session.reset(recorder.pending.add(3))
-        recorder.session.spawn(SPAWN, recorder.pending.add(4))
-        assert len(recorder.sent) == 1
-
-    run_scenario(scenario())
+async def test_spawn_when_a_name_is_impossible_has_the_reason(
+    spawn: SpawnRequest, reason: str
+) -> None:
+    recorder = Recorder()
+    recorder.session.spawn(spawn, recorder.pending.add(1))
+    (reply,) = recorder.sent
+    assert isinstance(reply, Error)
+    assert reason in reply.reason
+    assert not recorder.posted
 
 
-def test_spawn_and_reset_and_spawn_when_sent_at_once_are_all_answered() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        session = recorder.session
-        session.spawn(SPAWN, recorder.pending.add(1))
-        session.reset(recorder.pending.add(2))
-        reset = recorder.posted[-1]
-        session.spawn(SPAWN, recorder.pending.add(3))
-        assert isinstance(reset, ResetRequested)
-        # In the order of the commands, as the simulation executes them.
-        session.confirm_spawn("Mine", None)
-        session.deliver([STATUS])
-        reset.reply()
-        session.confirm_spawn("Mine2", None)
-        session.deliver([ODOMETRY])
-        await settle()
-        assert [getattr(reply, "id", 0) for reply in recorder.sent] == [1, 2, 3]
-        assert session.has_robot
-        assert words(session.readings_reply(4)) == ["SEN"]
-
-    run_scenario(scenario())
+async def test_spawn_when_there_is_or_will_be_a_robot_is_an_error() -> None:
+    recorder = Recorder()
+    recorder.session.spawn(SPAWN, recorder.pending.add(1))
+    recorder.session.spawn(SPAWN, recorder.pending.add(2))
+    (reply,) = recorder.sent
+    assert isinstance(reply, Error)
+    assert (reply.id, "reset first" in reply.reason) == (2, True)
+    recorder.session.reset(recorder.pending.add(3))
+    recorder.session.spawn(SPAWN, recorder.pending.add(4))
+    assert len(recorder.sent) == 1
 
 
-def test_reset_removes_the_robot_at_once_and_is_answered_after_the_removal() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        await recorder.spawn()
-        recorder.session.reset(recorder.pending.add(2))
-        assert not recorder.session.has_robot
-        recorder.session.deliver([STATUS])  # of the robot that is being removed
-        await settle()
-        assert len(recorder.sent) == 1
-        recorder.answer_reset()
-        await settle()
-        assert recorder.sent[1:] == [Ok(2)]
-        assert words(recorder.session.readings_reply(3)) == []
-
-    run_scenario(scenario())
-
-
-def test_step_is_answered_with_the_whole_cycle_and_its_end() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        await recorder.spawn()
-        recorder.session.step(0.2, recorder.pending.add(2))
-        step = recorder.posted[-1]
-        assert isinstance(step, StepRequested)
-        assert step.duration_s == 0.2
-        step.reply(StepResult(1.2, (OdometryReading("Odometry", 7.0, 2.0, 0.5),)))
-        await settle()
-        assert words(recorder.sent[1]) == ["SEN", "RES"]
-        (odometry, _) = recorder.session.readings_reply(3).reports  # type: ignore[union-attr] # reports
-        assert "7.0" in odometry
-
-    run_scenario(scenario())
+async def test_spawn_and_reset_and_spawn_when_sent_at_once_are_all_answered() -> None:
+    recorder = Recorder()
+    session = recorder.session
+    session.spawn(SPAWN, recorder.pending.add(1))
+    session.reset(recorder.pending.add(2))
+    reset = recorder.posted[-1]
+    session.spawn(SPAWN, recorder.pending.add(3))
+    assert isinstance(reset, ResetRequested)
+    # In the order of the commands, as the simulation executes them.
+    session.confirm_spawn("Mine", None)
+    session.deliver([STATUS])
+    reset.reply()
+    session.confirm_spawn("Mine2", None)
+    session.deliver([ODOMETRY])
+    await settle()
+    assert [getattr(reply, "id", 0) for reply in recorder.sent] == [1, 2, 3]
+    assert session.has_robot
+    assert words(session.readings_reply(4)) == ["SEN"]
 
 
-def test_step_when_it_fails_is_an_error_with_the_reason() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.step(0.2, recorder.pending.add(2))
-        step = recorder.posted[-1]
-        assert isinstance(step, StepRequested)
-        step.reply(StepResult(0.0, failure="no step: the clock is real time"))
-        await settle()
-        assert recorder.sent == [Error(2, "no step: the clock is real time")]
-
-    run_scenario(scenario())
-
-
-def test_drive_is_posted() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.drive(DriveRequest(1, 1.0, None, True))
-        expected = CommandReceived(recorder.session, Drive(1.0, None, True))
-        assert recorder.posted == [expected]
-
-    run_scenario(scenario())
+async def test_reset_removes_the_robot_at_once_and_is_answered_after_the_removal() -> None:
+    recorder = Recorder()
+    await recorder.spawn()
+    recorder.session.reset(recorder.pending.add(2))
+    assert not recorder.session.has_robot
+    recorder.session.deliver([STATUS])  # of the robot that is being removed
+    await settle()
+    assert len(recorder.sent) == 1
+    recorder.answer_reset()
+    await settle()
+    assert recorder.sent[1:] == [Ok(2)]
+    assert words(recorder.session.readings_reply(3)) == []
 
 
-def test_queue_when_full_has_no_room_until_the_simulation_resumes() -> None:
-    async def scenario() -> None:
-        recorder = Recorder(has_room=False)
-        recorder.session.drive(DriveRequest(1, 1.0, None, True))
-        assert not recorder.session.has_room
-        recorder.session.resume_reading()
-        await settle()
-        assert recorder.session.has_room
-
-    run_scenario(scenario())
-
-
-def test_fault_of_the_robot_closes_the_session_and_later_replies_are_dropped() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        await recorder.spawn()
-        recorder.session.disconnect("a fault removed the robot")
-        recorder.session.deliver([STATUS])
-        await settle()
-        assert recorder.faults == ["a fault removed the robot"]
-        assert recorder.posted[-1] == ClientDisconnected(recorder.session)
-        recorder.session.close()
-        assert sum(isinstance(event, ClientDisconnected) for event in recorder.posted) == 1
-
-    run_scenario(scenario())
+async def test_step_is_answered_with_the_whole_cycle_and_its_end() -> None:
+    recorder = Recorder()
+    await recorder.spawn()
+    recorder.session.step(0.2, recorder.pending.add(2))
+    step = recorder.posted[-1]
+    assert isinstance(step, StepRequested)
+    assert step.duration_s == 0.2
+    step.reply(StepResult(1.2, (OdometryReading("Odometry", 7.0, 2.0, 0.5),)))
+    await settle()
+    assert words(recorder.sent[1]) == ["SEN", "RES"]
+    (odometry, _) = recorder.session.readings_reply(3).reports  # type: ignore[union-attr] # reports
+    assert "7.0" in odometry
 
 
-def test_reply_when_it_cannot_be_handled_is_a_fault(caplog: pytest.LogCaptureFixture) -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.confirm_spawn("Nobody's", None)  # without a spawn
-        await settle()
-        assert len(recorder.faults) == 1
+async def test_step_when_it_fails_is_an_error_with_the_reason() -> None:
+    recorder = Recorder()
+    recorder.session.step(0.2, recorder.pending.add(2))
+    step = recorder.posted[-1]
+    assert isinstance(step, StepRequested)
+    step.reply(StepResult(0.0, failure="no step: the clock is real time"))
+    await settle()
+    assert recorder.sent == [Error(2, "no step: the clock is real time")]
 
-    run_scenario(scenario())
+
+async def test_drive_is_posted() -> None:
+    recorder = Recorder()
+    recorder.session.drive(DriveRequest(1, 1.0, None, True))
+    expected = CommandReceived(recorder.session, Drive(1.0, None, True))
+    assert recorder.posted == [expected]
+
+
+async def test_queue_when_full_has_no_room_until_the_simulation_resumes() -> None:
+    recorder = Recorder(has_room=False)
+    recorder.session.drive(DriveRequest(1, 1.0, None, True))
+    assert not recorder.session.has_room
+    recorder.session.resume_reading()
+    await settle()
+    assert recorder.session.has_room
+
+
+async def test_fault_of_the_robot_closes_the_session_and_later_replies_are_dropped() -> None:
+    recorder = Recorder()
+    await recorder.spawn()
+    recorder.session.disconnect("a fault removed the robot")
+    recorder.session.deliver([STATUS])
+    await settle()
+    assert recorder.faults == ["a fault removed the robot"]
+    assert recorder.posted[-1] == ClientDisconnected(recorder.session)
+    recorder.session.close()
+    assert sum(isinstance(event, ClientDisconnected) for event in recorder.posted) == 1
+
+
+async def test_reply_when_it_cannot_be_handled_is_a_fault(caplog: pytest.LogCaptureFixture) -> None:
+    recorder = Recorder()
+    recorder.session.confirm_spawn("Nobody's", None)  # without a spawn
+    await settle()
+    assert len(recorder.faults) == 1
     assert "IndexError" in caplog.text
 
 
-def test_spawn_when_confirmed_has_the_name_of_the_robot_in_its_reply() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        await recorder.spawn()
-        recorder.session.step(0.1, recorder.pending.add(2))
-        step = recorder.posted[-1]
-        assert isinstance(step, StepRequested)
-        step.reply(StepResult(0.1, (ODOMETRY,)))
-        await settle()
-        names = [reply.robot for reply in recorder.sent if isinstance(reply, SensorReports)]
-        assert names == ["Mine", ""]
-
-    run_scenario(scenario())
+async def test_spawn_when_confirmed_has_the_name_of_the_robot_in_its_reply() -> None:
+    recorder = Recorder()
+    await recorder.spawn()
+    recorder.session.step(0.1, recorder.pending.add(2))
+    step = recorder.posted[-1]
+    assert isinstance(step, StepRequested)
+    step.reply(StepResult(0.1, (ODOMETRY,)))
+    await settle()
+    names = [reply.robot for reply in recorder.sent if isinstance(reply, SensorReports)]
+    assert names == ["Mine", ""]
 
 
 @pytest.mark.parametrize(
     ("reason", "reply"),
     [("", Ok(2)), ("the owner does not share", Error(2, "the owner does not share"))],
 )
-def test_drive_of_a_shared_robot_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        request = DriveRequest(2, 1.0, None, True, "Shared")
-        recorder.session.drive_by_name(request, recorder.pending.add(2))
-        (event,) = recorder.posted
-        assert isinstance(event, SharedRobotDriven)
-        assert (event.client, event.robot) == (recorder.session, "Shared")
-        assert event.drive == Drive(1.0, None, normalized=True)
-        assert recorder.sent == []
-        event.reply(reason)
-        await settle()
-        assert recorder.sent == [reply]
-
-    run_scenario(scenario())
+async def test_drive_of_a_shared_robot_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
+    recorder = Recorder()
+    request = DriveRequest(2, 1.0, None, True, "Shared")
+    recorder.session.drive_by_name(request, recorder.pending.add(2))
+    (event,) = recorder.posted
+    assert isinstance(event, SharedRobotDriven)
+    assert (event.client, event.robot) == (recorder.session, "Shared")
+    assert event.drive == Drive(1.0, None, normalized=True)
+    assert recorder.sent == []
+    event.reply(reason)
+    await settle()
+    assert recorder.sent == [reply]
 
 
 @pytest.mark.parametrize(("reason", "reply"), [("", Ok(2)), ("8 names", Error(2, "8 names"))])
-def test_note_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.publish(PublishRequest(2, "ekf", "{}"), recorder.pending.add(2))
-        (event,) = recorder.posted
-        assert isinstance(event, NotePublished)
-        assert event.note == Note("ekf", "{}")
-        event.reply(reason)
-        await settle()
-        assert recorder.sent == [reply]
-
-    run_scenario(scenario())
+async def test_note_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
+    recorder = Recorder()
+    recorder.session.publish(PublishRequest(2, "ekf", "{}"), recorder.pending.add(2))
+    (event,) = recorder.posted
+    assert isinstance(event, NotePublished)
+    assert event.note == Note("ekf", "{}")
+    event.reply(reason)
+    await settle()
+    assert recorder.sent == [reply]
 
 
-def test_sharing_is_posted_as_a_command() -> None:
-    async def scenario() -> None:
-        recorder = Recorder()
-        recorder.session.share_control(True)
-        assert recorder.posted == [CommandReceived(recorder.session, ShareControl(True))]
-
-    run_scenario(scenario())
+async def test_sharing_is_posted_as_a_command() -> None:
+    recorder = Recorder()
+    recorder.session.share_control(True)
+    assert recorder.posted == [CommandReceived(recorder.session, ShareControl(True))]

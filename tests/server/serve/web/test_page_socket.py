@@ -6,7 +6,8 @@ import asyncio
 import json
 import logging
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 import aiohttp
 import pytest
@@ -44,22 +45,19 @@ from catoptra_server.serve.web.pages import WebResource
 from catoptra_server.simulation.events import ClientDisconnected, CommandReceived, SharedRobotDriven
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
-from helpers.loopback import HOST, run_scenario, wait_until
+from helpers.loopback import HOST, wait_until
 
 SPAWN = SpawnRequest(900, "USARBot.OmniP2AT", "Mine", None, "Centre")
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
-Play = Callable[[PageSession, PageClient], Awaitable[None]]
 
-
-def run_page(play: Play, simulation: FakeSimulation | None = None) -> None:
-    """Run a coroutine function with a served page and one WebSocket."""
-
-    async def scenario() -> None:
-        async with serve_fake_page(simulation) as session, session.open_socket() as page:
-            await play(session, page)
-
-    run_scenario(scenario())
+@asynccontextmanager
+async def open_page(
+    simulation: FakeSimulation | None = None,
+) -> AsyncIterator[tuple[PageSession, PageClient]]:
+    """Serve a page, and open one WebSocket."""
+    async with serve_fake_page(simulation) as session, session.open_socket() as page:
+        yield session, page
 
 
 async def spawn(session: PageSession, page: PageClient) -> None:
@@ -81,30 +79,26 @@ def speeds(session: PageSession) -> list[tuple[float | None, float | None]]:
     ]
 
 
-def test_requests_have_replies_in_json_with_their_ids() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_requests_have_replies_in_json_with_their_ids() -> None:
+    async with open_page() as (_, page):
         status = await page.request(GetStatusRequest(1))
         assert isinstance(status, StatusReply)
         assert status.num_clients == 1
         camera = await page.request(GetCameraRequest(2, ""))
         assert isinstance(camera, CameraReply)
 
-    run_page(play)
 
-
-def test_fields_with_a_default_may_be_missing() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_fields_with_a_default_may_be_missing() -> None:
+    async with open_page() as (_, page):
         fields = {"kind": "get_frame", "id": 5, "robot": "", "camera": "", "encoding": "raw"}
         await page.websocket.send_json(fields)
         header, _ = await page.receive()
         assert isinstance(header, FrameHeader)
         assert header.id == 5
 
-    run_page(play)
 
-
-def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> None:
+    async with open_page() as (_, page):
         await page.request_frame(ImageEncoding.RAW)
         message = await page.websocket.receive()
         assert message.type is aiohttp.WSMsgType.BINARY
@@ -116,20 +110,16 @@ def test_frame_is_one_binary_message_with_the_length_of_its_header_first() -> No
         _, jpeg = await page.get_frame(ImageEncoding.JPEG)
         assert jpeg.startswith(b"\xff\xd8")
 
-    run_page(play)
 
-
-def test_frame_request_supersedes_the_pending_one() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_frame_request_supersedes_the_pending_one() -> None:
+    async with open_page(FakeSimulation(renders_frames=False)) as (_, page):
         first, second = await page.request_frame(), await page.request_frame()
         assert (await page.receive())[0] == Error(first, f"superseded by request {second}")
         # The server goes on with other requests meanwhile.
         assert isinstance(await page.request(GetStatusRequest(77)), StatusReply)
 
-    run_page(play, FakeSimulation(renders_frames=False))
 
-
-def test_pages_get_the_same_frame_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_pages_get_the_same_frame_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     encoded: list[object] = []
     encode = frame_module.encode_without_blocking
 
@@ -138,29 +128,25 @@ def test_pages_get_the_same_frame_encoded_once(monkeypatch: pytest.MonkeyPatch) 
         return await encode(rgb, encoding)  # type: ignore[arg-type] # passed on
 
     monkeypatch.setattr(frame_module, "encode_without_blocking", count)
-
-    async def scenario() -> None:
-        simulation = FakeSimulation(renders_frames=False)
-        async with (
-            serve_fake_page(simulation) as session,
-            session.open_socket() as first,
-            session.open_socket() as second,
-        ):
-            for page in (first, second):
-                await page.request_frame(ImageEncoding.JPEG)
-                assert isinstance(await page.request(GetStatusRequest(900)), StatusReply)
-            simulation.renders_frames = True
-            simulation._render(IMAGE_PORT)
-            (header, image), (other_header, other_image) = [
-                await page.receive() for page in (first, second)
-            ]
-        assert isinstance(header, FrameHeader)
-        assert isinstance(other_header, FrameHeader)
-        assert header.sequence == other_header.sequence
-        assert image == other_image
-        assert len(encoded) == 1
-
-    run_scenario(scenario())
+    simulation = FakeSimulation(renders_frames=False)
+    async with (
+        serve_fake_page(simulation) as session,
+        session.open_socket() as first,
+        session.open_socket() as second,
+    ):
+        for page in (first, second):
+            await page.request_frame(ImageEncoding.JPEG)
+            assert isinstance(await page.request(GetStatusRequest(900)), StatusReply)
+        simulation.renders_frames = True
+        simulation._render(IMAGE_PORT)
+        (header, image), (other_header, other_image) = [
+            await page.receive() for page in (first, second)
+        ]
+    assert isinstance(header, FrameHeader)
+    assert isinstance(other_header, FrameHeader)
+    assert header.sequence == other_header.sequence
+    assert image == other_image
+    assert len(encoded) == 1
 
 
 MALFORMED = {
@@ -179,8 +165,8 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize(("text", "id_"), MALFORMED.values(), ids=MALFORMED.keys())
-def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_: int) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_: int) -> None:
+    async with open_page() as (_, page):
         await page.websocket.send_str(text)
         error, _ = await page.receive()
         assert isinstance(error, Error)
@@ -188,21 +174,17 @@ def test_message_when_malformed_is_an_error_and_the_page_goes_on(text: str, id_:
         assert error.reason
         assert isinstance(await page.request(GetStatusRequest(7)), StatusReply)
 
-    run_page(play)
 
-
-def test_message_when_binary_is_an_error() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_when_binary_is_an_error() -> None:
+    async with open_page() as (_, page):
         await page.websocket.send_bytes(b"\x81\xa4kind")
         error, _ = await page.receive()
         assert error == Error(0, "a binary message: requests are JSON text")
         assert isinstance(await page.request(GetStatusRequest(7)), StatusReply)
 
-    run_page(play)
 
-
-def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() -> None:
+    async with open_page() as (session, page):
         text = '{"kind": "get_status", "id": 3}'
         await page.websocket.send_str(text.ljust(MAX_REQUEST_BYTES))
         assert isinstance((await page.receive())[0], StatusReply)
@@ -213,99 +195,80 @@ def test_message_of_the_largest_size_is_read_and_a_longer_one_ends_the_socket() 
             await wait_until(lambda: len(session.server.sockets) == 1, "end of the socket")
             assert isinstance(await other.request(GetStatusRequest(1)), StatusReply)
 
-    run_page(play)
+
+async def test_ping_of_a_page_has_a_pong() -> None:
+    async with serve_fake_page() as session:
+        url = f"{session.url}/socket"
+        async with session.http.ws_connect(url, origin=session.url, autoping=False) as page:
+            await page.ping(b"here?")
+            message = await page.receive()
+            assert (message.type, message.data) == (aiohttp.WSMsgType.PONG, b"here?")
 
 
-def test_page_that_still_writes_a_message_too_long_is_not_reset() -> None:
+async def test_page_that_still_writes_a_message_too_long_is_not_reset() -> None:
     """A reset would overtake the close frame: the client would see no code but 1006."""
     num_pieces = 4
 
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            reader, writer = await asyncio.open_connection(HOST, session.server.port)
-            writer.write(
-                f"GET /socket HTTP/1.1\r\nHost: {HOST}:{session.server.port}\r\n"
-                f"Origin: {session.url}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
-                f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {22 * 'A'}==\r\n\r\n".encode()
-            )
-            await reader.readuntil(b"\r\n\r\n")
-            writer.write(
-                b"\x81\xff" + (num_pieces * MAX_REQUEST_BYTES).to_bytes(8, "big") + bytes(4)
-            )
-            assert await reader.readexactly(4) == b"\x88\x02" + (1009).to_bytes(2, "big")
-            for _ in range(num_pieces):
-                writer.write(bytes(MAX_REQUEST_BYTES))
-                await writer.drain()
-            writer.close()
-            await wait_until(lambda: not session.server.num_connections, "end of the connection")
-
-    run_scenario(scenario())
+    async with serve_fake_page() as session:
+        reader, writer = await asyncio.open_connection(HOST, session.server.port)
+        writer.write(
+            f"GET /socket HTTP/1.1\r\nHost: {HOST}:{session.server.port}\r\n"
+            f"Origin: {session.url}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {22 * 'A'}==\r\n\r\n".encode()
+        )
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"\x81\xff" + (num_pieces * MAX_REQUEST_BYTES).to_bytes(8, "big") + bytes(4))
+        assert await reader.readexactly(4) == b"\x88\x02" + (1009).to_bytes(2, "big")
+        for _ in range(num_pieces):
+            writer.write(bytes(MAX_REQUEST_BYTES))
+            await writer.drain()
+        writer.close()
+        await wait_until(lambda: not session.server.num_connections, "end of the connection")
 
 
-def test_ping_of_a_page_has_a_pong() -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            url = f"{session.url}/socket"
-            async with session.http.ws_connect(url, origin=session.url, autoping=False) as page:
-                await page.ping(b"here?")
-                message = await page.receive()
-                assert (message.type, message.data) == (aiohttp.WSMsgType.PONG, b"here?")
-
-    run_scenario(scenario())
-
-
-def test_page_that_answers_no_ping_is_closed_and_its_robot_removed(
+async def test_page_that_answers_no_ping_is_closed_and_its_robot_removed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert 1.5 * web_server._PING_INTERVAL_S < 10.0
     monkeypatch.setattr(web_server, "_PING_INTERVAL_S", 0.1)
-
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            url = f"{session.url}/socket"
-            async with session.http.ws_connect(url, origin=session.url, autoping=False) as page:
-                client = PageClient(page, session.ids)
-                await spawn(session, client)
-                await wait_until(lambda: not session.server.sockets, "end of the socket")
-                assert isinstance(session.simulation.posted_events[-1], ClientDisconnected)
-
-    run_scenario(scenario())
+    async with serve_fake_page() as session:
+        url = f"{session.url}/socket"
+        async with session.http.ws_connect(url, origin=session.url, autoping=False) as page:
+            client = PageClient(page, session.ids)
+            await spawn(session, client)
+            await wait_until(lambda: not session.server.sockets, "end of the socket")
+            assert isinstance(session.simulation.posted_events[-1], ClientDisconnected)
 
 
-def test_socket_when_closed_removes_its_robot() -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            async with session.open_socket() as page:
-                await spawn(session, page)
-            await wait_until(
-                lambda: isinstance(session.simulation.posted_events[-1], ClientDisconnected),
-                "removal of the robot",
-            )
-            assert not session.server.sockets
-
-    run_scenario(scenario())
+async def test_socket_when_closed_removes_its_robot() -> None:
+    async with serve_fake_page() as session:
+        async with session.open_socket() as page:
+            await spawn(session, page)
+        await wait_until(
+            lambda: isinstance(session.simulation.posted_events[-1], ClientDisconnected),
+            "removal of the robot",
+        )
+        assert not session.server.sockets
 
 
-def test_fault_in_a_request_ends_that_request_only(
+async def test_fault_in_a_request_ends_that_request_only(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+    async with open_page() as (_, page):
         with monkeypatch.context() as patch:
             patch.setattr(peer_module, "status_reply", lambda *_, **__: 1 / 0)
             reply = await page.request(GetStatusRequest(1))
             assert isinstance(reply, Error)
             assert "internal fault" in reply.reason
         assert isinstance(await page.request(GetStatusRequest(2)), StatusReply)
-
-    run_page(play)
     assert "ZeroDivisionError" in caplog.text
 
 
 @pytest.mark.parametrize(("halt_after_s", "posted_s"), [(None, 0.25), (2.0, 2.0)])
-def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
+async def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
     halt_after_s: float | None, posted_s: float
 ) -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+    async with open_page() as (session, page):
         await spawn(session, page)
         for robot in ("", "Theirs"):
             await page.send(DriveRequest(1, 2.0, 1.0, False, robot, halt_after_s))
@@ -316,66 +279,58 @@ def test_robot_that_a_page_drives_halts_soon_after_its_last_request(
         assert isinstance(theirs, SharedRobotDriven)
         assert own.command == theirs.drive == Drive(2.0, 1.0, halt_after_s=posted_s)
 
-    run_page(play)
 
-
-def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
+async def test_page_that_reads_nothing_holds_one_frame_and_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # A slow machine must not end the page before it has sent its requests.
     monkeypatch.setattr(page_socket, "MAX_BLOCKED_S", math.inf)
     monkeypatch.setattr(peer_module, "MAX_BLOCKED_S", math.inf)
     simulation = FakeSimulation(1280, 960)
-
-    async def scenario() -> None:
-        async with serve_fake_page(simulation) as session, session.open_socket() as other:
-            url = f"{session.url}/socket"
-            async with session.http.ws_connect(url, origin=session.url) as stalled:
-                client = PageClient(stalled, session.ids)
-                # aiohttp's client would read ahead.
-                transport = stalled._writer.transport
-                transport.pause_reading()
-                for _ in range(20):
-                    await client.request_frame()
-                    await other.get_frame()
-                (socket,) = [one for one in session.server.sockets if one._sending is not None]
-                # One is being sent, one waits.
-                assert len(socket.peer.outbox._waiting) <= 20
-                assert sum(len(parts) == 2 for parts in socket.peer.outbox._waiting) <= 1
-                monkeypatch.setattr(page_socket, "MAX_BLOCKED_S", 0.0)
-                await wait_until(lambda: socket not in session.server.sockets, "its end")
-                transport.resume_reading()
-
-    run_scenario(scenario())
+    async with serve_fake_page(simulation) as session, session.open_socket() as other:
+        url = f"{session.url}/socket"
+        async with session.http.ws_connect(url, origin=session.url) as stalled:
+            client = PageClient(stalled, session.ids)
+            # aiohttp's client would read ahead.
+            transport = stalled._writer.transport
+            transport.pause_reading()
+            for _ in range(20):
+                await client.request_frame()
+                await other.get_frame()
+            (socket,) = [one for one in session.server.sockets if one._sending is not None]
+            # One is being sent, one waits.
+            assert len(socket.peer.outbox._waiting) <= 20
+            assert sum(len(parts) == 2 for parts in socket.peer.outbox._waiting) <= 1
+            monkeypatch.setattr(page_socket, "MAX_BLOCKED_S", 0.0)
+            await wait_until(lambda: socket not in session.server.sockets, "its end")
+            transport.resume_reading()
 
 
-def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_page_whose_replies_exceed_the_outbox_is_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(router_module, "MAX_UNSENT_MESSAGES", 16)
-
-    async def scenario() -> None:
-        async with serve_fake_page(FakeSimulation(1280, 960)) as session:
-            url = f"{session.url}/socket"
-            async with session.http.ws_connect(url, origin=session.url) as stalled:
-                stalled._writer.transport.pause_reading()
-                client = PageClient(stalled, session.ids)
-                (socket,) = session.server.sockets
-                # Frames fill the buffers of the kernel, so that replies wait.
-                while not socket.peer.outbox.is_blocked:
-                    await client.request_frame()
-                    await asyncio.sleep(0)
-                number = 2000
-                while session.server.sockets:
-                    number += 1
-                    try:
-                        await client.send(GetStatusRequest(number))
-                    except ConnectionError:
-                        break
-                    assert len(socket.peer.outbox._waiting) <= 17
-                    await asyncio.sleep(0)
-                await wait_until(lambda: not session.server.sockets, "end of the socket")
-                stalled._writer.transport.abort()
-
-    run_scenario(scenario())
+    async with serve_fake_page(FakeSimulation(1280, 960)) as session:
+        url = f"{session.url}/socket"
+        async with session.http.ws_connect(url, origin=session.url) as stalled:
+            stalled._writer.transport.pause_reading()
+            client = PageClient(stalled, session.ids)
+            (socket,) = session.server.sockets
+            # Frames fill the buffers of the kernel, so that replies wait.
+            while not socket.peer.outbox.is_blocked:
+                await client.request_frame()
+                await asyncio.sleep(0)
+            number = 2000
+            while session.server.sockets:
+                number += 1
+                try:
+                    await client.send(GetStatusRequest(number))
+                except ConnectionError:
+                    break
+                assert len(socket.peer.outbox._waiting) <= 17
+                await asyncio.sleep(0)
+            await wait_until(lambda: not session.server.sockets, "end of the socket")
+            stalled._writer.transport.abort()
 
 
 STYLES = WebResource.from_body("text/css; charset=utf-8", b"body {}")
@@ -429,15 +384,13 @@ def test_frame_without_a_mask_is_found_behind_others(
     assert all([check.feed(piece) for piece in pieces]) is is_masked
 
 
-def test_page_that_sends_a_frame_without_a_mask_is_closed() -> None:
-    async def play(session: PageSession, page: PageClient) -> None:
+async def test_page_that_sends_a_frame_without_a_mask_is_closed() -> None:
+    async with open_page() as (session, page):
         assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
         transport = page.websocket._writer.transport
         assert transport is not None
         transport.write(b"\x81\x02hi")
         await wait_until(lambda: not session.server.num_connections, "end of the connection")
-
-    run_page(play)
 
 
 def only_connection(session: PageSession) -> WebConnection:
@@ -445,17 +398,14 @@ def only_connection(session: PageSession) -> WebConnection:
     return connection
 
 
-def test_dialogue_is_never_held_back() -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session, session.open_socket() as page:
-            for number in range(1, 400):
-                await page.request(GetStatusRequest(number))
-                assert only_connection(session)._hold is None
-
-    run_scenario(scenario())
+async def test_dialogue_is_never_held_back() -> None:
+    async with serve_fake_page() as session, session.open_socket() as page:
+        for number in range(1, 400):
+            await page.request(GetStatusRequest(number))
+            assert only_connection(session)._hold is None
 
 
-def test_flood_of_messages_is_held_back_and_another_page_is_not(
+async def test_flood_of_messages_is_held_back_and_another_page_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     num_handled = 0
@@ -467,53 +417,45 @@ def test_flood_of_messages_is_held_back_and_another_page_is_not(
 
     handle_text = PageSocket._handle_text
     monkeypatch.setattr(PageSocket, "_handle_text", count)
-
-    async def scenario() -> None:
-        async with (
-            serve_fake_page() as session,
-            session.open_socket() as other,
-            session.open_socket() as flooding,
-        ):
-            begin_s = asyncio.get_running_loop().time()
-            for _ in range(2000):
-                await flooding.websocket.send_str("{}")
-            for number in range(1, 100):
-                await other.request(GetStatusRequest(number))
-            duration_s = asyncio.get_running_loop().time() - begin_s
-            # A message in 4 ms at most, after those of the first 0.1 s.
-            assert 0 < num_handled < 300 + 250 * duration_s
-            # Its end would wait behind its messages.
-            flooding.websocket._writer.transport.abort()
-
-    run_scenario(scenario())
+    async with (
+        serve_fake_page() as session,
+        session.open_socket() as other,
+        session.open_socket() as flooding,
+    ):
+        begin_s = asyncio.get_running_loop().time()
+        for _ in range(2000):
+            await flooding.websocket.send_str("{}")
+        for number in range(1, 100):
+            await other.request(GetStatusRequest(number))
+        duration_s = asyncio.get_running_loop().time() - begin_s
+        # A message in 4 ms at most, after those of the first 0.1 s.
+        assert 0 < num_handled < 300 + 250 * duration_s
+        # Its end would wait behind its messages.
+        flooding.websocket._writer.transport.abort()
 
 
-def test_exception_that_aiohttp_catches_is_logged_as_a_fault(
+async def test_exception_that_aiohttp_catches_is_logged_as_a_fault(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            with monkeypatch.context() as patch:
-                patch.setattr(type(session.server), "_respond", lambda *_: 1 / 0)
-                response = await session.get("/")
-            assert response.status == 500
-            assert "Content-Security-Policy" in response.headers
-            assert (await session.get("/")).status == 200
-
-    run_scenario(scenario())
+    async with serve_fake_page() as session:
+        with monkeypatch.context() as patch:
+            patch.setattr(type(session.server), "_respond", lambda *_: 1 / 0)
+            response = await session.get("/")
+        assert response.status == 500
+        assert "Content-Security-Policy" in response.headers
+        assert (await session.get("/")).status == 200
     assert "a web request of 127.0.0.1" in caplog.text
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_peer_that_leaves_within_a_request_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            _, writer = await asyncio.open_connection("127.0.0.1", session.server.port)
-            writer.write(b"GET / HT")
-            await wait_until(lambda: session.server.num_connections == 1, "connection")
-            writer.close()
-            await wait_until(lambda: session.server.num_connections == 0, "its end")
-
+async def test_peer_that_leaves_within_a_request_is_no_error(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     caplog.set_level(logging.WARNING)
-    run_scenario(scenario())
+    async with serve_fake_page() as session:
+        _, writer = await asyncio.open_connection("127.0.0.1", session.server.port)
+        writer.write(b"GET / HT")
+        await wait_until(lambda: session.server.num_connections == 1, "connection")
+        writer.close()
+        await wait_until(lambda: session.server.num_connections == 0, "its end")
     assert not caplog.records

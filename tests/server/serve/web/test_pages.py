@@ -44,7 +44,6 @@ from catoptra_server.world.world_description import Box, Item, Material, Rectang
 from helpers.configs import ROBOTS
 from helpers.fake_simulation import SERVER_INFO
 from helpers.live_page import FILES
-from helpers.loopback import run_scenario
 from helpers.worlds import make_test_world
 
 
@@ -389,20 +388,17 @@ def make_pages() -> WebPages:
     return WebPages(FILES, SERVER_INFO, build_scene(make_test_world()))
 
 
-def test_files_and_descriptions_are_found() -> None:
-    async def scenario() -> None:
-        pages = make_pages()
-        assert await pages.find("/", {}) is FILES["/"]
-        for path, key in [("/api/server.json", "classes"), ("/api/floor_plan.json", "segments")]:
-            document = await pages.find(path, {"ignored": "1"})
-            assert document is not None
-            assert document.content_type.startswith("application/json")
-            assert json.loads(document.body)[key]
-        table = await pages.find("/api/camera_table.json", CAMERA)
-        assert table is not None
-        assert json.loads(table.body)["kind"] == "radial"
-
-    run_scenario(scenario())
+async def test_files_and_descriptions_are_found() -> None:
+    pages = make_pages()
+    assert await pages.find("/", {}) is FILES["/"]
+    for path, key in [("/api/server.json", "classes"), ("/api/floor_plan.json", "segments")]:
+        document = await pages.find(path, {"ignored": "1"})
+        assert document is not None
+        assert document.content_type.startswith("application/json")
+        assert json.loads(document.body)[key]
+    table = await pages.find("/api/camera_table.json", CAMERA)
+    assert table is not None
+    assert json.loads(table.body)["kind"] == "radial"
 
 
 @pytest.mark.parametrize(
@@ -415,14 +411,11 @@ def test_files_and_descriptions_are_found() -> None:
         ("/api/camera_table.json", {"camera": CAMERA["camera"]}),
     ],
 )
-def test_address_when_unknown_has_no_document(path: str, query: dict[str, str]) -> None:
-    async def scenario() -> None:
-        assert await make_pages().find(path, query) is None
-
-    run_scenario(scenario())
+async def test_address_when_unknown_has_no_document(path: str, query: dict[str, str]) -> None:
+    assert await make_pages().find(path, query) is None
 
 
-def test_description_for_many_requests_is_made_once_although_one_is_cancelled(
+async def test_description_for_many_requests_is_made_once_although_one_is_cancelled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     calls: list[object] = []
@@ -434,23 +427,19 @@ def test_description_for_many_requests_is_made_once_although_one_is_cancelled(
         return {}
 
     monkeypatch.setattr(pages_module, "describe_server", make)
-
-    async def scenario() -> None:
-        pages = make_pages()
-        first, *others = (asyncio.create_task(pages.find("/api/server.json", {})) for _ in range(4))
-        await asyncio.sleep(0)
-        first.cancel()
-        await asyncio.gather(first, return_exceptions=True)
-        may_end.set()
-        documents = await asyncio.gather(*others)
-        assert first.cancelled()
-        assert documents[0] is documents[1] is documents[2]
-        assert len(calls) == 1
-
-    run_scenario(scenario())
+    pages = make_pages()
+    first, *others = (asyncio.create_task(pages.find("/api/server.json", {})) for _ in range(4))
+    await asyncio.sleep(0)
+    first.cancel()
+    await asyncio.gather(first, return_exceptions=True)
+    may_end.set()
+    documents = await asyncio.gather(*others)
+    assert first.cancelled()
+    assert documents[0] is documents[1] is documents[2]
+    assert len(calls) == 1
 
 
-def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     results = iter([ZeroDivisionError("injected"), {}])
 
     def make(_: object) -> object:
@@ -460,11 +449,7 @@ def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.MonkeyPatc
         return result
 
     monkeypatch.setattr(pages_module, "floor_plan", make)
-
-    async def scenario() -> None:
-        pages = make_pages()
-        with pytest.raises(ZeroDivisionError):
-            await pages.find("/api/floor_plan.json", {})
-        assert await pages.find("/api/floor_plan.json", {}) is not None
-
-    run_scenario(scenario())
+    pages = make_pages()
+    with pytest.raises(ZeroDivisionError):
+        await pages.find("/api/floor_plan.json", {})
+    assert await pages.find("/api/floor_plan.json", {}) is not None

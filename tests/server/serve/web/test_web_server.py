@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-import json
 import logging
-from collections.abc import Awaitable, Callable
 
 import aiohttp
 import pytest
@@ -20,25 +18,7 @@ from catoptra_server.serve.web import web_server
 from catoptra_server.serve.web.page_socket import SECURITY_HEADERS
 from catoptra_server.serve.web.web_access import WebAccess
 from helpers.live_page import FILES, PageSession, serve_fake_page
-from helpers.loopback import connect, run_scenario, wait_until
-
-Play = Callable[[PageSession], Awaitable[None]]
-
-
-def run_session(
-    play: Play,
-    *,
-    access: Callable[[WebAccess], WebAccess] = lambda access: access,
-    limits: ConnectionLimits | None = None,
-    **clock: Callable[[], float],
-) -> None:
-    """Run a coroutine function with a served page."""
-
-    async def scenario() -> None:
-        async with serve_fake_page(access=access, limits=limits, **clock) as session:
-            await play(session)
-
-    run_scenario(scenario())
+from helpers.loopback import connect, wait_until
 
 
 async def send_raw(session: PageSession, request: bytes) -> bytes:
@@ -54,8 +34,8 @@ def protect(access: WebAccess) -> WebAccess:
     return dataclasses.replace(access, host_names=frozenset(), token="secret")
 
 
-def test_page_and_its_files_have_types_tags_and_security_headers() -> None:
-    async def play(session: PageSession) -> None:
+async def test_page_and_its_files_have_types_tags_and_security_headers() -> None:
+    async with serve_fake_page() as session:
         for path, document in FILES.items():
             response = await session.get(path)
             assert response.status == 200
@@ -66,8 +46,6 @@ def test_page_and_its_files_have_types_tags_and_security_headers() -> None:
             assert again.status == 304
             assert again.headers.get("Content-Length", "0") == "0"
             assert dict(again.headers).items() >= SECURITY_HEADERS.items()
-
-    run_session(play)
 
 
 @pytest.mark.parametrize(
@@ -88,10 +66,10 @@ def test_page_and_its_files_have_types_tags_and_security_headers() -> None:
         ("GET", "/api/server.json", {"Origin": "null"}, 403),
     ],
 )
-def test_request_when_it_is_not_served_has_a_reason_and_all_security_headers(
+async def test_request_when_it_is_not_served_has_a_reason_and_all_security_headers(
     method: str, path: str, headers: dict[str, str], status: int
 ) -> None:
-    async def play(session: PageSession) -> None:
+    async with serve_fake_page() as session:
         address = f"{session.url}{path}"
         url = aiohttp.client.URL(address, encoded=True)
         async with session.http.request(method, url, headers=headers) as response:
@@ -102,26 +80,20 @@ def test_request_when_it_is_not_served_has_a_reason_and_all_security_headers(
         # The connection, and the server, go on.
         assert (await session.get("/")).status == 200
 
-    run_session(play)
 
-
-def test_head_has_the_headers_alone() -> None:
-    async def play(session: PageSession) -> None:
+async def test_head_has_the_headers_alone() -> None:
+    async with serve_fake_page() as session:
         async with session.http.head(f"{session.url}/static/main.js") as response:
             assert response.status == 200
             assert response.headers["Content-Length"] == str(len(FILES["/static/main.js"].body))
             assert await response.read() == b""
 
-    run_session(play)
 
-
-def test_body_of_a_request_is_rejected() -> None:
-    async def play(session: PageSession) -> None:
+async def test_body_of_a_request_is_rejected() -> None:
+    async with serve_fake_page() as session:
         async with session.http.get(f"{session.url}/", data=b"x" * 100) as response:
             assert response.status == 413
         assert (await session.get("/")).status == 200
-
-    run_session(play)
 
 
 # Raw bytes of a request, and the status of the response.
@@ -144,26 +116,22 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize(("request_", "status"), MALFORMED.values(), ids=MALFORMED.keys())
-def test_request_when_malformed_is_rejected_without_a_traceback(
+async def test_request_when_malformed_is_rejected_without_a_traceback(
     request_: bytes, status: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def play(session: PageSession) -> None:
+    caplog.set_level(logging.INFO)
+    async with serve_fake_page() as session:
         response = await send_raw(session, request_)
         assert response[8:13] == status, response[:200]
         assert b"Content-Security-Policy: default-src 'self'" in response
         assert b"aiohttp" not in response
         assert (await session.get("/")).status == 200
-
-    caplog.set_level(logging.INFO)
-    run_session(play)
     assert "Traceback" not in caplog.text
 
 
-def test_refusal_is_logged_with_its_reason(caplog: pytest.LogCaptureFixture) -> None:
-    async def play(session: PageSession) -> None:
+async def test_refusal_is_logged_with_its_reason(caplog: pytest.LogCaptureFixture) -> None:
+    async with serve_fake_page() as session:
         await session.get("/", Host="evil.example")
-
-    run_session(play)
     (record,) = [record for record in caplog.records if record.levelno == logging.WARNING]
     assert "names another host" in record.getMessage()
 
@@ -171,26 +139,22 @@ def test_refusal_is_logged_with_its_reason(caplog: pytest.LogCaptureFixture) -> 
 @pytest.mark.parametrize(
     "headers", [{}, {"Origin": "http://evil.example"}, {"Origin": "null"}], ids=str
 )
-def test_websocket_of_another_site_is_refused(headers: dict[str, str]) -> None:
-    async def play(session: PageSession) -> None:
+async def test_websocket_of_another_site_is_refused(headers: dict[str, str]) -> None:
+    async with serve_fake_page() as session:
         with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
             await session.http.ws_connect(f"{session.url}/socket", headers=headers)
         assert not session.server.sockets
 
-    run_session(play)
 
-
-def test_socket_when_it_is_read_as_a_page_is_an_error() -> None:
-    async def play(session: PageSession) -> None:
+async def test_socket_when_it_is_read_as_a_page_is_an_error() -> None:
+    async with serve_fake_page() as session:
         response = await session.get("/socket", Origin=session.url)
         assert response.status == 400
         assert dict(response.headers).items() >= SECURITY_HEADERS.items()
 
-    run_session(play)
 
-
-def test_token_of_the_link_becomes_a_cookie_and_leaves_the_address() -> None:
-    async def play(session: PageSession) -> None:
+async def test_token_of_the_link_becomes_a_cookie_and_leaves_the_address() -> None:
+    async with serve_fake_page(access=protect) as session:
         assert (await session.get("/")).status == 403
         assert (await session.get("/static/main.js")).status == 403
         assert (await session.get("/?token=wrong")).status == 403
@@ -212,41 +176,27 @@ def test_token_of_the_link_becomes_a_cookie_and_leaves_the_address() -> None:
         session.http.cookie_jar.clear()
         assert (await session.get("/", Cookie=cookie)).status == 403
 
-    run_session(play, access=protect)
 
-
-def test_description_when_it_fails_is_an_error_without_the_traceback(
+async def test_description_when_it_fails_is_an_error_without_the_traceback(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(_: object) -> object:
         raise ZeroDivisionError("injected")
 
     monkeypatch.setattr(pages_module, "describe_server", fail)
-
-    async def play(session: PageSession) -> None:
+    async with serve_fake_page() as session:
         response = await session.get("/api/server.json")
         assert response.status == 500
         assert "injected" not in await response.text()
         assert (await session.get("/")).status == 200
-
-    run_session(play)
     assert "injected" in caplog.text
 
 
-def test_description_of_the_server_is_json() -> None:
-    async def play(session: PageSession) -> None:
-        response = await session.get("/api/server.json")
-        assert json.loads(await response.text())["server"] == "Catoptra test"
-
-    run_session(play)
-
-
-def test_connection_without_a_whole_request_ends_after_its_time(
+async def test_connection_without_a_whole_request_ends_after_its_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(web_server, "_MAX_LIFETIME_S", 0.2)
-
-    async def play(session: PageSession) -> None:
+    async with serve_fake_page() as session:
         reader, writer = await connect(session.server)
         async with session.open_socket() as page:
             writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n")
@@ -256,11 +206,10 @@ def test_connection_without_a_whole_request_ends_after_its_time(
             assert isinstance(await page.request(GetStatusRequest(1)), StatusReply)
         writer.close()
 
-    run_session(play)
 
-
-def test_request_without_an_end_is_closed_at_64_kib(caplog: pytest.LogCaptureFixture) -> None:
-    async def play(session: PageSession) -> None:
+async def test_request_without_an_end_is_closed_at_64_kib(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    async with serve_fake_page() as session:
         reader, writer = await connect(session.server)
         # Line ends before a request are skipped by the parser, however many.
         try:
@@ -270,14 +219,11 @@ def test_request_without_an_end_is_closed_at_64_kib(caplog: pytest.LogCaptureFix
         except ConnectionError:
             pass
         writer.close()
-
-    caplog.set_level(logging.INFO)
-    run_session(play)
     assert "its request has no end" in caplog.text
 
 
-def test_newcomer_at_the_limit_takes_the_place_of_the_oldest_that_is_no_websocket() -> None:
-    async def play(session: PageSession) -> None:
+async def test_newcomer_at_the_limit_takes_the_place_of_the_oldest_that_is_no_websocket() -> None:
+    async with serve_fake_page(limits=ConnectionLimits(max_connections=3)) as session:
         async with session.open_socket() as page:
             first, first_writer = await connect(session.server)
             second, second_writer = await connect(session.server)
@@ -289,14 +235,13 @@ def test_newcomer_at_the_limit_takes_the_place_of_the_oldest_that_is_no_websocke
             first_writer.close()
             second_writer.close()
 
-    run_session(play, limits=ConnectionLimits(max_connections=3))
 
-
-def test_thousand_connections_leave_a_page_undisturbed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_thousand_connections_leave_a_page_undisturbed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     # Otherwise the flood takes a minute: 20 connections a second are opened.
     monkeypatch.setattr(port_module, "MAX_OPENED_PER_S", 1e6)
-
-    async def play(session: PageSession) -> None:
+    async with serve_fake_page(limits=ConnectionLimits(max_connections=8)) as session:
         async with session.open_socket() as page:
             writers = []
             for number in range(1000):
@@ -311,26 +256,21 @@ def test_thousand_connections_leave_a_page_undisturbed(monkeypatch: pytest.Monke
                 writer.close()
             assert (await session.get("/")).status == 200
 
-    run_session(play, limits=ConnectionLimits(max_connections=8))
+
+async def test_server_when_it_ends_closes_pages_at_once() -> None:
+    async with serve_fake_page() as session:
+        websocket = await session.http.ws_connect(f"{session.url}/socket", origin=session.url)
+        _, idle_writer = await connect(session.server)
+        await wait_until(lambda: session.server.num_connections == 2, "both connections")
+        await session.server.close()
+        message = await websocket.receive()
+        assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        idle_writer.close()
+        await wait_until(lambda: not session.server.num_connections, "all ends")
 
 
-def test_server_when_it_ends_closes_pages_at_once() -> None:
-    async def scenario() -> None:
-        async with serve_fake_page() as session:
-            websocket = await session.http.ws_connect(f"{session.url}/socket", origin=session.url)
-            _, idle_writer = await connect(session.server)
-            await wait_until(lambda: session.server.num_connections == 2, "both connections")
-            await session.server.close()
-            message = await websocket.receive()
-            assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
-            idle_writer.close()
-            await wait_until(lambda: not session.server.num_connections, "all ends")
-
-    run_scenario(scenario())
-
-
-def test_flood_of_requests_of_one_peer_leaves_others_undisturbed() -> None:
-    async def play(session: PageSession) -> None:
+async def test_flood_of_requests_of_one_peer_leaves_others_undisturbed() -> None:
+    async with serve_fake_page() as session:
         _, writer = await connect(session.server)
         request = b"GET /missing HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
         writer.write(2000 * request)
@@ -341,5 +281,3 @@ def test_flood_of_requests_of_one_peer_leaves_others_undisturbed() -> None:
         assert session.server._server.requests_count < 1000
         writer.close()
         await asyncio.sleep(0)
-
-    run_session(play)

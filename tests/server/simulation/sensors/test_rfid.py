@@ -9,11 +9,7 @@ from catoptra_server.world.world_description import RfidTag
 from helpers.robots import RFID, make_instrument
 from helpers.room_ray_caster import RoomRayCaster
 
-TAGS = (
-    RfidTag(1001, (1.0, 0.0, 0.0)),
-    RfidTag(7, (9.0, 0.0, 0.0)),
-    RfidTag(1010, (0.0, 1.9, 0.0)),
-)
+TAGS = (RfidTag(1001, (1.0, 0.0, 0.0)), RfidTag(7, (9.0, 0.0, 0.0)), RfidTag(1010, (0.0, 1.9, 0.0)))
 
 
 def test_tags_when_in_reach_are_listed_in_the_order_of_the_world() -> None:

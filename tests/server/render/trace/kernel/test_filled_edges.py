@@ -25,14 +25,8 @@ from catoptra_server.world.world_description import (
     World,
 )
 from helpers.dynamic_objects import place_cube
-from helpers.trace_kernels import (
-    count_differences,
-    fill_and_trace,
-    make_omni_table,
-)
-from helpers.worlds import (
-    CAMERA_STATE,
-)
+from helpers.trace_kernels import count_differences, fill_and_trace, make_omni_table
+from helpers.worlds import CAMERA_STATE
 
 RED = Material((0.8, 0.1, 0.1), unlit=True)
 GREEN = Material((0.1, 0.8, 0.1), unlit=True)
@@ -87,9 +81,7 @@ def test_surface_when_it_occurs_twice_ends_at_its_border() -> None:
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 1e-7, 1e-6])
-def test_viewpoint_when_it_lies_on_a_surface_proves_nothing_by_its_rounding(
-    aside_m: float,
-) -> None:
+def test_viewpoint_when_it_lies_on_a_surface_proves_nothing_by_its_rounding(aside_m: float) -> None:
     turned = Pose.from_rpy((0.0, 0.0, aside_m), (0.0, 0.0, 0.3))
     sheet = make_item(Rectangle((3.0, 2.0)), CAMERA_STATE.world_from_mirror @ turned, GREEN)
     floor = make_item(Rectangle((9.0, 9.0)), Pose.identity())

@@ -16,19 +16,11 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
-from catoptra_server.world.world_description import (
-    HemisphereLight,
-    PointLight,
-)
+from catoptra_server.world.world_description import HemisphereLight, PointLight
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences
 from helpers.random_worlds import make_random_exposure
-from helpers.trace_kernels import (
-    count_differences,
-    fill_and_trace,
-    make_omni_table,
-    open_kernel,
-)
+from helpers.trace_kernels import count_differences, fill_and_trace, make_omni_table, open_kernel
 from helpers.worlds import (
     CAMERA_STATE,
     HEMISPHERE_LIGHT,

@@ -19,12 +19,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import (
-    Item,
-    Material,
-    Rectangle,
-    World,
-)
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.memory import resident_mb
 from helpers.trace_kernels import make_omni_table, open_kernel

@@ -11,10 +11,7 @@ import pytest
 
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.reference import reference_engine as module
-from catoptra_server.render.trace.reference.reference_engine import (
-    ReferenceEngine,
-    mean_pixels,
-)
+from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine, mean_pixels
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, assemble_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import PointLight, World

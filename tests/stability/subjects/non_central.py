@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.optics.numerics import Floats
-from stability.catalogue import Case, Subject, check, load
+from stability.catalogue import Subject
 
 
 def _subject(name: str) -> Subject:
@@ -24,8 +23,3 @@ def _subject(name: str) -> Subject:
 
 
 SUBJECTS = {name: _subject(name) for name in MIRRORS}
-
-
-@pytest.mark.parametrize("case", load("non_central"), ids=str)
-def test_mirror_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
-    check(case, SUBJECTS)

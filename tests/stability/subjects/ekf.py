@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_client.localization import (
     OPEN_GATE,
@@ -16,7 +15,7 @@ from catoptra_client.localization import (
     RangeBearing,
     ekf,
 )
-from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.catalogue import Invalid, Subject
 
 
 def _run_update(
@@ -60,8 +59,3 @@ SUBJECTS: dict[str, Subject] = {
     "predicted": _run_prediction,
     "belief": lambda mean, covariance: Belief(np.array(mean), np.array(covariance)),
 }
-
-
-@pytest.mark.parametrize("case", load("ekf"), ids=str)
-def test_hard_case_of_the_filter_holds(case: Case) -> None:
-    check(case, SUBJECTS)

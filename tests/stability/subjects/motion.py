@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_client.localization import motion_model
 from catoptra_client.localization.motion_model import Control, MotionNoise
-from stability.catalogue import Case, Subject, check, load
+from stability.catalogue import Subject
 
 
 def _noise(v: float, turn: float, alphas: list[float]) -> Any:
@@ -39,8 +38,3 @@ SUBJECTS: dict[str, Subject] = {
     "control_from_odometry": _control,
     "noise": _noise,
 }
-
-
-@pytest.mark.parametrize("case", load("motion"), ids=str)
-def test_hard_case_of_the_motion_model_holds(case: Case) -> None:
-    check(case, SUBJECTS)

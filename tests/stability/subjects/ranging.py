@@ -6,12 +6,10 @@ import math
 from functools import partial
 from typing import Any
 
-import pytest
-
 from catoptra_client.landmarks import candidates
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.catalogue import Invalid, Subject
 from stability.references.ranging import HORIZON_PX, K
 
 CAMERA = OmniCamera(
@@ -40,8 +38,3 @@ SUBJECTS: dict[str, Subject] = {
     ),
     **{n: partial(_sigma, n) for n in ("incidence_angle_sigma", "range_sigma", "azimuth_sigma")},
 }
-
-
-@pytest.mark.parametrize("case", load("ranging"), ids=str)
-def test_hard_case_of_ranging_holds(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from stability.catalogue import Case, check, load
 
 
 def _hyperbolic(k: float, c_m: float, t: float) -> tuple[Floats, Floats]:
@@ -19,8 +17,3 @@ def _parabolic(horizon_m: float, t: float) -> tuple[Floats, Floats]:
 
 
 SUBJECTS = {"hyperbolic_surface": _hyperbolic, "parabolic_surface": _parabolic}
-
-
-@pytest.mark.parametrize("case", load("surface"), ids=str)
-def test_surface_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from catoptra_protocol.optics import numerics
-from stability.catalogue import Case, Subject, check, load
+from stability.catalogue import Subject
 
 SUBJECTS: dict[str, Subject] = {
     "wrap": lambda angle: numerics.wrap_angle(angle),
@@ -14,8 +12,3 @@ SUBJECTS: dict[str, Subject] = {
         start, end, fraction=fraction
     ),
 }
-
-
-@pytest.mark.parametrize("case", load("angles"), ids=str)
-def test_hard_case_of_angles_holds(case: Case) -> None:
-    check(case, SUBJECTS)

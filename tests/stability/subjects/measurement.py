@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_client.localization import LandmarkPosition, RangeBearing, ekf
-from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.catalogue import Invalid, Subject
 
 
 def _predict(pose: list[float], landmark: list[float]) -> ekf.PredictedMeasurement:
@@ -29,8 +28,3 @@ SUBJECTS: dict[str, Subject] = {
     "jacobian": lambda pose, landmark: _predict(pose, landmark).jacobian[:, :2],
     "innovation": _innovation,
 }
-
-
-@pytest.mark.parametrize("case", load("measurement"), ids=str)
-def test_hard_case_of_the_measurement_model_holds(case: Case) -> None:
-    check(case, SUBJECTS)

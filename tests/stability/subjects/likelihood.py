@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from catoptra_client.landmarks import classifier
 from catoptra_client.landmarks.classifier import Histogram
-from stability.catalogue import Case, Subject, check, load
+from stability.catalogue import Subject
 
 
 def _classify(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) -> bool:
@@ -20,8 +19,3 @@ def _classify(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) 
 
 
 SUBJECTS: dict[str, Subject] = {"accepted": _classify}
-
-
-@pytest.mark.parametrize("case", load("likelihood"), ids=str)
-def test_hard_case_of_the_likelihood_ratio_holds(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from stability.catalogue import Case, Invalid, check, load
+from stability.catalogue import Invalid
 
 
 def _pixel(width_px: int, height_px: int, fov_rad: float, direction: list[float]) -> Floats:
@@ -30,8 +29,3 @@ def _lens_pixel(value: Floats, valid: bool) -> Floats:
 
 
 SUBJECTS = {"perspective_pixel": _pixel, "perspective_direction": _direction}
-
-
-@pytest.mark.parametrize("case", load("lens"), ids=str)
-def test_lens_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_client.landmarks import classifier
 from catoptra_client.landmarks.classifier import Histogram
-from stability.catalogue import Case, Subject, check, load
+from stability.catalogue import Subject
 
 
 def _of(counts: list[Any]) -> Histogram:
@@ -24,8 +23,3 @@ SUBJECTS: dict[str, Subject] = {
     ).counts.ravel()[:3],
     "spread_total": lambda counts: classifier.smooth_histogram(_of(counts)).total,
 }
-
-
-@pytest.mark.parametrize("case", load("histogram"), ids=str)
-def test_hard_case_of_histograms_holds(case: Case) -> None:
-    check(case, SUBJECTS)

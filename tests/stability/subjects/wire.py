@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from catoptra_protocol.optics import units
 from catoptra_protocol.usarsim import value_format
-from stability.catalogue import Case, check, load
 
 
 def _format(value: float, decimals: int, text: str) -> float:
@@ -33,8 +30,3 @@ SUBJECTS = {
     "unreal_angle": _angle,
     "metres_from_uu": _length,
 }
-
-
-@pytest.mark.parametrize("case", load("wire"), ids=str)
-def test_number_when_hard_is_printed_and_read_to_the_letter(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_client.localization import Belief, ekf, filter_health
-from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.catalogue import Invalid, Subject
 
 
 def _nees(mean: Any, covariance: Any, truth: Any) -> float:
@@ -28,8 +27,3 @@ SUBJECTS: dict[str, Subject] = {
     ),
     "nees": _nees,
 }
-
-
-@pytest.mark.parametrize("case", load("trust"), ids=str)
-def test_hard_case_of_trust_holds(case: Case) -> None:
-    check(case, SUBJECTS)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from functools import cache
 
-import pytest
-
 from catoptra_client.landmarks import detector
 from catoptra_client.landmarks.blobs import Blob, Viewpoint
 from catoptra_client.landmarks.candidates import Candidate, CylinderView
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks.ideal_blobs import make_blob
-from stability.catalogue import Case, Invalid, Subject, check, load
-from stability.test_ranging import CAMERA
+from stability.catalogue import Invalid, Subject
+from stability.subjects.ranging import CAMERA
 
 BEACON = Landmark("b", "beacon", 0.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 # The middle of the lower band.
@@ -55,10 +53,5 @@ def _find_candidate(range_m: float, drop_m: float) -> Candidate:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "has_range": lambda range_, drop: _find_candidate(range_, drop).has_range,
+    "has_range": lambda range_, drop: _find_candidate(range_, drop).has_range
 }
-
-
-@pytest.mark.parametrize("case", load("detector"), ids=str)
-def test_hard_case_of_the_detector_holds(case: Case) -> None:
-    check(case, SUBJECTS)

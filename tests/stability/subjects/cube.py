@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics import cube_map
 from catoptra_protocol.optics.numerics import Floats
-from stability.catalogue import Case, check, load
 
 
 def _face(direction: list[float]) -> int:
@@ -19,8 +17,3 @@ def _coordinates(direction: list[float], face: int) -> Floats:
 
 
 SUBJECTS = {"face_from_direction": _face, "face_coordinates": _coordinates}
-
-
-@pytest.mark.parametrize("case", load("cube"), ids=str)
-def test_face_when_at_a_hard_case_is_the_first_of_the_largest(case: Case) -> None:
-    check(case, SUBJECTS)

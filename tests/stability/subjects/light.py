@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.reference import reference_engine as ray_batches
 from catoptra_server.world import shading
 from catoptra_server.world import world_description as colour
 from catoptra_server.world.world_description import PointLight
-from stability.catalogue import Case, check, load
 
 
 def _encode(linear: float) -> Floats:
@@ -41,8 +39,3 @@ SUBJECTS = {
     "sample_sums": _greys,
     "point_irradiance": _irradiance,
 }
-
-
-@pytest.mark.parametrize("case", load("light"), ids=str)
-def test_light_when_hard_is_that_of_50_digits(case: Case) -> None:
-    check(case, SUBJECTS)

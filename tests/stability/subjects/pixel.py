@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from catoptra_protocol.optics import numerics, omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from stability.catalogue import Case, Invalid, check, load
+from stability.catalogue import Invalid
 
 
 def valid_value(answer: tuple[Floats, Bools]) -> Floats:
@@ -51,8 +50,3 @@ SUBJECTS = {
     "pixel_from_direction": _pixel,
     "direction_from_pixel": _direction,
 }
-
-
-@pytest.mark.parametrize("case", load("pixel"), ids=str)
-def test_pixel_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
-    check(case, SUBJECTS)
