@@ -20,7 +20,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.vectors import Vector3
 from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest, check_from_function
 from conformance.control_session import spawn_robot
-from conformance.image_panorama import project_directions
+from conformance.image_panorama import project_points
 from conformance.stream_session import (
     StreamRobot,
     camera_of,
@@ -172,12 +172,12 @@ def _band_points(landmark: Landmark) -> Floats:
     return np.array([(landmark.x_m, landmark.y_m, -height) for height in heights])
 
 
-def _direction_in_camera(frame: Frame, points: Floats) -> Floats:
+def _points_in_camera(frame: Frame, points: Floats) -> Floats:
     if frame.robot_from_mirror is None:
         raise CheckFailed(f"frame {frame.sequence} of one camera has no robot_from_mirror")
     world_from_camera = pose_of(frame) @ frame.robot_from_mirror
-    directions: Floats = world_from_camera.inverse().transform_points(points)
-    return directions
+    in_camera: Floats = world_from_camera.inverse().transform_points(points)
+    return in_camera
 
 
 def _project(frame: Frame, landmark: Landmark) -> tuple[float, float] | None:
@@ -188,7 +188,7 @@ def _project(frame: Frame, landmark: Landmark) -> tuple[float, float] | None:
 
 def _project_points(frame: Frame, points: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     camera = camera_of(frame)
-    pixels, valid = project_directions(camera, _direction_in_camera(frame, points))
+    pixels, valid = project_points(camera, _points_in_camera(frame, points))
     inside = (pixels >= 0.0).all(axis=1) & (pixels <= (camera.width_px, camera.height_px)).all(1)
     return pixels, valid & inside
 
