@@ -23,16 +23,26 @@ from rich.table import Table
 from conformance.check import ServerUnderTest
 from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.image_mutations import IMAGE_MUTATIONS
-from conformance.mutation import Mutation
+from conformance.mutation import ConnectionMutation, Mutation
 from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
 from conformance.parallel_play import parallel_rows, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
-from conformance.stream_mutations import STREAM_MUTATIONS
 from conformance.suite import read_conversations
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
 
+# Of the stream's behaviour; mutations of its fields are generated (stream_message_mutations.py).
+STREAM_MUTATIONS = (
+    Mutation(
+        "no heartbeat",
+        "stream",
+        lambda: ConnectionMutation(
+            mutate_reply=lambda data: data.replace(b"heartbeat", b"heartless")
+        ),
+        ("stream_heartbeats",),
+    ),
+)
 # A row waits for most of its time.
 _NUM_PICTURE_SERVERS = 8
 
