@@ -42,7 +42,7 @@ def test_command_when_the_rows_pass_prints_them_and_succeeds(
             f"127.0.0.1:{port}"
             for port in (server.control_port, server.image_port, server.stream_port)
         )
-        rows = ("--rows", "greeting", "spawn_pose", "image_full*", "stream_status")
+        rows = ("--rows", "greeting", "spawn_pose", "image_full*", "stream_clients")
         status = main([control, "--image", image, "--stream", stream, *rows])
     printed = capsys.readouterr().out
     assert status == 0, printed

@@ -174,8 +174,8 @@ def test_rows_when_for_one_kind_of_server_are_left_out_for_others() -> None:
     usual = dataclasses.replace(SERVER, addresses=addresses)
     udk = dataclasses.replace(usual, dialect="udk", legacy_images=True)
     usual_names, udk_names = ({row.name for row in applicable_checks(x)} for x in (usual, udk))
-    assert {"udk_pose", "image_legacy_first", "greeting", "stream_status"} <= udk_names
-    assert {"set_unknown", "image_full_frame", "greeting", "stream_status"} <= usual_names
+    assert {"udk_pose", "image_legacy_first", "greeting", "stream_clients"} <= udk_names
+    assert {"set_unknown", "image_full_frame", "greeting", "stream_clients"} <= usual_names
     assert not {"set_unknown", "image_full_frame"} & udk_names
     assert not {"udk_pose", "image_legacy_first"} & usual_names
     assert {row.port for row in applicable_checks(SERVER)} == {"control"}
