@@ -57,6 +57,9 @@ def _generate_field_mutations() -> Iterator[Mutation]:
         for path in re.compile(pattern).groupindex:
             faults = MEASURED if message == "region" else CONSTANT
             faults = _TYPE_FAULTS if path == "type" else faults
+            if message == "picture":
+                # The picture of the tests is square.
+                faults = tuple(one for one in faults if one is not Fault.EXCHANGED)
             field = NumericField(message, path, Quantity.COUNT, _NEIGHBOURS.get(path, ""), faults)
             is_place = path in ("x", "y")
             row = {"frame": "image_full_frame", "picture": "image_stream_picture"}.get(

@@ -52,7 +52,7 @@ def test_our_server_passes_each_row(
     assert [one for one in results if one.outcome is not Outcome.PASSED] == []
 
 
-# `make mutations` plays all of them, through all rows.
+# `make mutations` plays all of them.
 @pytest.mark.parametrize(
     "mutation",
     one_of_each((*IMAGE_MUTATIONS, *STREAM_MUTATIONS), lambda mutation: mutation.noticed_by),
