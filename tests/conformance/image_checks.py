@@ -24,6 +24,7 @@ from conformance.check import (
     CheckSkipped,
     ServerUnderTest,
     check_from_function,
+    retry_once,
 )
 from conformance.control_drive import describe, drive_until, require_sides
 from conformance.control_readings import read_number
@@ -125,6 +126,7 @@ def check_turn(server: ServerUnderTest) -> None:
     require_turn(before, after, yaw_rad, describe(motions))
 
 
+@retry_once
 def check_stream_picture(server: ServerUnderTest) -> None:
     """The picture of the image port is the one that the stream has of it, without loss."""
     if "stream" not in server.addresses:
