@@ -152,7 +152,8 @@ def _double_size(picture: Pixels) -> Pixels:
 
 IMAGE_MUTATIONS: tuple[Mutation, ...] = (
     _mutation("doubled frame", _of_frames(lambda frame: frame + frame), "image_pipelined_requests"),
-    _mutation("stale frame", _remember(lambda newest: 0), "image_turn"),
+    # The first frame may show the time before the robot.
+    _mutation("stale frame", _remember(lambda newest: min(newest, 1)), "image_turn"),
     _mutation(
         "frame of the request before", _remember(lambda newest: max(0, newest - 1)), "image_turn"
     ),
