@@ -89,5 +89,5 @@ def _survey_class(server: ServerUnderTest) -> SurveyedClass | None:
         server.robot_class,
         frozenset(types & _SENSORS),
         bool(cameras),
-        any(camera.get("Mirror") is not None for camera in cameras),
+        any(camera.get("Mirror") or camera.get("Lens") for camera in cameras),
     )

@@ -13,7 +13,12 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
-from conformance.control_field_mutations import generate_line_mutations, mutate_lines
+from conformance.control_field_mutations import (
+    TextMutation,
+    generate_line_mutations,
+    generate_text_mutations,
+    mutate_lines,
+)
 from conformance.control_tour import Tour, record_tour, record_visits
 from conformance.control_tour_checks import TOUR_CHECKS, VISIT_CHECKS, find_contradiction
 from conformance.control_tour_server import run_tour_server
@@ -29,12 +34,16 @@ def record_own_tour(folder: Path, dialect: str) -> Tour:
         return record_visits(record_tour(server))
 
 
-def find_mutations(tour: Tour) -> list[FieldMutation]:
-    """All mutations of the fields of a tour."""
-    return list(generate_line_mutations(line.text for line in tour.lines))
+ControlMutation = FieldMutation | TextMutation
 
 
-def judge_mutation(tour: Tour, mutation: FieldMutation) -> str | None:
+def find_mutations(tour: Tour) -> list[ControlMutation]:
+    """All mutations of the lines of a tour."""
+    lines = [line.text for line in tour.lines]
+    return [*generate_line_mutations(lines), *generate_text_mutations(lines, tour.dialect)]
+
+
+def judge_mutation(tour: Tour, mutation: ControlMutation) -> str | None:
     """What notices a mutation, empty for nothing; None if it changes no byte of the tour."""
     mutated = tour.map_lines(partial(mutate_lines, mutation))
     if (mutated.lines, mutated.visits) == (tour.lines, tour.visits):
@@ -42,7 +51,7 @@ def judge_mutation(tour: Tour, mutation: FieldMutation) -> str | None:
     return find_contradiction(mutated, _ALL_CHECKS)
 
 
-def judge_mutations(tour: Tour, mutations: Iterable[FieldMutation]) -> dict[str, str]:
+def judge_mutations(tour: Tour, mutations: Iterable[ControlMutation]) -> dict[str, str]:
     """What notices each mutation that changes something, by its name."""
     judged = {one.name: judge_mutation(tour, one) for one in mutations}
     return {name: reason for name, reason in judged.items() if reason is not None}

@@ -1,15 +1,16 @@
-"""Mutations of every number in the lines of a control server, in either dialect.
+"""Mutations of every number and every kind of line of a control server, in either dialect.
 
 The table of fields is read from lines that a server sent: every number of a line is a field, except
 names. Lines are text with numbers at known places, so that a mutation changes these and nothing
-else. Source: SPEC.md 4 to 6, 8.
+else. Another family changes the text of all lines of a kind: blanks, ends, spelling, order.
+Source: SPEC.md 3 to 6, 8.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from itertools import groupby
 
 from conformance.field_mutations import (
@@ -85,8 +86,32 @@ def generate_line_mutations(lines: Iterable[str]) -> Iterator[FieldMutation]:
     return generate_mutations(read_fields(lines))
 
 
-def mutate_lines(mutation: FieldMutation) -> Callable[[str], str]:
-    """Change of each line of a connection, in their order."""
+@dataclasses.dataclass(frozen=True, slots=True)
+class TextMutation:
+    """One fault of the text of all lines of a kind."""
+
+    kind: str
+    fault: str
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return f"{self.kind}: {self.fault}"
+
+
+def generate_text_mutations(lines: Iterable[str], dialect: str) -> Iterator[TextMutation]:
+    """All mutations of the text of lines."""
+    for kind in dict.fromkeys(map(kind_of, lines)):
+        for fault, (kinds, dialects, _) in _TEXT_FAULTS.items():
+            if dialect in dialects and re.match(kinds, kind):
+                yield TextMutation(kind, fault)
+
+
+def mutate_lines(mutation: FieldMutation | TextMutation) -> Callable[[str], str]:
+    """Change of each line of a connection, in their order; lines of a change end with CR LF."""
+    if isinstance(mutation, TextMutation):
+        kind, change_text = mutation.kind, _TEXT_FAULTS[mutation.fault][2]
+        return lambda line: change_text(line) if kind_of(line) == kind else line
     changes: dict[str, ChangeNumbers] = {}
 
     def change_line(line: str) -> str:
@@ -102,6 +127,40 @@ def mutate_lines(mutation: FieldMutation) -> Callable[[str], str]:
         return _write_numbers(line, places, change(numbers))
 
     return change_line
+
+
+def _split_items(line: str) -> str:
+    head, *items = re.split(r" (?=\{Name )", line)
+    return "\r\n".join(f"{head} {item}" for item in items)
+
+
+_BOTH = "ut2004", "udk"
+# Kinds of lines, dialects and change of each fault.
+_TEXT_FAULTS: dict[str, tuple[str, Collection[str], Callable[[str], str]]] = {
+    "no line": ("", _BOTH, lambda line: ""),
+    "LF": ("", _BOTH, lambda line: f"{line}\n"),
+    "above 4095 bytes": ("", _BOTH, lambda line: f"{line.rstrip()} {{Padding {'x' * 4096}}}"),
+    "two blanks": ("", _BOTH, lambda line: line.replace("} {", "}  {")),
+    "no blank": ("", ("ut2004",), lambda line: line.replace("} {", "}{")),
+    "blanks in vectors": ("", _BOTH, lambda line: re.sub(r"(?<=\d),(?=-?\d)", ", ", line)),
+    "comma decimals": ("", _BOTH, lambda line: re.sub(r"(?<=\d)\.(?=\d)", ",", line)),
+    "exponents": ("", _BOTH, lambda line: re.sub(r"(?<=\d\.)(\d+)(?=[,}])", r"\1e0", line)),
+    "decimals": ("STA", _BOTH, lambda line: re.sub(r"(?<= )(-?\d+)(?=\})", r"\1.0", line)),
+    "another order": ("", _BOTH, lambda line: re.sub(r" (\{.*?\}) (\{.*\})", r" \2 \1", line)),
+    "other keys": ("", _BOTH, lambda line: re.sub(r"\{(?!Type |Name )(\w)", r"{Other\1", line)),
+    "false": ("", _BOTH, lambda line: re.sub("True|False", lambda x: x[0].lower(), line)),
+    "a block for each pair": (
+        "SEN|GEO",
+        ("ut2004",),
+        lambda line: re.sub(r"(?<=[\w.]) (?=(Range|Tick|Location) )", "} {", line),
+    ),
+    "a line for each sensor": ("SEN (Sonar|Encoder)", ("ut2004",), _split_items),
+    "a camera's reading": (
+        "STA",
+        ("ut2004",),
+        lambda x: f"{x}\r\nSEN {{Time 1.0}} {{Type Camera}}",
+    ),
+}
 
 
 def _make_field(kind: str, path: str) -> NumericField:

@@ -1,8 +1,9 @@
 """Forms of the lines of a control server, in both dialects, as patterns that can be read.
 
 A form is a line with placeholders for values: `n` a plain decimal, `v` three of them, `l` any
-number of them, `b` True or False, `w` one word. `[...]` is an optional block, `...` behind a block
-repeats it. Further blocks may follow: clients skip them. Source: SPEC.md 5, 8; captures of USARSim.
+number of them, `i` an integer, `b` True or False, `w` one word. `[...]` is an optional block, `...`
+behind a block repeats it. Further blocks may follow: clients skip them. Source: SPEC.md 5, 8;
+captures of USARSim.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ _PLACEHOLDERS = {
     "n": _NUMBER,
     "v": rf"{_NUMBER},{_NUMBER},{_NUMBER}",
     "l": rf"{_NUMBER}(?:,{_NUMBER})*",
+    "i": r"-?\d+",
     "b": "(?:True|False)",
     "w": r"[^ {}]+",
 }
@@ -82,7 +84,8 @@ CONFIGURATION_FORMS = {
     },
     "udk": {
         **_COMMON_CONFIGURATIONS,
-        "robot": f"CONF {{Name w}} {{Type w}} {_STEERING}",
+        # Integers, as in captures of UDK.
+        "robot": f"CONF {{Name w}} {{Type w}} {_STEERING.replace('Steer n', 'Steer i')}",
         "rangescanner": f"CONF {{Type RangeScanner}} {_RANGES} "
         "{Resolution n} {Fov n} {Panning b} {Tilting b}",
         "sonar": f"CONF {{Type Sonar}} {_RANGES} {{ScanInterval n}} {{beamAngle n}} "
@@ -104,23 +107,31 @@ _PACKAGE_GEOMETRY_FORM = (
 # Of the other words, their first blocks.
 _OTHER_FORMS = {
     "ut2004": {
-        "STA": "STA {Type w} {Time n} {FrontSteer n} {RearSteer n}",
+        # Joints before the light; integers for the Java client.
+        "STA": "STA {Type w} {Time n} {FrontSteer n} {RearSteer n} [{w n}]... {LightToggle b} "
+        "{LightIntensity i} {Battery i} {View i}",
         "MISSTA": "MISSTA {Time n} {Name w} {Link n} {Value n} {Torque n}",
         "RES": "RES {Time n} {Type w}",
     },
     "udk": {
-        "STA": "STA {Time n} {Battery n} {Type w} {LightToggle b} {LightIntensity n} "
-        "{FrontSteer n} {RearSteer n}",
+        "STA": "STA {Time n} {Battery i} {Type w} {LightToggle b} {LightIntensity i} "
+        "{FrontSteer i} {RearSteer i}",
         "ASTA": "ASTA {Time n} {Name w} {Link n} {Value n}",
     },
 }
+_NO_FORM = "no line"
 
 
 def find_form(message: Message, dialect: str) -> str | None:
-    """Form of a line by its word and type; None for a kind without one."""
+    """Form of a line by its word and type; None for a kind without one.
+
+    No line has that of a camera's readings in UT2004.
+    """
     type_ = (message.get("Type") or "").lower()
     if message.word == "SEN":
-        return READING_FORMS[dialect].get(type_)
+        if type_ == "camera" and dialect == "ut2004":
+            return _NO_FORM
+        return READING_FORMS[dialect].get(type_, "SEN [{Time n}] {Type w}")
     if message.word == "CONF":
         key = "robot" if message.get("SteeringType") is not None else type_
         return CONFIGURATION_FORMS[dialect].get(key)
@@ -150,6 +161,7 @@ def _compile(form: str, dialect: str) -> re.Pattern[str]:
 def _compile_block(found: re.Match[str], space: str) -> str:
     key, *values = found["words"].split(" ")
     words = [_PLACEHOLDERS.get(value, f"(?i:{re.escape(value)})") for value in values]
-    # In a list of UT2004 every second word is a key.
-    block = rf"(?:{space}\{{{' '.join((key, *words))}\}})"
-    return block + ("?" if found["optional"] else "+" if found["repeated"] else "")
+    # In a list of UT2004 every second word is a key; a `w` in its place is any.
+    block = rf"(?:{space}\{{{' '.join((_PLACEHOLDERS.get(key, key), *words))}\}})"
+    counts = {(False, False): "", (True, False): "?", (False, True): "+", (True, True): "*?"}
+    return block + counts[bool(found["optional"]), bool(found["repeated"])]

@@ -1,4 +1,4 @@
-"""Poses, scans, encoder ticks and the drive base of a robot, from the lines of either dialect."""
+"""Poses, ranges and encoder ticks of a robot, from the lines of either dialect."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.usarsim.grammar import Message, items_from_message
-from conformance.check import CheckFailed, CheckSkipped
-from conformance.control_session import ControlSession
+from conformance.check import CheckFailed
 
 Floats = npt.NDArray[np.float64]
 Cycle = dict[str, list[Message]]
@@ -53,25 +52,6 @@ class PlanarPose:
         return PlanarMotion(
             cos * dx + sin * dy, cos * dy - sin * dx, wrap(later.yaw_rad - self.yaw_rad)
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """A scan; the first range is on the right of the robot."""
-
-    name: str
-    resolution_rad: float
-    fov_rad: float
-    ranges_m: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class DriveBase:
-    """What a skid-steered robot states about its wheels."""
-
-    max_speed_rad_s: float
-    wheel_radius_m: float
-    wheel_separation_m: float
 
 
 def wrap(angle_rad: float) -> float:
@@ -117,24 +97,6 @@ def _read_pose(message: Message) -> PlanarPose:
     return PlanarPose(x, y, read_numbers(message, "Orientation", 3)[2])
 
 
-def find_scan(cycle: Cycle) -> Scan:
-    """First scan of a cycle.
-
-    Raises:
-        CheckSkipped: No range scanner reports.
-    """
-    if "rangescanner" not in cycle:
-        raise CheckSkipped("no range scanner reports")
-    message = cycle["rangescanner"][0]
-    ranges = numbers_from_commas(message.get("Range") or "")
-    return Scan(
-        message.get("Name") or "",
-        read_number(message, "Resolution"),
-        read_number(message, "FOV"),
-        np.array(ranges),
-    )
-
-
 def numbers_from_commas(text: str) -> list[float]:
     """Numbers of a list of any length.
 
@@ -168,27 +130,3 @@ def _iter_items(messages: Iterable[Message]) -> Iterator[tuple[str, Message]]:
     for message in messages:
         for item in items_from_message(message):
             yield (item.get("Name") or "").lower(), item
-
-
-def read_drive_base(session: ControlSession) -> DriveBase:
-    """Drive base of the robot, from CONF and GEO.
-
-    Raises:
-        CheckSkipped: The robot does not steer by the speeds of its sides.
-        CheckFailed: A number is missing or not positive.
-    """
-    replies = session.query("GETCONF {Type Robot}", "GETGEO {Type Robot}")
-    conf = next((one for one in replies if one.word == "CONF" and one.get("SteeringType")), None)
-    geo = next((one for one in replies if one.word == "GEO" and one.get("Dimensions")), None)
-    if conf is None or geo is None:
-        raise CheckFailed("no CONF with a SteeringType and GEO with Dimensions for {Type Robot}")
-    if conf.get("SteeringType") not in ("SkidSteered", "Differential"):
-        raise CheckSkipped(f"a robot with the steering {conf.get('SteeringType')}")
-    base = DriveBase(
-        read_number(conf, "MaxSpeed"),
-        read_number(geo, "WheelRadius"),
-        read_number(geo, "WheelSeparation"),
-    )
-    if min(base.max_speed_rad_s, base.wheel_radius_m, base.wheel_separation_m) <= 0.0:
-        raise CheckFailed(f"{conf}, {geo}: expected positive wheel speed, radius and separation")
-    return base

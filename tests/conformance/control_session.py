@@ -38,8 +38,9 @@ class ReceivedLine:
         return self.data.rstrip(b"\r\n").decode("latin-1")
 
     def with_text(self, text: str) -> ReceivedLine:
-        """The line with another text, at the same time."""
-        return ReceivedLine(text.encode("latin-1") + b"\r\n", self.received_s, parse_message(text))
+        """The line with another text, at the same time; its end is added if it has none."""
+        data = (text if text.endswith("\n") else f"{text}\r\n").encode("latin-1")
+        return ReceivedLine(data, self.received_s, parse_message(text.rstrip("\r\n")))
 
     @property
     def sensor_type(self) -> str:

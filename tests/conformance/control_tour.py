@@ -7,11 +7,12 @@ do not depend on the numbers of replies: speeds are percent of MaxSpeed. Source:
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import zmq
 
@@ -20,8 +21,9 @@ from catoptra_protocol.stream.replies import CameraReply, Heartbeat
 from catoptra_protocol.stream.requests import GetCameraRequest
 from catoptra_protocol.usarsim.grammar import Message, items_from_message
 from catoptra_protocol.vectors import Vector3
-from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest
-from conformance.control_drive import STAND, drive_until
+from conformance.check import CheckFailed, ServerUnderTest
+from conformance.control_drive import STAND, drive_until, require_sides
+from conformance.control_forms import READING_FORMS
 from conformance.control_readings import read_number, read_numbers
 from conformance.control_session import (
     REPORT_TIMEOUT_S,
@@ -40,9 +42,10 @@ LINK_VALUES = (0.2, -0.15)
 FOV_RAD = 0.6
 _TURN_RAD = 1.0
 _FORWARD_M = 0.4
-# Longest wait for a motion: of wheels of 0.5 m/s, and twice that of joints of 0.17 rad/s.
-_DRIVE_S = 2.0
+# Twice the time of joints of 0.17 rad/s.
 _JOINTS_S = 2.4
+# A scanner that reports on demand takes one interval; intervals are tenths of seconds.
+_SCAN_S = 2.0
 _STANDING_S = 0.5
 _MAX_VISITS = 4
 _VISIT_S = 0.6
@@ -122,11 +125,17 @@ class Tour:
         raise CheckFailed(f"GET{word} {{Type Robot}}: no {word} with a {key}")
 
     def map_lines(self, make_change: Callable[[], Callable[[str], str]]) -> Tour:
-        """Tour with a change of each line; a new one for each connection."""
+        """Tour with a change of each line, to any number; a new one for each connection."""
+        mapped = _map_lines(self.lines, make_change())
+        starts = [0, *itertools.accumulate(map(len, mapped))]
         return replace(
             self,
-            lines=_map_lines(self.lines, make_change()),
-            visits=tuple((name, _map_lines(lines, make_change())) for name, lines in self.visits),
+            lines=tuple(itertools.chain(*mapped)),
+            marks={name: (starts[a], starts[b]) for name, (a, b) in self.marks.items()},
+            visits=tuple(
+                (name, tuple(itertools.chain(*_map_lines(lines, make_change()))))
+                for name, lines in self.visits
+            ),
         )
 
 
@@ -139,27 +148,17 @@ def record_tour(server: ServerUnderTest) -> Tour:
     """
     marks: dict[str, tuple[int, int]] = {}
     with spawn_robot(server) as session:
-
-        def record(phase: str, run: Callable[[], object]) -> None:
-            first = len(session.lines)
-            run()
-            marks[phase] = first, len(session.lines)
-
-        record("stand", lambda: session.read_for(_STANDING_S))
-        queries = [f"GET{w} {{Type {t}}}" for t in ("Robot", *PART_TYPES) for w in ("CONF", "GEO")]
-        record("query", lambda: session.query(*queries))
-        _require_sides(session)
-        for phase, left, right in (
-            ("right", 1, -1),
-            ("first", 1, 1),
-            ("left", -1, 1),
-            ("second", 1, 1),
-        ):
-            record(phase, lambda x=left, y=right: _drive(session, x, y))
-        record("joints", lambda: _move_joints(session))
-        record("light", lambda: _send_and_read(session, "DRIVE {Light true}"))
-        record("camera", lambda: _set_field_of_view(session))
-        record("reset", lambda: _reset_odometry(session))
+        _record(session, marks, _standing_phases(session))
+        require_sides(session)
+        drives = (("right", 1, -1), ("first", 1, 1), ("left", -1, 1), ("second", 1, 1))
+        _record(session, marks, {name: partial(_drive, session, *signs) for name, *signs in drives})
+        phases = {
+            "joints": lambda: _move_joints(session),
+            "light": lambda: _send_and_read(session, "DRIVE {Light true}"),
+            "camera": lambda: _set_field_of_view(session),
+            "reset": lambda: _reset_odometry(session),
+        }
+        _record(session, marks, phases)
         lines = tuple(session.lines)
     tour = Tour(server, lines, marks)
     names = [one.get("Name") or "" for one in tour.find_replies("CONF", "camera")]
@@ -167,9 +166,11 @@ def record_tour(server: ServerUnderTest) -> Tour:
 
 
 def record_standing(server: ServerUnderTest) -> Tour:
-    """The start of a tour."""
+    """The start of a tour, of a robot that may steer in any way."""
+    marks: dict[str, tuple[int, int]] = {}
     with spawn_robot(server) as session:
-        return Tour(server, tuple(session.lines), {})
+        _record(session, marks, _standing_phases(session))
+        return Tour(server, tuple(session.lines), marks)
 
 
 def record_visits(tour: Tour) -> Tour:
@@ -192,12 +193,14 @@ def _type_of(message: Message) -> str:
 
 def _map_lines(
     lines: Iterable[ReceivedLine], change: Callable[[str], str]
-) -> tuple[ReceivedLine, ...]:
+) -> list[list[ReceivedLine]]:
+    """Lines in the place of each."""
     mapped = []
     for line in lines:
         text = change(line.text)
-        mapped.append(line if text == line.text else line.with_text(text))
-    return tuple(mapped)
+        parts = [part for part in text.split("\r\n") if part]
+        mapped.append([line] if text == line.text else [line.with_text(part) for part in parts])
+    return mapped
 
 
 def _iter_instants(lines: Iterable[ReceivedLine]) -> Iterator[Instant]:
@@ -229,22 +232,52 @@ def _make_instant(reports: dict[tuple[str, str, str], Message], received_s: floa
     return Instant(time_s, received_s, tuple(reports.values()))
 
 
-def _require_sides(session: ControlSession) -> None:
-    steering = {one.message.get("SteeringType") for one in session.lines} - {None}
-    if not steering <= {"SkidSteered", "Differential"}:
-        raise CheckSkipped(f"a robot with the steering {', '.join(map(str, steering))}")
+def _record(
+    session: ControlSession,
+    marks: dict[str, tuple[int, int]],
+    phases: Mapping[str, Callable[[], object]],
+) -> None:
+    """Run phases, and mark the lines of each."""
+    for name, run in phases.items():
+        first = len(session.lines)
+        run()
+        marks[name] = first, len(session.lines)
+
+
+def _standing_phases(session: ControlSession) -> dict[str, Callable[[], object]]:
+    queries = [f"GET{w} {{Type {t}}}" for t in ("Robot", *PART_TYPES) for w in ("CONF", "GEO")]
+    return {
+        "stand": lambda: session.read_for(_STANDING_S),
+        "query": lambda: session.query(*queries),
+        "scan": lambda: _scan_on_demand(session),
+    }
+
+
+def _scan_on_demand(session: ControlSession) -> None:
+    """Request the readings of sensors that do not report by themselves."""
+
+    def missing() -> set[str]:
+        types = {_type_of(one.message) for one in session.lines if one.message.word == "CONF"}
+        reported = {line.sensor_type for line in session.lines}
+        return (types & set(READING_FORMS[session.dialect])) - reported
+
+    for one in [line.message for line in session.lines]:
+        if one.word == "CONF" and one.get("Name") and _type_of(one) in missing():
+            session.send(
+                f"SET {{Type {one.get('Type')}}} {{Name {one.get('Name')}}} {{Opcode SCAN}}"
+            )
+    session.read_until(lambda: not missing(), _SCAN_S)
 
 
 def _drive(session: ControlSession, left: int, right: int) -> None:
     turn_rad, forward_m = (_TURN_RAD, math.inf) if left != right else (math.inf, _FORWARD_M)
     # Back over the first turn, and as far on the other side.
     turn_rad *= 2.0 if left < right else 1.0
-    percent = f"{{Left {left * SPEED_PERCENT:g}}} {{Right {right * SPEED_PERCENT:g}}}"
     drive_until(
         session,
-        f"DRIVE {percent} {{Normalized true}}",
+        left * SPEED_PERCENT,
+        right * SPEED_PERCENT,
         lambda motion: abs(motion.yaw_rad) >= turn_rad or motion.distance_m >= forward_m,
-        _DRIVE_S,
     )
     session.read_next_cycle()
 

@@ -23,9 +23,11 @@ from conformance.check import (
     check_from_function,
     retry_once,
 )
-from conformance.control_forms import find_form, matches_form
+from conformance.control_forms import LISTED_TYPES, READING_FORMS, find_form, matches_form
 from conformance.control_readings import (
+    POSE_SENSORS,
     Floats,
+    find_item_names,
     find_sonar_ranges,
     find_ticks,
     numbers_from_commas,
@@ -37,6 +39,7 @@ from conformance.control_session import ReceivedLine
 from conformance.control_tour import (
     FOV_RAD,
     LINK_VALUES,
+    PART_TYPES,
     SPEED_PERCENT,
     Instant,
     Tour,
@@ -59,6 +62,14 @@ _WHEELS, _WHEELS_IN_TURN, _SLIP = 0.05, 0.07, 0.3
 _SPEED = 0.07
 _SURFACE_M = 0.15
 _METRES_PER_DEGREE = 111_200.0
+# Of a scan's points in a turn: errors of the pose, and the distance between two rays of a degree.
+_SCAN_MISS_M, _SCAN_MISS_PART, _MIN_POINTS = 0.06, 0.02, 20
+# Clients read into buffers of 4096 bytes (Player, MATLAB's toolbox, UvA).
+_MAX_LINE_BYTES = 4095
+_LINE = re.compile(r"[A-Z]+( \{[^{}]*\})*")
+# UDK leaves out some spaces, and has an empty body behind a space.
+_UDK_LINE = re.compile(r"[A-Z]+( ?\{[^{}]*\})* ?")
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 
 
 def _require(is_right: bool, reason: str) -> None:
@@ -157,6 +168,8 @@ def check_status(tour: Tour) -> None:
         )
         view = read_number(last, "View")
         _require(view >= 0.0 if has_tiles else view == -1.0, f"{last}: View")
+    else:
+        _require(last.get("View") is None, f"{last}: UDK has no View")
 
 
 def check_joints(tour: Tour) -> None:
@@ -206,13 +219,27 @@ def check_joints(tour: Tour) -> None:
             _require(bool(fits), f"{encoder} turned by {change[-1]:.3f} rad, no link does")
             # Truncated ticks follow by half a tick, which may take half an interval.
             late = [round(delay, 1) for _, delay in fits]
-            _require(any(-0.4 < x < 0.8 for x in late), f"{encoder} follows by {late} intervals")
+            _require(any(-0.4 < x < 0.9 for x in late), f"{encoder} follows by {late} intervals")
     for name in joint_names(instants[-1].find("sta")[-1]):
         angle = read_number(instants[-1].find("sta")[-1], name)
         _require(abs(angle - LINK_VALUES[0]) < 0.01, f"{name}: {angle}, not {LINK_VALUES[0]}")
 
 
 # --- Poses and wheels ---
+
+
+def check_senses(tour: Tour) -> None:
+    """The left side forward turns right, clockwise, on the place; a robot stands when told to."""
+    for phase, sign in (("right", 1.0), ("left", -1.0)):
+        for type_, track in _tracks(tour, phase).items():
+            turn, away_m = sign * _turn(track), math.hypot(*(track[-1] - track[0])[:2])
+            _require(turn > 0.25 and away_m < 0.3, f"{phase}: {type_} turned by {turn:.2f} rad")
+    for type_, track in _tracks(tour, "light").items():
+        away_m = math.hypot(*(track[-1] - track[0])[:2])
+        _require(
+            away_m < _PLACE_M and abs(_turn(track)) < _ANGLE_RAD,
+            f"both sides 0: {type_} still moves, by {away_m:.3f} m",
+        )
 
 
 def check_headings(tour: Tour) -> None:
@@ -283,6 +310,14 @@ def check_wheels(tour: Tour) -> None:
                     f"{phase}, {side}: encoders {a:.3f} rad, tachometer {b:.3f} rad",
                 )
         _require_spins(instants, spin_rad_s, signs)
+        # Of a robot without encoders the only measure of Normalized; turns take a report or two.
+        for type_, track in tracks.items() if phase in STRAIGHTS else ():
+            path = np.hypot(*(track - track[0])[:, :2].T)
+            speed_m_s, rolled_m_s = _steady_speed(instants, path), radius_m * spin_rad_s
+            _require(
+                _is_close(speed_m_s, rolled_m_s, _SLIP, 0.05),
+                f"{phase}: {type_} {speed_m_s:.3f} m/s, {SPEED_PERCENT:g} % are {rolled_m_s:.3f}",
+            )
         if not sides:
             continue
         left_m, right_m = (radius_m * float(sides[x][-1] - sides[x][0]) for x in ("left", "right"))
@@ -359,6 +394,22 @@ def check_scan(tour: Tour) -> None:
         _require_limits(conf, ranges)
 
 
+def check_scan_order(tour: Tour) -> None:
+    """Scans of a robot before and after a turn meet the same surfaces."""
+    stops = tour.instants_of("stand")[0], tour.instants_of("right")[-1]
+    before, after = (_scan_points(tour, one) for one in stops)
+    if before is None or after is None or min(len(before), len(after)) < _MIN_POINTS:
+        return
+    ranges = np.linalg.norm(after - _first_pose(_poses(stops[1]))[:2], axis=1)
+    misses = np.linalg.norm(after[:, None] - before, axis=-1).min(axis=1)
+    # Of most points: others were hidden, or are between two rays.
+    miss_m, far_m = float(np.median(misses)), float(np.median(ranges))
+    _require(
+        miss_m < _SCAN_MISS_M + _SCAN_MISS_PART * far_m,
+        f"points of the scan are {miss_m:.2f} m off those before a turn, at {far_m:.1f} m",
+    )
+
+
 def check_sonars(tour: Tour) -> None:
     """Sonars see the surfaces that the scanner sees, from where GEO says they are."""
     confs = {(one.get("Name") or "").lower(): one for one in tour.find_replies("CONF", "sonar")}
@@ -431,7 +482,9 @@ def check_robot(tour: Tour) -> None:
     _require(length >= 0.7 * width and height <= 2.0 * width, f"{geo}: Dimensions")
     mass = read_number(conf, "Mass")
     _require(50.0 < mass / (length * width * height) < 1500.0, f"{conf}, {geo}: Mass")
-    _require(1.0 <= read_number(conf, "MaxTorque") <= 100.0 * mass, f"{conf}: MaxTorque")
+    # Captures of UDK have 50000.
+    most = 1e5 if tour.dialect == "udk" else 100.0 * mass
+    _require(1.0 <= read_number(conf, "MaxTorque") <= most, f"{conf}: MaxTorque")
     for name, most in (("WheelSeparation", width), ("WheelBase", length)):
         _require(0.3 * most <= read_number(geo, name) <= 1.02 * most, f"{geo}: {name}")
     _require(0.02 * length < read_number(geo, "WheelRadius") < 0.5 * length, f"{geo}: WheelRadius")
@@ -471,6 +524,8 @@ def check_cameras(tour: Tour) -> None:
     for name, (fields, place) in tour.cameras.items():
         conf, geo = confs[name], geos[name]
         for key, value in fields.items():
+            if key in ("Mirror", "Lens", "Picture"):
+                _require(conf.get(key) == value, f"{conf}: {key} is {value} by the stream")
             if not key.startswith("Error") and re.fullmatch(r"-?[\d.]+(e-?\d+)?", value):
                 is_angle = key == "HorizontalFov"
                 number = math.degrees(float(value)) if is_angle else float(value)
@@ -499,7 +554,10 @@ def check_cameras(tour: Tour) -> None:
             size = read_numbers(tour.find_robot("GEO"), "Dimensions", 3)
             _require(0.0 <= height_m + z <= size[2], f"{conf}: ViewpointHeight, {z} m on the robot")
     later = {one.get("Name"): one for one in tour.find_replies("CONF", "camera", "camera")}
-    for result in tour.find_replies("RES", "camera", "camera"):
+    results = tour.find_replies("RES", "camera", "camera")
+    is_set = any(one.get("Mirror") is None and one.get("Lens") is None for one in later.values())
+    _require(bool(results) or not is_set or tour.dialect == "udk", "SET FOV: no RES")
+    for result in results:
         fov_rad = read_number(result, "FOV")
         _require(abs(fov_rad - FOV_RAD) < 2e-4, f"{result}: FOV {FOV_RAD} was set")
     for conf in later.values():
@@ -561,14 +619,47 @@ def check_gps(tour: Tour) -> None:
 
 
 def check_forms(tour: Tour) -> None:
-    """Each line has the fields of its kind in their order, and plain decimals."""
+    """Each line ends with CR LF; a blank between blocks, the fields of its kind in order."""
+    pattern = _UDK_LINE if tour.dialect == "udk" else _LINE
     for line in tour.lines:
+        excerpt = f"{line.data[:120]!r}...{line.data[-12:]!r}"
+        _require(line.data.endswith(b"\r\n"), f"{excerpt}: expected CR LF at the end of the line")
+        _require(len(line.data) <= _MAX_LINE_BYTES, f"{excerpt}: {len(line.data)} bytes")
+        _require(
+            pattern.fullmatch(line.text) is not None, f"{excerpt}: expected WORD {{Name Value}}"
+        )
+        for name, value in line.message.pairs:
+            is_number = name.lower() != "name" and any(map(_EXPONENT.fullmatch, _split(value)))
+            _require(not is_number, f"{excerpt}: expected decimals without exponents")
         form = find_form(line.message, tour.dialect)
         if form and not _is_empty_reply(line.message):
             _require(
                 matches_form(line.text.rstrip(), form, tour.dialect),
-                f"{line.text[:160]}: expected {form}",
+                f"{excerpt}: expected {form}",
             )
+
+
+def check_sensors(tour: Tour) -> None:
+    """Each sensor that reports has CONF and GEO, and the reverse; lists have all sensors."""
+    names: dict[str, list[set[str]]] = {}
+    for message in tour.messages:
+        if message.word == "SEN":
+            type_ = (message.get("Type") or "").lower()
+            names.setdefault(type_, []).append(set(find_item_names(message)))
+    for type_ in LISTED_TYPES[tour.dialect]:
+        lists = names.get(type_, [])
+        all_names = set().union(*lists)
+        is_whole = all(one == all_names for one in lists)
+        _require(is_whole, f"lines of type {type_}: expected one line with {all_names}")
+    for type_ in map(str.lower, PART_TYPES):
+        words = {word: bool(tour.find_replies(word, type_)) for word in ("CONF", "GEO")}
+        if type_ in READING_FORMS[tour.dialect]:
+            words["SEN"] = type_ in names
+        _require(len(set(words.values())) == 1, f"lines of type {type_}: {words}")
+
+
+def _split(value: str) -> list[str]:
+    return re.split("[ ,]", value)
 
 
 # --- Readings ---
@@ -586,6 +677,17 @@ def _poses(instant: Instant) -> dict[str, Floats]:
                 numbers = *read_numbers(one, "Location", 3), *read_numbers(one, "Orientation", 3)
                 poses[type_] = np.array(numbers)
     return poses
+
+
+def _first_pose(poses: dict[str, Floats]) -> Floats:
+    """Pose of the best sensor."""
+    return next(poses[type_] for type_ in POSE_SENSORS if type_ in poses)
+
+
+def _turn(track: Floats) -> float:
+    """Turn of a track to the right, of any angle."""
+    yaw = np.unwrap(track[:, 5])
+    return float(yaw[-1] - yaw[0])
 
 
 def _tracks(tour: Tour, phase: str) -> dict[str, Floats]:
@@ -738,11 +840,11 @@ def _approaches(tour: Tour, instants: list[Instant]) -> Iterator[tuple[str, Floa
 
 
 def _scan_points(tour: Tour, instant: Instant) -> Floats | None:
-    """(n, 2) points of a scan in the world frame."""
-    pose = _poses(instant).get("groundtruth")
+    """(n, 2) points of a scan in the frame of the best pose."""
     scans = instant.find("rangescanner")
-    if pose is None or not scans:
+    if not _poses(instant) or not scans:
         return None
+    pose = _first_pose(_poses(instant))
     name = (scans[0].get("Name") or "").lower()
     conf = next(iter(tour.find_replies("CONF", "rangescanner")))
     ranges = np.array(numbers_from_commas(scans[0].get("Range") or ""))
@@ -788,7 +890,9 @@ _PLAUSIBLE = {
 
 def _require_plausible(part: Message) -> None:
     for name, (least, most) in _PLAUSIBLE.items():
-        value = number_of(part, name)
+        # That of the robot itself: check_robot.
+        is_robot = part.get("SteeringType") is not None
+        value = None if is_robot and name == "MaxTorque" else number_of(part, name)
         _require(value is None or least <= value <= most, f"{part}: {name}")
     high = number_of(part, "MaxRange")
     # Links have angles, and without a limit their order is reversed.
@@ -827,22 +931,28 @@ def _truth(lines: tuple[ReceivedLine, ...]) -> Floats | None:
     return None
 
 
-TOUR_CHECKS: dict[str, Callable[[Tour], None]] = {
+LINE_CHECKS: dict[str, Callable[[Tour], None]] = {
     "forms": check_forms,
+    "sensors": check_sensors,
+    "parts": check_parts,
+}
+TOUR_CHECKS: dict[str, Callable[[Tour], None]] = {
+    **LINE_CHECKS,
     "times": check_times,
     "intervals": check_intervals,
     "status": check_status,
     "joints": check_joints,
+    "senses": check_senses,
     "headings": check_headings,
     "world_poses": check_world_poses,
     "wheels": check_wheels,
     "progress": check_progress,
     "odometry_origin": check_odometry_origin,
     "scan": check_scan,
+    "scan_order": check_scan_order,
     "sonars": check_sonars,
     "victims": check_victims,
     "robot": check_robot,
-    "parts": check_parts,
     "cameras": check_cameras,
 }
 VISIT_CHECKS: dict[str, Callable[[Tour], None]] = {"visits": check_visits, "gps": check_gps}
@@ -861,6 +971,13 @@ def find_contradiction(tour: Tour, checks: Mapping[str, Callable[[Tour], None]])
 
 
 @retry_once
+def check_lines(server: ServerUnderTest) -> None:
+    """Each line has its form; each sensor reports, and has CONF and GEO."""
+    reason = find_contradiction(record_standing(server), LINE_CHECKS)
+    _require(not reason, reason)
+
+
+@retry_once
 def check_tour(server: ServerUnderTest) -> None:
     """Standing, turning, driving, commanded: all numbers of reports, CONF and GEO agree."""
     reason = find_contradiction(record_tour(server), TOUR_CHECKS)
@@ -875,6 +992,7 @@ def check_start_pose_visits(server: ServerUnderTest) -> None:
 
 
 TOUR_ROWS = (
+    check_from_function("lines", "control", check_lines),
     check_from_function("tour", "control", check_tour),
     replace(
         check_from_function("start_pose_visits", "control", check_start_pose_visits),

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from conformance.check import CheckFailed, CheckSkipped
@@ -92,6 +93,18 @@ def project_directions(
     if isinstance(camera, OmniCamera):
         return pixel_from_direction(camera, directions)
     return camera.pixel_from_direction(directions)
+
+
+def project_points(
+    camera: OmniCamera | PerspectiveCamera, points: Floats
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Pixels (..., 2) of points in the frame of a camera of either kind, and their validity.
+
+    Rays of a mirror without a viewpoint begin at its surface: the distance counts, too.
+    """
+    if isinstance(camera, OmniCamera):
+        return pixel_from_point(camera, points)
+    return camera.pixel_from_direction(points)
 
 
 def choose_turn(camera: OmniCamera | PerspectiveCamera) -> float:

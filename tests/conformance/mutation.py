@@ -37,5 +37,4 @@ class Mutation:
     connect: Callable[[], ConnectionMutation]
     """Mutation of a new connection."""
     noticed_by: tuple[str, ...] = ()
-    """Conversations and checks that fail; without one the reason is in `unnoticed_reason`."""
-    unnoticed_reason: str = ""
+    """Conversations and checks that fail."""

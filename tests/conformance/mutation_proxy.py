@@ -1,8 +1,8 @@
 """A TCP proxy in threads of this process, which passes messages on through a mutation.
 
 Loopback only, on a free port. A message of the control port is a line with its end; one of the
-image port is, towards the client, a frame with its header, and towards the server whatever arrived
-at once. The end of either side, orderly or by RST, ends the other side alike.
+image port is, towards the client, a frame with its header; towards the server, and on the stream,
+whatever arrived at once. The end of either side, orderly or by RST, ends the other side alike.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from contextlib import contextmanager, suppress
 
 from conformance.conversation_file import Address
 from conformance.mutation import ConnectionMutation, MutateBytes
-from conformance.stream_zmtp import ZmtpSplitter
 
 # Splits the bytes that arrived into whole messages and the rest.
 SplitMessages = Callable[[bytes], tuple[list[bytes], bytes]]
@@ -60,11 +59,11 @@ def split_nothing(data: bytes) -> tuple[list[bytes], bytes]:
     return [data], b""
 
 
-# Of each port: messages of the client, messages of the server, for a new connection.
-SPLITTERS: dict[str, Callable[[], tuple[SplitMessages, SplitMessages]]] = {
-    "control": lambda: (split_commands, split_lines),
-    "image": lambda: (split_nothing, split_frames),
-    "stream": lambda: (split_nothing, ZmtpSplitter()),
+# Of each port: messages of the client, messages of the server.
+SPLITTERS: dict[str, tuple[SplitMessages, SplitMessages]] = {
+    "control": (split_commands, split_lines),
+    "image": (split_nothing, split_frames),
+    "stream": (split_nothing, split_nothing),
 }
 
 
@@ -136,7 +135,7 @@ def _relay(
 ) -> None:
     for end in (client, upstream):
         end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    split_requests, split_replies = SPLITTERS[port]()
+    split_requests, split_replies = SPLITTERS[port]
     directions = {
         client: _Direction(client, upstream, split_requests, mutation.mutate_request),
         upstream: _Direction(

@@ -1,9 +1,9 @@
 """The matrix of mutations: which rows of the suite notice each of them.
 
 Run: make mutations, or, in tests/, `python -m conformance.mutations`. Plays all rows of a port
-through each mutation of it against our own server, in a world of cells, and prints for each
-mutation the conversations and the checks that fail. Exits with 0 if every mutation is noticed and
-the server without a mutation passes.
+against our own server, in a world of cells, and those that should notice a mutation through it;
+others may wait for seconds each. Prints for each mutation the conversations and checks that fail.
+Exits with 0 if every mutation is noticed and the server without a mutation passes.
 """
 
 from __future__ import annotations
@@ -23,16 +23,26 @@ from rich.table import Table
 from conformance.check import ServerUnderTest
 from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.image_mutations import IMAGE_MUTATIONS
-from conformance.mutation import Mutation
+from conformance.mutation import ConnectionMutation, Mutation
 from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
 from conformance.parallel_play import parallel_rows, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
-from conformance.stream_mutations import STREAM_MUTATIONS
 from conformance.suite import read_conversations
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
 
+# Of the stream's behaviour; mutations of its fields are generated (stream_message_mutations.py).
+STREAM_MUTATIONS = (
+    Mutation(
+        "no heartbeat",
+        "stream",
+        lambda: ConnectionMutation(
+            mutate_reply=lambda data: data.replace(b"heartbeat", b"heartless")
+        ),
+        ("stream_heartbeats",),
+    ),
+)
 # A row waits for most of its time.
 _NUM_PICTURE_SERVERS = 8
 
@@ -64,7 +74,7 @@ def play_mutations(
     rows = parallel_rows(places[0], port)
     played = [make_unmutated(port), *mutations]
     with run_parallel_player(places) as player:
-        futures = [[player.start(one, row) for row in rows] for one in played]
+        futures = [[player.start(one, row) for row in one.noticed_by or rows] for one in played]
         return [
             _result(one, find_failures(future.result() for future in rows_of_one))
             for one, rows_of_one in zip(played, futures, strict=True)

@@ -49,8 +49,6 @@ _NOT_ON_PAGE = {
     "stream_moving_labels",
     "stream_landmark_lists",
     "stream_targets",
-    "stream_image_port",
-    "stream_camera_conf",
     "stream_camera_bound",
 }
 

@@ -163,7 +163,7 @@ def check_label_motion(server: ServerUnderTest) -> None:
         after = _get_labels(robot, standing_s, ("flow", "point", "ids", "classes"))
     first, second = before.labels, after.labels
     if not isinstance(after.camera, OmniCamera):
-        raise CheckSkipped("the camera has no mirror")
+        raise CheckSkipped("the camera is not omnidirectional")
     if first is None or second is None:
         raise CheckFailed("no labels")
     _require_objects(before, robot.name)
@@ -365,7 +365,7 @@ def _objects(frame: Frame) -> tuple[LabelledObject, ...]:
 def _rays(frame: Frame) -> tuple[Floats, Floats, Bools]:
     camera = frame.camera
     if not isinstance(camera, OmniCamera):
-        raise CheckSkipped("the camera has no mirror")
+        raise CheckSkipped("the camera is not omnidirectional")
     columns, rows = (np.arange(size) + 0.5 for size in (camera.width_px, camera.height_px))
     origins, directions, valid = rays_from_pixel_grid(camera, columns, rows)
     return np.zeros_like(directions) if origins is None else origins, directions, valid

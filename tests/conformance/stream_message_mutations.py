@@ -46,7 +46,8 @@ _TEXTS: dict[str, _Change] = {
     "empty": lambda value, _: "",
     "another": lambda value, _: f"{value}2",
 }
-_ARRAYS: dict[str, Callable[[Any], Any]] = {
+# Of a picture's values, or a channel's.
+ARRAY_CHANGES: dict[str, Callable[[Any], Any]] = {
     "upside down": lambda array: array[::-1],
     "mirrored": lambda array: array[:, ::-1],
     "x 10": lambda array: 10 * array,
@@ -55,6 +56,7 @@ _ARRAYS: dict[str, Callable[[Any], Any]] = {
     "zero": lambda array: 0 * array,
     "components exchanged": lambda array: array[..., ::-1] if array.ndim == 3 else array,
 }
+_CUT_OFF = "cut off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,7 @@ def generate_mutants(exchanges: Iterable[Exchange]) -> list[FieldMutant]:
         mutants += [
             FieldMutant(kind, path, "exchanged", other) for path, other in itertools.pairwise(paths)
         ]
-    names = (*_ARRAYS, *_SEQUENCES)
+    names = (*ARRAY_CHANGES, *_SEQUENCES, _CUT_OFF)
     mutants += [FieldMutant("frame", part, name) for part in sorted(parts) for name in names]
     return mutants
 
@@ -266,14 +268,16 @@ def _change_parts(mutant: FieldMutant, exchanges: Sequence[Exchange]) -> list[Ex
         if found := arrays.get(str(mutant.path[1])):
             part, array = found
             parts = list(one.parts)
-            if mutant.name in _ARRAYS:
+            if mutant.name in ARRAY_CHANGES:
                 with np.errstate(invalid="ignore", over="ignore"):
-                    new = _ARRAYS[mutant.name](array).astype(array.dtype)
+                    new = ARRAY_CHANGES[mutant.name](array).astype(array.dtype)
                 data = np.ascontiguousarray(new).tobytes()
+            elif mutant.name == _CUT_OFF:
+                data = parts[part][:-3]
             else:
                 data = _SEQUENCES[mutant.name](parts[part], before)
                 before.append(parts[part])
-            if len(data) == len(parts[part]):
+            if len(data) == len(parts[part]) or mutant.name == _CUT_OFF:
                 parts[part] = data
             one = replace(one, parts=parts)
         changed.append(one)

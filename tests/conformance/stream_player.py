@@ -2,8 +2,7 @@
 
 The key of a step selects its handler in STEP_HANDLERS; the handler's docstring documents the step.
 Requests are packed from the file's fields with msgpack directly, so that a file may contain
-messages that our own code never sends. Every reply is decoded in full; of every frame the player
-checks that the image matches the header and is newer than the last one.
+messages that our own code never sends. Images of frames are for the checks of the stream.
 
 To add a step: its handler and its entry in STEP_HANDLERS, its options in STEP_OPTIONS.
 """
@@ -23,7 +22,6 @@ from typing import Any
 import msgpack
 import zmq
 
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.messages import reply_from_bytes
 from catoptra_protocol.stream.replies import FrameHeader
@@ -48,8 +46,6 @@ class DealerConnection:
 
     socket: zmq.Socket[bytes]
     ids: Iterator[int] = field(default_factory=lambda: itertools.count(1))
-    last_sequence: int = 0
-    camera_models: CameraModelCache = field(default_factory=CameraModelCache)
 
     def iter_messages(self, timeout_s: float) -> Iterator[FieldMap]:
         """Iterate over the fields of messages until the timeout."""
@@ -63,13 +59,7 @@ class DealerConnection:
         return (fields for fields in self.iter_messages(timeout_s) if fields["kind"] != "heartbeat")
 
     def _check_message(self, parts: list[bytes]) -> FieldMap:
-        reply = reply_from_bytes(parts[0])
-        if isinstance(reply, FrameHeader):
-            frame_from_parts(reply, parts[1:], camera_cache=self.camera_models, received_s=0.0)
-            if reply.sequence <= self.last_sequence:
-                raise StepFailedError(f"frame {reply.sequence} after {self.last_sequence}")
-            self.last_sequence = reply.sequence
-        elif len(parts) != 1:
+        if not isinstance(reply_from_bytes(parts[0]), FrameHeader) and len(parts) != 1:
             raise StepFailedError(f"{len(parts) - 1} parts after a reply")
         fields: FieldMap = msgpack.unpackb(parts[0])
         return fields

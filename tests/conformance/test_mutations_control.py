@@ -82,13 +82,10 @@ def _is_selected(name: str, request: pytest.FixtureRequest) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("server", "skipped"),
-    [("P2AT", []), ("form", []), ("Kenaf", [])],
-    ids=SERVERS,
+    "server",
+    SERVERS,
 )
-def test_our_server_passes_each_row_that_the_sensors_allow(
-    plays: Plays, server: str, skipped: list[str]
-) -> None:
+def test_our_server_passes_each_row(plays: Plays, server: str) -> None:
     robot_class, mutation = SERVERS[server]
     results = [
         future.result()
@@ -96,8 +93,8 @@ def test_our_server_passes_each_row_that_the_sensors_allow(
         if (name, mutation_name) == (robot_class, mutation.name)
     ]
     assert results
-    assert find_failures(results) == {}
-    assert [one.check.name for one in results if one.outcome is Outcome.SKIPPED] == skipped
+    # Nor is a row skipped.
+    assert [one for one in results if one.outcome is not Outcome.PASSED] == []
 
 
 @pytest.mark.parametrize("mutation", CONTROL_MUTATIONS, ids=lambda mutation: mutation.name)

@@ -42,7 +42,7 @@ def test_command_when_the_rows_pass_prints_them_and_succeeds(
             f"127.0.0.1:{port}"
             for port in (server.control_port, server.image_port, server.stream_port)
         )
-        rows = ("--rows", "greeting", "drive_pivot", "image_full*", "stream_status")
+        rows = ("--rows", "greeting", "spawn_pose", "image_full*", "stream_clients")
         status = main([control, "--image", image, "--stream", stream, *rows])
     printed = capsys.readouterr().out
     assert status == 0, printed
@@ -63,6 +63,6 @@ def test_command_without_a_server_prints_one_line(capsys: pytest.CaptureFixture[
 
 def test_command_when_the_server_dies_fails_its_rows(capsys: pytest.CaptureFixture[str]) -> None:
     with serve_once(b"NFO {Gametype A} {Level B} {TimeLimit 0}\r\n", connections=3) as address:
-        status = main([address, "--robot-class", "A", "--rows", "greeting", "status", "tour"])
+        status = main([address, "--robot-class", "A", "--rows", "greeting", "drive", "tour"])
     assert status == 1
     assert "3 rows: 0 passed, 3 failed" in capsys.readouterr().out

@@ -12,18 +12,11 @@ from catoptra_protocol.stream.requests import Request
 from conformance.conversation_file import Conversation, StepSpec
 from conformance.stream_player import play_conversation
 from helpers.scripted_stream import Script, serve_stream_script
-from helpers.stream_messages import HEADER
 
 GET_STATUS_STEP: StepSpec = {
     "request": {"kind": "get_status"},
     "reply": {"kind": "status", "server": "C.*"},
 }
-GET_FRAME_STEP: StepSpec = {
-    "request": {"kind": "get_frame", "robot": "", "camera": "", "encoding": "raw"},
-    "reply": {"kind": "frame"},
-}
-HEADER_WITHOUT_CAMERA = dataclasses.replace(HEADER, camera_model=None)
-IMAGE = bytes(HEADER.width_px * HEADER.height_px * 3)
 
 
 def play_steps(script: Script, *steps: StepSpec) -> str:
@@ -64,26 +57,6 @@ def test_play_when_the_reply_differs_reports_the_difference(
 
 def test_play_when_a_reply_lacks_a_field_names_the_field() -> None:
     assert "'id'" in play_steps(lambda request: [[b"\x81\xa4kind\xa2ok"]], GET_STATUS_STEP)
-
-
-def test_play_when_a_frame_is_no_newer_fails() -> None:
-    def script(request: Request) -> list[list[bytes]]:
-        header = dataclasses.replace(HEADER_WITHOUT_CAMERA, id=request.id, sequence=7)
-        return [[bytes_from_message(header), IMAGE]]
-
-    assert play_steps(script, GET_FRAME_STEP, GET_FRAME_STEP) == "step 2 (request): frame 7 after 7"
-
-
-def test_play_when_an_image_does_not_match_its_header_fails() -> None:
-    def script(request: Request) -> list[list[bytes]]:
-        return [
-            [
-                bytes_from_message(dataclasses.replace(HEADER_WITHOUT_CAMERA, id=request.id)),
-                IMAGE[1:],
-            ]
-        ]
-
-    assert "71 bytes" in play_steps(script, GET_FRAME_STEP)
 
 
 def test_play_when_a_spawn_is_requested_fills_in_class_and_pose() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -83,13 +82,10 @@ def test_our_server_when_it_speaks_udk_and_sends_legacy_images_passes(tmp_path: 
 
 @pytest.fixture(scope="module")
 def corridor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerUnderTest]:
-    """A server of another world, with a class with all sensors and one without range sensors."""
+    """A server of another world and class."""
     folder = tmp_path_factory.mktemp("corridor")
     robot = write_sensor_robot(folder, "omni_p2dx")
-    without_ranges = ("--robot", str(folder / "p2at_omni.ini"))
-    with start_server(
-        folder, *without_ranges, robot=robot, world=WORLDS / "corridor.ini"
-    ) as running:
+    with start_server(folder, robot=robot, world=WORLDS / "corridor.ini") as running:
         yield server_under_test(running, robot_class="OmniP2DX", spawn_pose=CORRIDOR_POSES[0])
 
 
@@ -98,15 +94,6 @@ def test_our_server_with_another_class_in_another_world_passes(corridor: ServerU
         results = play_control_rows(player, corridor)
     assert describe_failures(results) == []
     assert skipped_rows(results) == []
-
-
-def test_rows_of_sensors_that_a_class_has_not_are_skipped(corridor: ServerUnderTest) -> None:
-    server = dataclasses.replace(corridor, robot_class="OmniP2AT")
-    of_sensors = re.compile("sensor|scan|sonar")
-    rows = [row for row in applicable_checks(server) if of_sensors.search(row.name)]
-    results = list(play_checks(rows, server))
-    assert describe_failures(results) == []
-    assert skipped_rows(results) == ["scan_turn"]
 
 
 def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest) -> None:
@@ -121,7 +108,7 @@ def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest
             image = enter_proxy("image")
         server = dataclasses.replace(corridor, addresses={"image": image, "control": control})
         # A conversation, a check of both ports, and one of the control port.
-        rows = [CHECKS_BY_NAME["image_turn"], CHECKS_BY_NAME["drive_pivot"]]
+        rows = [CHECKS_BY_NAME["image_turn"], CHECKS_BY_NAME["spawn_pose"]]
         rows += [row for row in applicable_checks(server) if row.name == "image_full_frame"]
         results = list(play_checks(rows, server))
     assert describe_failures(results) == []
@@ -164,7 +151,7 @@ def test_checks_when_no_robot_spawns_are_not_played() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         gone = listener.getsockname()
     server = dataclasses.replace(SERVER, addresses={"control": gone})
-    checks = [make_check(ZeroDivisionError()), CHECKS_BY_NAME["start_poses"]]
+    checks = [make_check(ZeroDivisionError()), CHECKS_BY_NAME["spawn"]]
     reasons = [result.reason for result in play_checks(checks, server)]
     assert reasons[0] == "not played: no robot spawns"
     assert "refused" in reasons[1]
@@ -187,10 +174,10 @@ def test_rows_when_for_one_kind_of_server_are_left_out_for_others() -> None:
     usual = dataclasses.replace(SERVER, addresses=addresses)
     udk = dataclasses.replace(usual, dialect="udk", legacy_images=True)
     usual_names, udk_names = ({row.name for row in applicable_checks(x)} for x in (usual, udk))
-    assert {"udk_status", "image_legacy_first", "greeting", "stream_status"} <= udk_names
-    assert {"ut2004_status", "image_full_frame", "greeting", "stream_status"} <= usual_names
-    assert not {"ut2004_status", "image_full_frame"} & udk_names
-    assert not {"udk_status", "image_legacy_first"} & usual_names
+    assert {"udk_pose", "image_legacy_first", "greeting", "stream_clients"} <= udk_names
+    assert {"set_unknown", "image_full_frame", "greeting", "stream_clients"} <= usual_names
+    assert not {"set_unknown", "image_full_frame"} & udk_names
+    assert not {"udk_pose", "image_legacy_first"} & usual_names
     assert {row.port for row in applicable_checks(SERVER)} == {"control"}
 
 

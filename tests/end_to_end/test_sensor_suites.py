@@ -11,11 +11,7 @@ import pytest
 
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.readings import (
-    EncoderReadings,
     GpsReading,
-    GroundTruthReading,
-    InsReading,
-    OdometryReading,
     RangeScanReading,
     Reading,
     RfidReading,
@@ -91,30 +87,6 @@ def test_ranges_are_those_of_the_yard(client: Client) -> None:
     assert sum(range_m < 4.9 for _, range_m in sonars.items) >= 6
 
 
-def test_poses_of_three_sensors_agree(client: Client) -> None:
-    _, _, lines = client
-    readings = readings_by_type(lines)
-    truth, ins, odometry = readings["GroundTruth"], readings["INS"], readings["Odometry"]
-    assert isinstance(truth, GroundTruthReading)
-    assert isinstance(ins, InsReading)
-    assert isinstance(odometry, OdometryReading)
-    travel_m = truth.location_m[0] + 2.2  # the start pose Yard
-    assert 0.15 < travel_m < 0.3
-    # Two decimals, and some millimetres of noise after a quarter of a metre.
-    assert ins.location_m[:2] == pytest.approx(truth.location_m[:2], abs=0.03)
-    assert odometry.x_m == pytest.approx(travel_m, abs=0.03)
-
-
-def test_encoder_counts_are_those_of_wheels_and_head(client: Client) -> None:
-    _, _, lines = client
-    encoders = readings_by_type(lines)["Encoder"]
-    assert isinstance(encoders, EncoderReadings)
-    ticks = dict(encoders.items)
-    # 2 rad and 0.1 rad in ticks of 0.01745 rad, give or take one by the noise of 0.005 rad.
-    assert [ticks["ECLeft"], ticks["ECRight"]] == pytest.approx([114, 114], abs=1.5)
-    assert [ticks["ECPan"], ticks["ECTilt"]] == pytest.approx([5, 5], abs=1.5)
-
-
 def test_tags_and_victims_are_those_of_the_world(client: Client) -> None:
     _, _, lines = client
     readings = readings_by_type(lines)
@@ -147,35 +119,6 @@ def find_part_names(lines: list[str]) -> set[tuple[str, str]]:
         if not line.startswith("STA"):
             found |= {(kind, name) for name in re.findall(r"\{Name (\w+)", line)}
     return found
-
-
-def test_queries_of_the_nist_client_all_have_replies(client: Client) -> None:
-    class_, lines, lines_of_cycle = client
-    parts = find_part_names(lines_of_cycle) | {("Camera", "Camera")}
-    assert len(parts) >= 19
-    for type_, name in sorted(parts):
-        lines.send(f"GETCONF {{Type {type_}}} {{Name {name}}}")
-        conf = lines.read_line()
-        assert conf.startswith(f"CONF {{Type {type_}}} {{Name {name}}} {{"), conf
-        lines.send(f"GETGEO {{Type {type_}}} {{Name {name}}}")
-        geo = lines.read_line()
-        assert geo.startswith(f"GEO {{Type {type_}}} {{Name {name}"), geo
-        assert all(key in geo for key in ("Location ", "Orientation ")), geo
-    lines.send("GETCONF {Type Robot} {Name R1}", "GETGEO {Type Robot} {Name R1}")
-    assert lines.read_line().startswith(
-        f"CONF {{Type GroundVehicle}} {{Name {class_}}} {{SteeringType"
-    )
-    assert lines.read_line().startswith(
-        f"GEO {{Type GroundVehicle}} {{Name {class_}}} {{Dimensions"
-    )
-
-
-def test_replies_to_queries_of_whole_types_fit_a_client_s_buffer(client: Client) -> None:
-    _, lines, lines_of_cycle = client
-    for type_ in sorted({type_ for type_, _ in find_part_names(lines_of_cycle)} | {"Camera"}):
-        lines.send(f"GETGEO {{Type {type_}}}", f"GETCONF {{Type {type_}}}", "STEP {Time 0}")
-        replies = [line for line in lines.read_until("RES") if line.startswith(("GEO", "CONF"))]
-        assert len(replies) >= 2
 
 
 UDK_ROBOT = """[Configuration]

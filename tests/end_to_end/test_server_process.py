@@ -84,13 +84,6 @@ def test_viewer_without_a_robot_receives_black_frames(lockstep: RunningServer) -
         assert not images.get_frame().rgb.any()
 
 
-def test_robot_when_its_connection_closes_is_removed(lockstep: RunningServer) -> None:
-    for _ in range(2):
-        with lockstep.connect_robot() as robot:
-            robot.spawn(CLASS, name="Same", start_pose="Centre")
-            assert robot.step(0.1)
-
-
 def test_spawn_of_an_unknown_class_raises_after_the_timeout(lockstep: RunningServer) -> None:
     robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
     with robot, pytest.raises(CatoptraError, match="does not reply to an unknown class"):

@@ -71,29 +71,6 @@ def test_frame_of_the_stream_suffices_to_unproject_a_pixel(tmp_path: Path) -> No
         assert frame.world_from_robot.to_rpy()[2] == pytest.approx(1.0)
 
 
-def test_robot_when_rejected_reset_or_disconnected_is_reported(tmp_path: Path) -> None:
-    with start_server(tmp_path, "--clock", "lockstep") as server:
-        with connect_client(server) as client:
-            with pytest.raises(CatoptraError, match="there is no class"):
-                client.spawn("USARBot.Submarine", start_pose="Centre")
-            client.spawn(CLASS, name="Same", start_pose="Centre")
-            client.reset()
-            with pytest.raises(CatoptraError, match="spawn one first"):
-                client.drive(1.0, 1.0)
-            client.spawn(CLASS, name="Same", start_pose="Centre")
-            assert client.get_frame().robot_name == "Same"
-            assert {mark.kind for mark in client.get_landmarks()} == {"beacon", "goal"}
-            assert "Centre" in {start.name for start in client.get_start_poses()}
-        with connect_client(server) as another:
-            # The server notices the closed connection at its next heartbeat.
-            deadline = Deadline("end of the first client's connection", DEADLINE_S)
-            while another.get_status().num_clients > 1:
-                deadline.check()
-            assert not another.get_frame().rgb.any()
-        assert server.terminate() == 0
-        assert "Traceback" not in server.log.read_text()
-
-
 def test_client_when_the_server_restarts_reconnects(tmp_path: Path) -> None:
     with start_server(tmp_path) as server:
         client = connect_client(server)

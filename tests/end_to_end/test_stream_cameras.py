@@ -8,23 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame, FrameSource
 from catoptra_client.frame_sources.frame_source import open_frame_source
-from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.world.objects import OrientedBox, box_distances
-from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S, RunningServer, start_server, write_small_robot
 
@@ -183,39 +180,3 @@ def test_camera_when_the_robot_has_none_of_that_name_is_rejected(server: Running
     ):
         with pytest.raises(CatoptraError, match="camera 'Up' of the robot on the image port"):
             source.get_frame()
-
-
-def test_landmark_projections_are_at_the_landmarks_pixels(tmp_path: Path) -> None:
-    with start_server(tmp_path, "--clock", "lockstep", robot=write_large_robot(tmp_path)) as field:
-        with field.connect_stream() as client:
-            client.spawn("USARBot.OmniP2AT", start_pose="Centre")
-            frame = client.get_frame(encoding=ImageEncoding.PNG)
-            projections = client.get_landmark_projections()
-    assert {one.landmark for one in projections if one.pixel} == {
-        one.landmark for one in projections
-    }
-    beacons = [one for one in projections if one.landmark.kind == "beacon" and one.visible]
-    assert len(beacons) >= 4
-    for one in beacons:
-        assert one.pixel is not None
-        assert_shows_both_colours(frame, one)
-    assert {one.time_s for one in projections} == {frame.time_s}
-
-
-def write_large_robot(folder: Path) -> Path:
-    """Write the bundled robot with a resolution at which a beacon has several pixels."""
-    sizes = (Edit(f"Resolution{axis}=360", f"Resolution{axis}=720") for axis in "XY")
-    return write_edited_copy(OMNI_ROBOT, folder, *sizes)
-
-
-def assert_shows_both_colours(frame: Frame, one: LandmarkProjection) -> None:
-    """Assert that the lower colour is inward of the landmark's pixel, the upper one outward."""
-    assert isinstance(frame.camera, OmniCamera)
-    assert one.pixel is not None
-    pixel, centre = np.array(one.pixel), np.array(frame.camera.centre_px)
-    outwards = (pixel - centre) / np.linalg.norm(pixel - centre)
-    for colour, side in ((one.landmark.lower_colour, -1.5), (one.landmark.upper_colour, 1.5)):
-        column, row = np.floor(pixel + side * outwards).astype(int)
-        red, green, blue = frame.rgb[row, column].astype(int)
-        weakest = {"cyan": red, "magenta": green, "yellow": blue}
-        assert min(weakest, key=weakest.__getitem__) == colour, (one, frame.rgb[row, column])

@@ -13,7 +13,7 @@ from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.stream.requests import ChannelEncoding, FrameVariant, ImageEncoding
+from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 from helpers.server_process import start_server, write_small_robot
@@ -66,33 +66,6 @@ def test_points_lie_on_the_rays_of_the_header_s_camera(client: StreamClient) -> 
     ends = pose.transform_points(origins + channels["range"][rows, columns, None] * directions)
     np.testing.assert_allclose(channels["point"][rows, columns], ends, atol=2e-3)
     assert channels["valid"][rows, columns].all()
-
-
-def test_encodings_hold_the_same_values(client: StreamClient) -> None:
-    raw = client.get_frame(robot="Mine", channels=("range", "ids"))
-    packed = client.get_frame(
-        robot="Mine", channels=("ids", "range"), channel_encoding=ChannelEncoding.ZLIB
-    )
-    assert raw.labels is not None
-    assert packed.labels is not None
-    for name, values in raw.labels.truth.channels.items():
-        np.testing.assert_array_equal(values, packed.labels.truth.channels[name])
-
-
-def test_flow_leads_to_the_last_frame_of_the_channel(client: StreamClient) -> None:
-    first = client.get_frame(robot="Mine", channels=("flow",))
-    client.drive(1.0, 1.0)
-    client.step(0.2)
-    second = client.get_frame(robot="Mine", channels=("flow",))
-    client.drive(0.0, 0.0)
-    client.step(0.2)
-    assert first.labels is not None
-    assert second.labels is not None
-    assert second.labels.flow_to_time_s == first.time_s
-    flow = second.labels.truth.channels["flow"]
-    length = np.hypot(flow[..., 0], flow[..., 1])
-    assert np.nanmax(length) > 0.1
-    assert np.isfinite(length).mean() > 0.3
 
 
 def test_labels_of_the_other_hand_are_turned(client: StreamClient) -> None:

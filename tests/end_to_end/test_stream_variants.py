@@ -10,7 +10,7 @@ import pytest
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
 from helpers.configs import FIELD, OMNI_ROBOT
@@ -125,23 +125,6 @@ def test_impossible_variant_is_refused_with_the_reason(
     with pytest.raises(CatoptraError, match=reason):
         client.get_frame(robot=NAME, variant=variant)
     assert client.get_frame(robot=NAME).robot_name == NAME
-
-
-def test_pixel_has_the_floor_s_range_its_name_and_the_frame_s_bound(client: StreamClient) -> None:
-    frame = client.get_frame(robot=NAME)
-    assert isinstance(frame.camera, OmniCamera)
-    assert frame.world_from_robot is not None
-    assert frame.robot_from_mirror is not None
-    # Half way between straight down and level.
-    direction = np.array([0.0, 1.0, 1.0])
-    (u_px, v_px), _ = pixel_from_direction(frame.camera, direction)
-    pixel = client.get_pixel(float(u_px), float(v_px), robot=NAME)
-    height_m = -(frame.world_from_robot @ frame.robot_from_mirror).translation[2]
-    assert pixel.theta_rad == pytest.approx(0.25 * np.pi)
-    assert pixel.azimuth_rad == pytest.approx(0.5 * np.pi)
-    assert pixel.range_m == pytest.approx(height_m * np.sqrt(2.0), rel=0.05)
-    assert pixel.object != ""
-    assert pixel.bound_px == pytest.approx(frame.error_bound_px)
 
 
 def test_pixel_beyond_the_mirror_and_of_an_unknown_camera(client: StreamClient) -> None:

@@ -1,9 +1,9 @@
-"""Clients that are killed, repeat themselves or send nothing but line ends."""
+"""Clients that take a name that is taken, or send INIT twice."""
 
 from __future__ import annotations
 
 from helpers.deadline import Deadline
-from helpers.legacy_sockets import LineSocket, connect, reset_connection
+from helpers.legacy_sockets import LineSocket
 from helpers.server_process import DEADLINE_S, RunningServer
 
 INIT = "INIT {{ClassName USARBot.OmniP2AT}} {{Name {0}}} {{Location {1},0,0}}\r\n"
@@ -31,16 +31,6 @@ def next_shown_robot(server: RunningServer, before: str) -> str:
     raise AssertionError("the stream ended")
 
 
-def test_robot_when_its_connection_is_reset_is_removed_and_its_name_free(
-    server: RunningServer,
-) -> None:
-    for _ in range(3):
-        wire = spawn_robot(server, "Lost")
-        assert next_shown_robot(server, "") == "Lost"
-        reset_connection(wire.connection)
-        assert next_shown_robot(server, "Lost") == ""
-
-
 def test_name_when_taken_gets_a_number(server: RunningServer) -> None:
     with spawn_robot(server, "Same") as first:
         assert next_shown_robot(server, "") == "Same"
@@ -61,23 +51,3 @@ def test_second_init_when_sent_moves_and_adds_nothing(server: RunningServer) -> 
         assert next_shown_robot(server, "") == "First"
     # A robot named Second would be shown now.
     assert next_shown_robot(server, "First") == ""
-
-
-def test_lone_line_ends_when_sent_have_no_effect(server: RunningServer) -> None:
-    with LineSocket(server.control_port, size=4096) as wire:
-        for end in ("\r", "\n", "\n\r", "\r\n\n", "\r\r\r", "\r\n\r\n"):
-            wire.send(end)
-        wire.send("GETSTARTPOSES\r")
-        assert wire.read_line().startswith("NFO {Gametype")
-        assert wire.read_line().startswith("NFO {StartPoses 2}")
-
-
-def test_viewer_when_reset_before_its_frame_leaves_the_next_one_unaffected(
-    server: RunningServer,
-) -> None:
-    for _ in range(5):
-        viewer = connect(server.image_port)
-        viewer.sendall(b"OK" * 10)
-        reset_connection(viewer)
-    with server.connect_images() as images:
-        assert images.get_frame().rgb.shape == (64, 64, 3)
