@@ -266,6 +266,7 @@ class GuardedPort:
 
     port: int
     accepted: asyncio.Queue[Streams]
+    guard: ConnectionGuard
 
 
 @asynccontextmanager
@@ -278,7 +279,7 @@ async def open_guard(
     bound = create_listener(HOST, 0, name="stream")
     guard = ConnectionGuard(bound, path, limits=limits or ConnectionLimits())
     try:
-        yield GuardedPort(bound.getsockname()[1], accepted)
+        yield GuardedPort(bound.getsockname()[1], accepted, guard)
     finally:
         guard.close()
         server.close()
@@ -295,10 +296,11 @@ def connect_client(port: int) -> Iterator[socket.socket]:
 async def write_until_blocked(writer: asyncio.StreamWriter) -> int:
     """Write blocks of 1 MB until one stays in this process; their number, at most 100."""
     writer.transport.set_write_buffer_limits(0)
+    writer.write(GREETING)
     written = 0
     # The kernel buffers a few megabytes.
     while written < 100 and writer.transport.get_write_buffer_size() == 0:
-        writer.write(bytes(1_000_000))
+        writer.write(zmtp_frame(bytes(1_000_000), LONG))
         written += 1
         for _ in range(100):
             await asyncio.sleep(0)
@@ -319,7 +321,7 @@ async def relay(folder: Path, sent: bytes) -> bytes:
 async def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
     loop = asyncio.get_running_loop()
     up = HELLO + 100 * zmtp_frame(bytes(8 * 1024), LONG)
-    down = bytes(range(256)) * 16_000
+    down = GREETING + zmtp_frame(bytes(range(256)) * 16_000, LONG)
     async with open_guard(tmp_path) as guard:
         with connect_client(guard.port) as end:
             reader, writer = await guard.accepted.get()
@@ -332,6 +334,34 @@ async def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_
             await sending
             writer.close()
     assert received == down
+
+
+async def test_message_past_the_router_stands_between_two_of_its_messages(tmp_path: Path) -> None:
+    loop = asyncio.get_running_loop()
+    image = bytes(range(256)) * 20_000
+    async with open_guard(tmp_path) as guard:
+        with connect_client(guard.port) as end:
+            _, writer = await guard.accepted.get()
+            (connection,) = guard.guard._port
+            torn = zmtp_frame(b"reply")
+            writer.write(GREETING + READY + torn[:3])
+            assert await loop.sock_recv(end, 1000) == GREETING + READY + torn[:3]
+            # In the middle of a reply there is no place.
+            assert not connection.send([b"header", memoryview(image)])
+            writer.write(torn[3:])
+            assert await loop.sock_recv(end, 1000) == torn[3:]
+            assert connection.send([b"header", memoryview(image)])
+            assert connection.is_client_blocked
+            assert not connection.send([b"header", b"next"])
+            writer.write(REQUEST)
+            sent = zmtp_frame(b"header", MORE) + zmtp_frame(image, LONG) + REQUEST
+            received = bytearray()
+            while len(received) < len(sent):
+                received += await loop.sock_recv(end, 1 << 20)
+            assert received == sent
+            assert not connection.is_closed
+            writer.close()
+            await wait_until(lambda: connection.is_closed, "end of the connection")
 
 
 async def test_connection_when_its_message_has_too_many_parts_is_ended(tmp_path: Path) -> None:

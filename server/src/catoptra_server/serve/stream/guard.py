@@ -10,6 +10,8 @@ identity of a client. What ZeroMQ does not limit ends or waits here:
 * **A chosen identity** would let a peer pass for another; of two peers with the same one libzmq
   4.3.5 never reads the second, and keeps the connection for ever. `IdentityFilter` renames the
   property, and the ROUTER gives the peer a unique identity.
+* **A frame** is written to the client's socket itself, between two messages of the ROUTER: through
+  ZeroMQ it was copied three times more, in pieces, and cost 2.4 ms instead of 1.4 (1024 px).
 * **A flood, or a connection without a request.** At most one read per direction is buffered: bytes
   that the ROUTER does not accept stay in the client's TCP connection, and vice versa.
 
@@ -27,9 +29,10 @@ import select
 import socket
 import struct
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_server.frames.encode import Payload
 from catoptra_server.serve.limits import MAX_PARTS, NEWCOMER_AGE_S, LoopAccount
 from catoptra_server.serve.port import (
     CHECK_INTERVAL_S,
@@ -171,6 +174,7 @@ class GuardedConnection:
         """Whether the client waited for the replies at the time of its last input."""
         self._on_close = on_close
         self._counter = ZmtpPartCounter()
+        self._reply_counter = ZmtpPartCounter(max_parts=sys.maxsize)
         self._identity_filter = IdentityFilter()
         # Whether ZeroMQ has sent anything since the last read from the client.
         self._has_replied = True
@@ -189,6 +193,23 @@ class GuardedConnection:
             inspect=self._note_reply,
             on_end=self._close_on_error,
         )
+
+    def send(self, parts: Sequence[Payload]) -> bool:
+        """Send a message past the ROUTER, at once or not at all, without a copy.
+
+        Returns:
+            False while other bytes wait for the client, or a message of the ROUTER is on its way.
+        """
+        if self.is_client_blocked or not self._reply_counter.is_between_messages:
+            return False
+        self._has_replied = True
+        self._downstream.insert(_make_frames(parts))
+        return True
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the connection has ended."""
+        return self.router_fd < 0
 
     @property
     def has_handshake(self) -> bool:
@@ -245,6 +266,7 @@ class GuardedConnection:
     def _note_reply(self, data: bytes) -> tuple[bytes, float]:
         """Pass all bytes of the ROUTER, which is ours, at once."""
         self._has_replied = True
+        self._reply_counter.feed(data)
         return data, 0.0
 
     def _close_on_error(self, reason: Exception | None) -> None:
@@ -281,7 +303,7 @@ class Relay:
         self._read_bytes = read_bytes
         self._inspect = inspect
         self._on_end = on_end
-        self._pending = memoryview(b"")
+        self._pending: list[memoryview] = []
         self._pause: asyncio.TimerHandle | None = None
         self._is_reading = self._is_writing = False
         self._update_callbacks()
@@ -297,8 +319,8 @@ class Relay:
             self._pause.cancel()
         self._loop.remove_reader(self._source)
         self._loop.remove_writer(self._sink)
-        # Not when the collector finds the cycle of connection and relays: up to 256 KiB each.
-        self._pending = memoryview(b"")
+        # Not when the collector finds the cycle of connection and relays: up to a frame each.
+        self._pending.clear()
 
     def _receive(self) -> None:
         try:
@@ -312,19 +334,29 @@ class Relay:
         if not received:
             self._on_end(None)
             return
-        self._pending = memoryview(data)
+        self._pending = [memoryview(data)] if data else []
         if wait_s > 0.0:
             self._pause = self._loop.call_later(wait_s, self._end_pause)
         self._send_pending()
 
+    def insert(self, buffers: Sequence[Payload]) -> None:
+        """Send other bytes to the sink, before all that the source has not sent yet."""
+        assert not self._pending, "bytes of the source would be torn"
+        self._pending = [memoryview(buffer) for buffer in buffers]
+        self._send_pending()
+
     def _send_pending(self) -> None:
         try:
-            self._pending = self._pending[self._sink.send(self._pending) :]
+            num_sent = self._sink.sendmsg(self._pending) if self._pending else 0
         except BlockingIOError:
-            pass
+            num_sent = 0
         except OSError as error:
             self._on_end(error)
             return
+        while self._pending and num_sent >= len(self._pending[0]):
+            num_sent -= len(self._pending.pop(0))
+        if num_sent:
+            self._pending[0] = self._pending[0][num_sent:]
         self._update_callbacks()
 
     def _end_pause(self) -> None:
@@ -353,7 +385,8 @@ class Relay:
 class ZmtpPartCounter:
     """Counter of the parts in one connection's messages, fed with bytes."""
 
-    def __init__(self) -> None:
+    def __init__(self, max_parts: int = MAX_PARTS) -> None:
+        self._max_parts = max_parts
         # Of the greeting or of a frame, as far as received.
         self._head = bytearray()
         self._head_bytes = _GREETING_BYTES
@@ -365,6 +398,11 @@ class ZmtpPartCounter:
         """Complete messages so far."""
         self.num_parts = 0
         """Parts and commands so far."""
+
+    @property
+    def is_between_messages(self) -> bool:
+        """Whether all bytes so far are whole messages and commands."""
+        return not (self._head or self._remaining_body_bytes or self._num_parts_of_message)
 
     def feed(self, data: bytes) -> None:
         """Parse the next bytes.
@@ -427,8 +465,8 @@ class ZmtpPartCounter:
             self._is_last_part = True
             return
         self._num_parts_of_message += 1
-        if self._num_parts_of_message == MAX_PARTS:
-            raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
+        if self._num_parts_of_message == self._max_parts:
+            raise RemoteProtocolError(f"a message of more than {self._max_parts} parts")
 
 
 class IdentityFilter:
@@ -459,6 +497,17 @@ class IdentityFilter:
             return greeting
         self._is_done = True
         return greeting + _replace_identity(bytes(self._ready[:end])) + bytes(self._ready[end:])
+
+
+def _make_frames(parts: Sequence[Payload]) -> list[Payload]:
+    """Frames of a message: a head and a body of each part."""
+    frames: list[Payload] = []
+    for index, part in enumerate(parts):
+        more = _MORE if index + 1 < len(parts) else 0
+        is_long = len(part) > 0xFF
+        length = len(part).to_bytes(8 if is_long else 1, "big")
+        frames += [bytes((more | (_LONG if is_long else 0),)) + length, part]
+    return frames
 
 
 def _frame_end(data: bytes | bytearray) -> int:

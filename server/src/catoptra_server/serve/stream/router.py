@@ -197,10 +197,15 @@ class RouterSocket:
         self._loop.add_reader(self._monitor.FD, self._read_monitor)
         self._schedule_read()
 
-    def send(self, peer: bytes, parts: Sequence[bytes | memoryview]) -> SendResult:
+    def send(self, peer: bytes, parts: Sequence[Payload]) -> SendResult:
         """Send a message at once, or not at all; a closed socket has no connected peers."""
         if self._is_closed:
             return SendResult.DISCONNECTED
+        connection = self._guarded.get(peer)
+        if len(parts) > 1 and connection is not None:  # a frame
+            if connection.is_closed:
+                return SendResult.DISCONNECTED
+            return SendResult.SENT if connection.send(parts) else SendResult.QUEUE_FULL
         result = self._try_send(peer, parts)
         if result is SendResult.QUEUE_FULL:
             # ZeroMQ notices only now and then that peers have read, except on this query.
