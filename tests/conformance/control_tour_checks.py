@@ -104,8 +104,11 @@ def check_times(tour: Tour) -> None:
         )
     wall_s = instants[-1].received_s - instants[0].received_s
     elapsed_s = float(times[-1] - times[0])
+    # A starved server leaves out some time; between most reports it keeps to the clock.
+    rate = np.median(np.diff(times) / np.diff([one.received_s for one in instants]))
     _require(
-        _is_close(elapsed_s, wall_s, 0.25, 0.3) and (np.diff(times) > 0.0).all(),
+        (_is_close(elapsed_s, wall_s, 0.25, 0.3) or _is_close(rate, 1.0, 0.1, 0.0))
+        and (np.diff(times) > 0.0).all(),
         f"Time grew by {elapsed_s:.2f} s in {wall_s:.2f} s of the wall clock",
     )
     _require(times[-1] < 864_000.0, f"Time {times[-1]}: expected seconds since the start")

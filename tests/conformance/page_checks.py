@@ -243,10 +243,9 @@ def _require_drive(server: ServerUnderTest, own: dict[str, Any]) -> None:
         robot.client.get_readings()
         one = _wait_for(robot.client, robot.name, lambda it: it.wheel_speeds_rad_s[0] > 0, "drive")
         left = one.wheel_speeds_rad_s[0]
-        start, start_s = robot.planar_pose_in_state(), robot.read_time_s()
-        while robot.read_time_s() < start_s + 0.4:
-            pass
-        end_s, end = robot.read_time_s(), robot.planar_pose_in_state()
+        (start_s, start), (end_s, end) = robot.read_state(), robot.read_state()
+        while end_s < start_s + 0.4:
+            end_s, end = robot.read_state()
         robot.client.drive(0.0, 0.0)
         labels = robot.client.get_frame(robot=robot.name, channels=("ids",)).labels
     rate = start.motion_to(end).yaw_rad / (end_s - start_s)

@@ -89,9 +89,9 @@ class StreamRobot:
     def wait_until_standing(self) -> float:
         """Wait until the robot moves no more; the time of the state then."""
         deadline_s = self.clock() + _TURN_TIMEOUT_S
-        last_s, last = self._read_state()
+        last_s, last = self.read_state()
         while self.clock() < deadline_s:
-            time_s, pose = self._read_state()
+            time_s, pose = self.read_state()
             if time_s >= last_s + _STANDING_S:
                 motion = last.motion_to(pose)
                 if motion.distance_m < _STANDING_M and abs(motion.yaw_rad) < _STANDING_RAD:
@@ -101,13 +101,14 @@ class StreamRobot:
 
     def read_time_s(self) -> float:
         """Simulation time by `get_state`."""
-        return self._read_state()[0]
+        return self.read_state()[0]
 
     def planar_pose_in_state(self) -> PlanarPose:
         """True pose of the robot by `get_state`."""
-        return self._read_state()[1]
+        return self.read_state()[1]
 
-    def _read_state(self) -> tuple[float, PlanarPose]:
+    def read_state(self) -> tuple[float, PlanarPose]:
+        """Simulation time and true pose of the robot at that time, by `get_state`."""
         state = self.client.get_state(self.name)
         for robot in state.robots:
             if robot.name == self.name:

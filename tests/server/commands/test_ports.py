@@ -52,9 +52,11 @@ def test_robot_that_a_page_drives_halts_within_300_ms_and_leaves_with_the_page(
                 spawn = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")
                 assert isinstance(await page.request(spawn), SensorReports)
                 await page.request(DriveRequest(2, 1.0, 1.0, False))
-                time_s = await wait_for_speed(watcher, is_rolling=True)
-                stopped_s = await wait_for_speed(watcher, is_rolling=False)
-                assert stopped_s - time_s < 0.3
+                start_s = time_s = await wait_for_roll(watcher)
+                while (state := await get_state(watcher)) and is_rolling(state):
+                    time_s = state.time_s
+                # The last time at which it rolls: on a busy machine it is seen to stand later.
+                assert time_s - start_s < 0.3
             while (await get_state(watcher)).robots:
                 await asyncio.sleep(0)
 
@@ -68,9 +70,12 @@ async def get_state(page: PageClient) -> StateReply:
     return state
 
 
-async def wait_for_speed(page: PageClient, *, is_rolling: bool) -> float:
-    """Simulation time at which the robot first rolls, or stands."""
-    while True:
-        state = await get_state(page)
-        if any(state.robots[0].wheel_speeds_rad_s) is is_rolling:
-            return state.time_s
+def is_rolling(state: StateReply) -> bool:
+    return any(state.robots[0].wheel_speeds_rad_s)
+
+
+async def wait_for_roll(page: PageClient) -> float:
+    """Simulation time at which the robot first rolls."""
+    while not is_rolling(state := await get_state(page)):
+        await asyncio.sleep(0)
+    return state.time_s

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from catoptra_server.commands.doctor import devices
 from catoptra_server.commands.doctor.command import main
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
@@ -31,9 +32,10 @@ def run_doctor(
 
 
 def test_machine_when_raster_and_trace_run_has_no_problem(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device_or_skip().close()
+    monkeypatch.setattr(devices, "_TIMEOUT_S", 600.0)  # llvmpipe on a busy machine
     assert run_doctor(capsys, *FREE_PORTS, "--world", "corridor")[1] == []
 
 
