@@ -56,7 +56,7 @@ def test_pose_at_a_named_start_is_the_start_s() -> None:
 def test_start_when_unknown_is_refused_with_the_known_ones() -> None:
     with pytest.raises(SpawnError, match="no start 'nowhere': this world has Centre, Aside"):
         spawn_pose(Init("P2AT", start="nowhere"), STARTS)
-    with pytest.raises(SpawnError, match="this world has none; or give a Location"):
+    with pytest.raises(SpawnError, match="needs a start: this world has none; or give a Location"):
         spawn_pose(Init("P2AT"), ())
 
 

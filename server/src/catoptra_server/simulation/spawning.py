@@ -145,7 +145,8 @@ def _find_start(name: str | None, starts: Sequence[StartPose]) -> StartPose:
         if name is not None and start.name.lower() == name.lower():
             return start
     names = ", ".join(start.name for start in starts) or "none"
-    raise SpawnError(f"there is no start {name!r}: this world has {names}; or give a Location")
+    what = "a robot needs a start" if name is None else f"there is no start {name!r}"
+    raise SpawnError(f"{what}: this world has {names}; or give a Location")
 
 
 def _check_limits(key: str, values: tuple[float, float, float], limit: float) -> None:
