@@ -59,6 +59,9 @@ class _NegligibleCase:
     rim_deg: float = 120.0
     """Incidence angle of the mirror's rim."""
 
+    downstream_effects: tuple[Effect, ...] = ()
+    """Effects that may do the rest of the work."""
+
 
 @dataclass(frozen=True, slots=True)
 class EffectCase:
@@ -117,7 +120,11 @@ EFFECT_CASES = (
     EffectCase(
         # Nearer than half a metre, where one disc for each image radius is no longer exact.
         DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
-        _NegligibleCase("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
+        _NegligibleCase(
+            "nothing near",
+            DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
+            downstream_effects=(Defocus(Aperture(1.4, 7.4e-6, 0.0)),),
+        ),
         "a board 12 cm ahead",
         board_distance_m=0.12,
     ),

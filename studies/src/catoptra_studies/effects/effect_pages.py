@@ -165,12 +165,13 @@ def _decide_both(case: EffectCase, scene: _EffectScene) -> tuple[EffectDecision,
     required = plan_effects(settings, scene.summarize(case), _paper_camera(120.0))
     # No scene is built: a summary with bounds of an empty, still scene is enough.
     negligible_case = case.negligible_case
+    effects = (negligible_case.effect, *negligible_case.downstream_effects)
     negligible = plan_effects(
-        EffectSettings((EffectSetting(negligible_case.effect, EffectMode.AUTO),)),
+        EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects)),
         SceneSummary(negligible_case.max_radiance),
         _paper_camera(negligible_case.rim_deg),
     )
-    return required.decisions[-1], negligible.decisions[-1]
+    return required.decisions[-1], negligible.decisions[0]
 
 
 def _draw_page(
