@@ -79,4 +79,5 @@ def _build_scene(
     scene = rtcore_scene.EmbreeScene(robust=True)
     TriangleMesh(scene, corners.astype(np.float32))
     # A ray is a multiple of the corners' sum by barycentric weights.
-    return np.linalg.solve(corners, mesh.directions).swapaxes(-1, -2), scene
+    interpolation: Floats = np.linalg.solve(corners, mesh.directions).swapaxes(-1, -2)
+    return interpolation, scene
