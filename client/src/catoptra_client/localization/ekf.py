@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from statistics import NormalDist
@@ -104,7 +105,7 @@ class Belief:
         covariance = np.array(self.covariance, dtype=np.float64)
         if mean.shape != (3,) or covariance.shape != (3, 3):
             raise DomainError(f"a belief is (3,) and (3, 3), not {mean.shape}, {covariance.shape}")
-        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        if not _all_finite(mean, covariance):
             raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
         # Wrapped here once, so that no consumer of a belief has to consider whole turns.
         mean[2] = wrap_angle(float(mean[2]))
@@ -115,61 +116,92 @@ class Belief:
                 f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
             )
         _set_frozen_array(self, "mean", mean)
-        _set_frozen_array(self, "covariance", _symmetrize(covariance))
+        # Halves first: the sum of two large floats overflows.
+        symmetric = [
+            [0.5 * a + 0.5 * b for a, b in zip(row, column, strict=True)]
+            for row, column in zip(covariance.tolist(), covariance.T.tolist(), strict=True)
+        ]
+        _set_frozen_array(self, "covariance", np.array(symmetric))
         _set_frozen_array(self, "square_root", root)
+
+
+# Matrices of two or three rows are computed with in Python's floats: a tenth of the time of LAPACK's
+# general ones, and over- and underflow need no `errstate`. Measured in
+# tests/measurements/detection_time.py.
+_Rows = Sequence[Sequence[float]]
 
 
 def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
     """Square root B (n, n) of a covariance of any rank, B B^T, and whether the matrix is one.
 
-    A finite (n, n) matrix is a covariance if it is symmetric without negative eigenvalues, up to
-    rounding. By the eigenvectors of the correlations: variances in metres do not hide those in
-    radians there, and a Cholesky factor needs full rank, which P = 0 lacks.
+    A finite (n, n) matrix, n <= 3, is a covariance if it is symmetric without negative eigenvalues,
+    up to rounding. By a pivoted Cholesky factor of the correlations: variances in metres do not
+    hide those in radians there, and equal eigenvalues are no special case, as for eigenvectors.
     """
     sigma, correlation, possible = sigmas_and_correlations(covariance)
     if not possible:
-        return np.zeros_like(correlation), False
-    values, vectors = np.linalg.eigh(correlation)
-    with np.errstate(under="ignore"):  # products below 1e-308 are zero
-        # Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
-        root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root, bool(values[0] >= -_ROUNDING_TOLERANCE)
+        return np.zeros_like(covariance), False
+    if len(sigma) == 1:
+        return np.array([sigma]), True
+    # A row can be a pivot as it is: its correlation with itself is 1, or 0 for a sigma of zero.
+    (d, *_), (a, p, *_) = correlation[:2]
+    factor, valid = _square_root_2x2(d, a, p)
+    if len(sigma) == 3:
+        b, q, r = correlation[2]
+        (second, third), valid = _square_root_2x2(p - a * a, q - a * b, r - b * b)
+        factor = ((d, 0.0, 0.0), (a, *second), (b, *third))
+    return np.array([[s * x for x in row] for s, row in zip(sigma, factor, strict=True)]), valid
 
 
-def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
+def _square_root_2x2(p: float, q: float, r: float) -> tuple[_Rows, bool]:
+    """Square root of ((p, q), (q, r)), entries up to 1, and whether no eigenvalue is negative.
+
+    Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
+    """
+    # A negative eigenvalue of correlations is up to three times as large in what a pivot leaves.
+    valid = 0.5 * (p + r) - math.hypot(0.5 * (p - r), q) >= -3.0 * _ROUNDING_TOLERANCE
+    # The larger of p and r first: it bounds |q|, whose error is not enlarged by its root then.
+    first, other = math.sqrt(max(p, r, 0.0)), min(p, r)
+    across = max(-first, min(q / first, first)) if first else 0.0
+    rest = math.sqrt(max(other - across * across, 0.0))
+    upper, lower = (first, 0.0), (across, rest)
+    return ((upper, lower) if p >= r else (lower, upper)), valid
+
+
+def sigmas_and_correlations(covariance: Floats) -> tuple[list[float], _Rows, bool]:
     """Sigmas (n,) and correlations (n, n) of a matrix, and whether the matrix can be a covariance.
 
     The matrix is invalid if a variance is negative, a variance is zero beside a non-zero
-    covariance, a correlation exceeds 1, or the matrix is not symmetric; the correlations are then
-    zero. A sigma below 1.5e-154, whose square is not a normal float, counts as zero.
+    covariance, a correlation exceeds 1, or the matrix is not symmetric. A sigma below 1.5e-154,
+    whose square is not a normal float, counts as zero, and so do its correlations.
     """
-    variances = covariance.diagonal()
-    sigma = np.sqrt(np.maximum(variances, 0.0))
-    certain = sigma < _MIN_SIGMA
+    rows = covariance.tolist()
+    variances = [row[i] for i, row in enumerate(rows)]
+    sigma = [math.sqrt(max(variance, 0.0)) for variance in variances]
+    scale = [max(s, _MIN_SIGMA) for s in sigma]
     # Dividing twice instead of by the outer product, which underflows for small sigmas.
-    scale = np.where(certain, _MIN_SIGMA, sigma)
-    with np.errstate(over="ignore", under="ignore"):
-        correlation = covariance / scale / scale[:, None]
-    possible = bool(variances.min() >= 0.0) and _is_correlation_matrix(correlation)
-    if not possible:
-        correlation = np.zeros_like(correlation)
-    elif certain.any():
-        sigma[certain] = 0.0
-        correlation[certain | certain[:, None]] = 0.0
+    correlation = [
+        [c / t / s for c, t in zip(row, scale, strict=True)]
+        for row, s in zip(rows, scale, strict=True)
+    ]
+    possible = min(variances) >= 0.0 and _is_correlation_matrix(correlation)
+    if min(sigma) < _MIN_SIGMA:
+        known = [float(s >= _MIN_SIGMA) for s in sigma]
+        sigma = [s * k for s, k in zip(sigma, known, strict=True)]
+        correlation = [
+            [c * k * l for c, l in zip(row, known, strict=True)]
+            for row, k in zip(correlation, known, strict=True)
+        ]
     return sigma, correlation, possible
 
 
-def _is_correlation_matrix(matrix: Floats) -> bool:
+def _is_correlation_matrix(rows: _Rows) -> bool:
     """Whether an (n, n) matrix is symmetric with entries up to 1, up to rounding."""
-    if not np.abs(matrix).max() <= 1.0 + _ROUNDING_TOLERANCE:
-        return False
-    return bool(np.abs(matrix - matrix.T).max() <= _ROUNDING_TOLERANCE)
-
-
-def _symmetrize(covariance: Floats) -> Floats:
-    with np.errstate(under="ignore"):  # half of the smallest float is zero
-        symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
-    return symmetric
+    return all(
+        abs(c) <= 1.0 + _ROUNDING_TOLERANCE and abs(c - rows[j][i]) <= _ROUNDING_TOLERANCE
+        for i, row in enumerate(rows)
+        for j, c in enumerate(row)
+    )
 
 
 def _set_frozen_array(belief: Belief, name: str, array: Floats) -> None:
@@ -266,7 +298,7 @@ def is_finite(measurement: Measurement) -> bool:
     if isinstance(measurement, BearingOnly):
         return math.isfinite(measurement.bearing_rad) and math.isfinite(measurement.variance_rad2)
     numbers = (measurement.range_m, measurement.bearing_rad)
-    return all(map(math.isfinite, numbers)) and bool(np.isfinite(measurement.covariance).all())
+    return all(map(math.isfinite, numbers)) and _all_finite(measurement.covariance)
 
 
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
@@ -337,7 +369,7 @@ def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         G = jacobian_wrt_pose(belief.mean, control)
         V = jacobian_wrt_control(belief.mean, control)
-        B = np.hstack((G @ belief.square_root, V @ np.sqrt(M)))
+        B = np.concatenate((G @ belief.square_root, V @ np.sqrt(M)), axis=1)
         mean, covariance = propagate_pose(belief.mean, control), B @ B.T
     if not _all_finite(mean, covariance):
         raise DomainError(f"{control} leads beyond float64 from {belief.mean}")
@@ -388,7 +420,7 @@ def _gate_and_correct(
     if not regular:
         return _reject(belief, UpdateStatus.SINGULAR)
     # Whitened by the triangular factor: never negative, unlike a product with an inverse of S.
-    nis = float(np.square(np.linalg.solve(L, innovation)).sum())
+    nis = float(np.square(_solve_lower(L, innovation)).sum())
     if not math.isfinite(nis):
         return _reject(belief, UpdateStatus.OVERFLOW)
     if nis > gate.threshold(innovation.size):
@@ -400,13 +432,25 @@ def _gate_and_correct(
 
 
 def _cholesky(S: Floats) -> tuple[Floats, bool]:
-    """Lower Cholesky factor of a symmetric (n, n) matrix, and whether the matrix is regular."""
-    # numpy factors matrices that are singular up to rounding, hence the test of the pivots below.
-    try:
-        L = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    """Lower Cholesky factor of a symmetric (n, n) matrix, n <= 2, and whether it is regular."""
+    (s, *_), *others = S.tolist()
+    root = math.sqrt(max(s, 0.0))
+    if not (root and others):
+        return np.array([[root]]), root > 0.0
+    ((across, last),) = others
+    across /= root
+    pivot = last - across * across
+    if not pivot > _MIN_RELATIVE_PIVOT * last:
         return np.zeros_like(S), False
-    return L, bool((np.square(L.diagonal()) > _MIN_RELATIVE_PIVOT * S.diagonal()).all())
+    return np.array([[root, 0.0], [across, math.sqrt(pivot)]]), True
+
+
+def _solve_lower(L: Floats, right: Floats) -> Floats:
+    """X (n, ...) of L X = right, by forward substitution; L (n, n) is lower triangular, n <= 2."""
+    first = right[0] / L[0, 0]
+    if len(L) == 1:
+        return np.array([first])
+    return np.array([first, (right[1] - L[1, 0] * first) / L[1, 1]])
 
 
 def _correct(
@@ -417,10 +461,11 @@ def _correct(
     R_root: square root of R. L: Cholesky factor of the innovation covariance. B B^T is Joseph's
     form (I - K H) P (I - K H)^T + K R K^T.
     """
-    K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
+    # Turned by half a turn, the transposed factor is a lower one again.
+    K = _solve_lower(L.T[::-1, ::-1], _solve_lower(L, H @ belief.covariance)[::-1])[::-1].T
     root = belief.square_root
     # Square-root blocks side by side: their product is Joseph's form, and cannot lose symmetry.
-    B = np.hstack((root - K @ (H @ root), K @ R_root))
+    B = np.concatenate((root - K @ (H @ root), K @ R_root), axis=1)
     mean, covariance = belief.mean + K @ innovation, B @ B.T
     if not _all_finite(mean, covariance):
         return belief, False
@@ -428,7 +473,7 @@ def _correct(
 
 
 def _all_finite(*arrays: Floats) -> bool:
-    return all(bool(np.isfinite(array).all()) for array in arrays)
+    return all(math.isfinite(number) for array in arrays for number in array.ravel().tolist())
 
 
 def _reject(belief: Belief, status: UpdateStatus) -> MeasurementUpdate:

@@ -50,7 +50,7 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     if truth.shape != (3,) or not np.isfinite(truth).all():
         raise DomainError(f"a true pose (x, y, phi) has three finite numbers: {truth}")
     sigma, correlation, _ = sigmas_and_correlations(belief.covariance)
-    regular = (sigma > 0.0).all() and np.linalg.eigvalsh(correlation)[0] >= _MIN_EIGENVALUE
+    regular = min(sigma) > 0.0 and np.linalg.eigvalsh(correlation)[0] >= _MIN_EIGENVALUE
     if not regular:
         return 0.0, False
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
