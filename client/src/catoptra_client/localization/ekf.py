@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from statistics import NormalDist
@@ -77,8 +76,10 @@ OPEN_GATE = ValidationGate(0.0)
 # Rounding of products leaves eigenvalues of a few eps times the largest. 1e-12 is 4500 eps: far
 # above rounding, and far below any variance that a robot's sensors can resolve.
 _ROUNDING_TOLERANCE = 1e-12
-# Square root of the smallest normal float: smaller sigmas have squares of reduced precision.
-_MIN_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
+_MAX_CORRELATION = 1.0 + _ROUNDING_TOLERANCE
+# The smallest normal float: smaller variances have a reduced precision.
+_MIN_VARIANCE = sys.float_info.min
+_MIN_SIGMA = math.sqrt(_MIN_VARIANCE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,19 +117,16 @@ class Belief:
                 f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
             )
         _set_frozen_array(self, "mean", mean)
-        # Halves first: the sum of two large floats overflows.
-        symmetric = [
-            [0.5 * a + 0.5 * b for a, b in zip(row, column, strict=True)]
-            for row, column in zip(covariance.tolist(), covariance.T.tolist(), strict=True)
-        ]
-        _set_frozen_array(self, "covariance", np.array(symmetric))
+        if covariance.tolist() != covariance.T.tolist():
+            with np.errstate(under="ignore"):  # half of the smallest float is zero
+                covariance = 0.5 * covariance + 0.5 * covariance.T
+        _set_frozen_array(self, "covariance", covariance)
         _set_frozen_array(self, "square_root", root)
 
 
-# Matrices of two or three rows are computed with in Python's floats: a tenth of the time of LAPACK's
-# general ones, and over- and underflow need no `errstate`. Measured in
-# tests/measurements/detection_time.py.
-_Rows = Sequence[Sequence[float]]
+# Closed forms in Python's floats: matrices of up to three rows take LAPACK ten times as long, and
+# over- and underflow need no `errstate` here. Measured in tests/measurements/detection_time.py.
+_PAIRS = ((), (), ((1, 0),), ((1, 0), (2, 0), (2, 1)))
 
 
 def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
@@ -138,70 +136,49 @@ def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
     up to rounding. By a pivoted Cholesky factor of the correlations: variances in metres do not
     hide those in radians there, and equal eigenvalues are no special case, as for eigenvectors.
     """
-    sigma, correlation, possible = sigmas_and_correlations(covariance)
+    sigma, correlations, possible = sigmas_and_correlations(covariance)
     if not possible:
         return np.zeros_like(covariance), False
     if len(sigma) == 1:
         return np.array([sigma]), True
-    # A row can be a pivot as it is: its correlation with itself is 1, or 0 for a sigma of zero.
-    (d, *_), (a, p, *_) = correlation[:2]
-    factor, valid = _square_root_2x2(d, a, p)
-    if len(sigma) == 3:
-        b, q, r = correlation[2]
-        (second, third), valid = _square_root_2x2(p - a * a, q - a * b, r - b * b)
-        factor = ((d, 0.0, 0.0), (a, *second), (b, *third))
-    return np.array([[s * x for x in row] for s, row in zip(sigma, factor, strict=True)]), valid
-
-
-def _square_root_2x2(p: float, q: float, r: float) -> tuple[_Rows, bool]:
-    """Square root of ((p, q), (q, r)), entries up to 1, and whether no eigenvalue is negative.
-
-    Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
-    """
-    # A negative eigenvalue of correlations is up to three times as large in what a pivot leaves.
+    s, t, *others = sigma
+    a, *rest = correlations
+    p = (1.0 - a) * (1.0 + a)
+    if not others:
+        return np.array(((s, 0.0), (t * a, t * math.sqrt(max(p, 0.0))))), True
+    (u,), (b, c) = others, rest
+    # The first pivot is 1; it leaves ((p, q), (q, r)), whose negative eigenvalue is up to three
+    # times that of the correlations.
+    q, r = c - a * b, (1.0 - b) * (1.0 + b)
     valid = 0.5 * (p + r) - math.hypot(0.5 * (p - r), q) >= -3.0 * _ROUNDING_TOLERANCE
-    # The larger of p and r first: it bounds |q|, whose error is not enlarged by its root then.
-    first, other = math.sqrt(max(p, r, 0.0)), min(p, r)
-    across = max(-first, min(q / first, first)) if first else 0.0
-    rest = math.sqrt(max(other - across * across, 0.0))
-    upper, lower = (first, 0.0), (across, rest)
-    return ((upper, lower) if p >= r else (lower, upper)), valid
+    # The next pivot is the larger one, which bounds |q|: an error of q is not enlarged by 1 / root.
+    # What rounding made negative is a zero of a matrix of lower rank.
+    root = math.sqrt(max(p, r, 0.0))
+    across = max(-root, min(q / root, root)) if root else 0.0
+    last = math.sqrt(max(min(p, r) - across * across, 0.0))
+    (e, f), (g, h) = ((root, 0.0), (across, last)) if p >= r else ((across, last), (root, 0.0))
+    return np.array(((s, 0.0, 0.0), (t * a, t * e, t * f), (u * b, u * g, u * h))), valid
 
 
-def sigmas_and_correlations(covariance: Floats) -> tuple[list[float], _Rows, bool]:
-    """Sigmas (n,) and correlations (n, n) of a matrix, and whether the matrix can be a covariance.
+def sigmas_and_correlations(covariance: Floats) -> tuple[list[float], list[float], bool]:
+    """Sigmas (n,) of a matrix, its correlations below the diagonal, and if it can be a covariance.
 
-    The matrix is invalid if a variance is negative, a variance is zero beside a non-zero
+    The matrix, n <= 3, is invalid if a variance is negative, a variance is zero beside a non-zero
     covariance, a correlation exceeds 1, or the matrix is not symmetric. A sigma below 1.5e-154,
     whose square is not a normal float, counts as zero, and so do its correlations.
     """
     rows = covariance.tolist()
     variances = [row[i] for i, row in enumerate(rows)]
-    sigma = [math.sqrt(max(variance, 0.0)) for variance in variances]
-    scale = [max(s, _MIN_SIGMA) for s in sigma]
-    # Dividing twice instead of by the outer product, which underflows for small sigmas.
-    correlation = [
-        [c / t / s for c, t in zip(row, scale, strict=True)]
-        for row, s in zip(rows, scale, strict=True)
-    ]
-    possible = min(variances) >= 0.0 and _is_correlation_matrix(correlation)
-    if min(sigma) < _MIN_SIGMA:
-        known = [float(s >= _MIN_SIGMA) for s in sigma]
-        sigma = [s * k for s, k in zip(sigma, known, strict=True)]
-        correlation = [
-            [c * k * l for c, l in zip(row, known, strict=True)]
-            for row, k in zip(correlation, known, strict=True)
-        ]
-    return sigma, correlation, possible
-
-
-def _is_correlation_matrix(rows: _Rows) -> bool:
-    """Whether an (n, n) matrix is symmetric with entries up to 1, up to rounding."""
-    return all(
-        abs(c) <= 1.0 + _ROUNDING_TOLERANCE and abs(c - rows[j][i]) <= _ROUNDING_TOLERANCE
-        for i, row in enumerate(rows)
-        for j, c in enumerate(row)
-    )
+    possible = min(variances) >= 0.0
+    sigma = [math.sqrt(v) if v >= _MIN_VARIANCE else 0.0 for v in variances]
+    correlations = []
+    for i, j in _PAIRS[len(rows)]:
+        one, other = sigma[i] or _MIN_SIGMA, sigma[j] or _MIN_SIGMA
+        # Dividing twice instead of by the product, which underflows for small sigmas.
+        lower, upper = rows[i][j] / other / one, rows[j][i] / other / one
+        possible &= abs(lower) <= _MAX_CORRELATION and abs(lower - upper) <= _ROUNDING_TOLERANCE
+        correlations.append(lower if sigma[i] and sigma[j] else 0.0)
+    return sigma, correlations, possible
 
 
 def _set_frozen_array(belief: Belief, name: str, array: Floats) -> None:
@@ -420,7 +397,8 @@ def _gate_and_correct(
     if not regular:
         return _reject(belief, UpdateStatus.SINGULAR)
     # Whitened by the triangular factor: never negative, unlike a product with an inverse of S.
-    nis = float(np.square(_solve_lower(L, innovation)).sum())
+    whitened = _solve_lower(L, innovation)
+    nis = float(whitened @ whitened)
     if not math.isfinite(nis):
         return _reject(belief, UpdateStatus.OVERFLOW)
     if nis > gate.threshold(innovation.size):
@@ -447,10 +425,20 @@ def _cholesky(S: Floats) -> tuple[Floats, bool]:
 
 def _solve_lower(L: Floats, right: Floats) -> Floats:
     """X (n, ...) of L X = right, by forward substitution; L (n, n) is lower triangular, n <= 2."""
-    first = right[0] / L[0, 0]
     if len(L) == 1:
-        return np.array([first])
-    return np.array([first, (right[1] - L[1, 0] * first) / L[1, 1]])
+        return right / L[0]
+    (a, _), (b, c) = L.tolist()
+    first = right[0] / a
+    return np.array((first, (right[1] - b * first) / c))
+
+
+def _solve_upper(U: Floats, right: Floats) -> Floats:
+    """X (n, ...) of U X = right, by back substitution; U (n, n) is upper triangular, n <= 2."""
+    if len(U) == 1:
+        return right / U[0]
+    (a, b), (_, c) = U.tolist()
+    last = right[1] / c
+    return np.array(((right[0] - b * last) / a, last))
 
 
 def _correct(
@@ -461,8 +449,7 @@ def _correct(
     R_root: square root of R. L: Cholesky factor of the innovation covariance. B B^T is Joseph's
     form (I - K H) P (I - K H)^T + K R K^T.
     """
-    # Turned by half a turn, the transposed factor is a lower one again.
-    K = _solve_lower(L.T[::-1, ::-1], _solve_lower(L, H @ belief.covariance)[::-1])[::-1].T
+    K = _solve_upper(L.T, _solve_lower(L, H @ belief.covariance)).T
     root = belief.square_root
     # Square-root blocks side by side: their product is Joseph's form, and cannot lose symmetry.
     B = np.concatenate((root - K @ (H @ root), K @ R_root), axis=1)
@@ -473,7 +460,7 @@ def _correct(
 
 
 def _all_finite(*arrays: Floats) -> bool:
-    return all(math.isfinite(number) for array in arrays for number in array.ravel().tolist())
+    return all(all(map(math.isfinite, array.ravel().tolist())) for array in arrays)
 
 
 def _reject(belief: Belief, status: UpdateStatus) -> MeasurementUpdate:
