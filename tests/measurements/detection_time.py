@@ -46,7 +46,7 @@ from catoptra_client.localization import (  # noqa: E402
     predict,
     update,
 )
-from catoptra_client.unwarp import unwarp  # noqa: E402
+from catoptra_client.unwarp import unwarp, unwarp_labels  # noqa: E402
 from client.landmarks import synthetic_frames  # noqa: E402
 
 REPEATS = 200
@@ -103,8 +103,10 @@ def main() -> None:
         return new
 
     size = "x".join(map(str, view.labels.shape[::-1]))
-    print_time(f"unwarp to {size}", lambda: unwarp(frame, detector.unwarp_map))
-    print_time("classify", lambda: label_image(detector.classifier, view.cylinder))
+    labels = label_image(detector.classifier, frame)
+    print_time("classify", lambda: label_image(detector.classifier, frame))
+    print_time(f"unwarp to {size}", lambda: unwarp_labels(labels, detector.unwarp_map))
+    print_time("the same in colour, for display", lambda: unwarp(frame, detector.unwarp_map))
     print_time("blobs", lambda: blobs_from_labels(view.labels, min_pixels=MIN_BLOB_PIXELS))
     print_time("identify", lambda: select_candidates(detector, view.blobs))
     print_time(f"all of detect, {len(view.detections)} landmarks", lambda: detect(detector, frame))
