@@ -148,8 +148,7 @@ PREDICTIONS = {
 }
 
 
-# The entries of matrices next to singular ones are exact in binary. Root and covariance are compared
-# by sigmas and correlations.
+# Entries next to those of singular matrices are exact in binary.
 ROOTS = {
     "zero": ZERO,
     "equal eigenvalues": diagonal(1.0, 1.0, 1.0),

