@@ -14,6 +14,7 @@ from catoptra_client.unwarp import (
     make_unwarp_map,
     unwarp,
     unwarp_channels,
+    unwarp_labels,
 )
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
@@ -198,7 +199,20 @@ def test_channels_are_unwarped_from_the_nearest_pixel_without_mixing() -> None:
     assert found["range"].dtype == np.float32
 
 
-def test_channels_of_another_size_are_rejected() -> None:
+def test_labels_are_unwarped_as_channels_are_and_are_zero_where_nothing_is_seen() -> None:
+    camera = CAMERAS["paper"]
+    unwarp_map = make_unwarp_map(camera, CylinderGeometry(90, 20, -0.8, 0.8))
+    shape = (camera.height_px, camera.width_px)
+    labels = np.random.default_rng(0).integers(1, 256, shape, dtype=np.uint8)
+    found = unwarp_labels(labels, unwarp_map)
+    expected = unwarp_channels({"ids": labels.astype(np.uint16)}, unwarp_map)["ids"]
+    assert 0.1 < unwarp_map.valid.mean() < 0.9
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_channels_and_labels_of_another_size_are_rejected() -> None:
     unwarp_map = make_unwarp_map(CAMERAS["paper"], CylinderGeometry(90, 20, -0.1, 0.8))
+    with pytest.raises(DomainError, match="labels of"):
+        unwarp_labels(np.zeros((3, 4), dtype=np.uint8), unwarp_map)
     with pytest.raises(DomainError, match="not ids"):
         unwarp_channels({"ids": np.zeros((3, 4), dtype=np.uint16)}, unwarp_map)

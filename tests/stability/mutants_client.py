@@ -145,6 +145,16 @@ def root_by_cholesky(covariance: Floats) -> tuple[Floats, bool]:
     return np.linalg.cholesky(covariance), True
 
 
+def root_without_pivots(covariance: Floats) -> tuple[Floats, bool]:
+    root = np.zeros_like(covariance)
+    for i, row in enumerate(covariance):
+        for j in range(i):
+            rest = row[j] - root[i] @ root[j]
+            root[i, j] = rest / root[j, j] if root[j, j] else 0.0
+        root[i, i] = math.sqrt(max(row[i] - root[i] @ root[i], 0.0))
+    return root, True
+
+
 def root_up_to_1e_9(covariance: Floats) -> tuple[Floats, bool]:
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0)), bool(values[0] >= -1e-9)
@@ -281,6 +291,9 @@ MUTATIONS: list[Mutation] = [
     Mutation("(I - K H) P", "ekf", _FILTER + "ekf._correct", correct_by_short_form),
     Mutation("information form by inv", "ekf", _FILTER + "ekf._correct", correct_by_information),
     Mutation("root by Cholesky", "ekf", _FILTER + "ekf.covariance_square_root", root_by_cholesky),
+    Mutation(
+        "root without pivots", "ekf", _FILTER + "ekf.covariance_square_root", root_without_pivots
+    ),
     Mutation("definite up to 1e-9", "ekf", _FILTER + "ekf.covariance_square_root", root_up_to_1e_9),
     Mutation("noise not checked", "ekf", _FILTER + "ekf.covariance_square_root", root_of_anything),
     Mutation("overflow not looked for", "ekf", _FILTER + "ekf._all_finite", always_finite),

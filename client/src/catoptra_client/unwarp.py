@@ -166,13 +166,15 @@ class UnwarpMap:
     """Integer source pixel, (h, w, 2) int16."""
     fraction: npt.NDArray[np.uint16]
     """Index of the interpolation weights, (h, w) uint16."""
+    nearest: npt.NDArray[np.intp]
+    """Number of the nearest source pixel, row by row, (h, w); the first one where not valid."""
     valid: Bools
     """Whether the camera shows the target pixel, (h, w)."""
     source_shape: tuple[int, int]
     """Height and width of the source frames."""
 
     def __post_init__(self) -> None:
-        for array in (self.integer_px, self.fraction, self.valid):
+        for array in (self.integer_px, self.fraction, self.nearest, self.valid):
             array.setflags(write=False)
 
 
@@ -206,8 +208,14 @@ def make_unwarp_map(
     # border's black remains.
     source = np.where(valid[..., None], opencv_from_pixel(pixel), -2.0).astype(np.float32)
     integer, fraction = cv2.convertMaps(source[..., 0], source[..., 1], cv2.CV_16SC2)
-    shape = (camera.height_px, camera.width_px)
-    return UnwarpMap(np.asarray(integer), np.asarray(fraction), valid, shape)
+    # Fractions are in 1/32 px along u, then along v.
+    column = integer[..., 0].astype(np.intp) + ((fraction & 31) >= 16)
+    row = integer[..., 1].astype(np.intp) + ((fraction >> 5) >= 16)
+    height, width = shape = (camera.height_px, camera.width_px)
+    nearest = row.clip(0, height - 1) * width + column.clip(0, width - 1)
+    return UnwarpMap(
+        np.asarray(integer), np.asarray(fraction), np.where(valid, nearest, 0), valid, shape
+    )
 
 
 def unwarp(frame: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
@@ -225,6 +233,26 @@ def unwarp(frame: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
     return np.asarray(image, dtype=np.uint8)
 
 
+def unwarp_labels(labels: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
+    """Unwarp (h, w) uint8 labels, each pixel from the nearest one; 0 where nothing is shown.
+
+    0.11 ms for 720 x 180 pixels, where `unwarp` takes 0.43. Measured in
+    tests/measurements/detection_time.py.
+
+    Raises:
+        DomainError: the labels have another size or type than the map's source.
+    """
+    if labels.dtype != np.uint8 or labels.shape != unwarp_map.source_shape:
+        height, width = unwarp_map.source_shape
+        raise DomainError(
+            f"the map is for labels of {width} x {height} px, not {labels.dtype} {labels.shape}"
+        )
+    unwarped: UInt8Array = labels.take(unwarp_map.nearest)
+    # A product: a third of the time of an assignment by a mask.
+    unwarped *= unwarp_map.valid
+    return unwarped
+
+
 def unwarp_channels(channels: Channels, unwarp_map: UnwarpMap) -> Channels:
     """Unwarp channels of labels, each pixel from the nearest one: labels are never interpolated.
 
@@ -234,20 +262,15 @@ def unwarp_channels(channels: Channels, unwarp_map: UnwarpMap) -> Channels:
     Raises:
         DomainError: a channel has another size than the map's source.
     """
-    # Fractions are in 1/32 px along u, then along v.
-    nearest = unwarp_map.integer_px.astype(np.int32)
-    nearest[..., 0] += (unwarp_map.fraction & 31) >= 16
-    nearest[..., 1] += (unwarp_map.fraction >> 5) >= 16
     height, width = unwarp_map.source_shape
-    columns = np.clip(nearest[..., 0], 0, width - 1)
-    rows = np.clip(nearest[..., 1], 0, height - 1)
     unwarped = {}
     for name, values in channels.items():
         if values.shape[:2] != (height, width):
             raise DomainError(
                 f"the map is for channels of {width} x {height} px, not {name} {values.shape}"
             )
-        unwarped[name] = values[rows, columns]
+        pixels = values.reshape(height * width, *values.shape[2:])
+        unwarped[name] = pixels[unwarp_map.nearest]
         unwarped[name][~unwarp_map.valid] = LABEL_CHANNELS[name].nothing
     return unwarped
 

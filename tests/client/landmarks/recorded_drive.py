@@ -1,7 +1,7 @@
 """A drive through the field: what detector and filter computed for it before they were made faster.
 
-Recorded by the plain implementation, with every digit: NumPy's colour index, regions in whole
-images, factors of covariances computed anew at each use. Run as a module, this prints the record of
+Recorded with every digit by the plain implementation: labels of the frame's own pixels, unwarped,
+and the eigenvectors and solvers of LAPACK in the filter. Run as a module, this prints the record of
 the implementation at hand: `python -m client.landmarks.recorded_drive > recorded_drive.json`.
 """
 

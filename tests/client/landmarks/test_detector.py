@@ -31,6 +31,7 @@ from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.radial_camera import Picture
 from client.landmarks import synthetic_frames
 from client.landmarks.ideal_blobs import make_blob
@@ -338,6 +339,25 @@ def test_view_accounts_for_every_blob(classifier) -> None:
         b.num_pixels for b in view.unused_blobs
     )
     assert pixels == sum(blob.num_pixels for blob in view.blobs)
+
+
+@pytest.mark.parametrize("index", range(len(FIELD_POSES)))
+def test_labels_are_those_of_the_nearest_pixels_of_the_frame(classifier, index: int) -> None:
+    camera, frame = synthetic_frames.make_camera(), render_field_frame(index)
+    detector = make_detector(camera, classifier, landmarks=synthetic_frames.FIELD_LANDMARKS)
+    pixel, _ = pixel_from_direction(camera, DEFAULT_CYLINDER.directions())
+    # To the 1/32 px of the map; a point next to the border of two pixels has either label.
+    column, row = np.moveaxis(np.floor(pixel).astype(int), -1, 0)
+    inside = (np.abs(pixel - np.floor(pixel) - 0.5) < 0.5 - 1.0 / 32.0).all(axis=-1)
+    expected = classifier.lookup_table[_index_of(frame[row, column])]
+    found = detect_with_stages(detector, frame).labels
+    assert inside.mean() > 0.8
+    np.testing.assert_array_equal(found[inside], expected[inside])
+
+
+def _index_of(pixels: np.ndarray) -> np.ndarray:
+    red, green, blue = np.moveaxis(pixels.astype(int) >> 3, -1, 0)
+    return (red << 10) + (green << 5) + blue
 
 
 def test_detector_rejects_landmarks_of_equal_colours(classifier) -> None:

@@ -86,6 +86,33 @@ def test_square_root_squares_to_the_covariance_at_any_rank(rank: int) -> None:
     np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-12, atol=1e-18)
 
 
+@pytest.mark.parametrize("rank", [1, 2])
+@pytest.mark.parametrize(("lowest", "valid"), [(-1e-13, True), (-1e-11, False), (-1e-6, False)])
+def test_verdict_is_that_of_the_lowest_eigenvalue(rank: int, lowest: float, valid: bool) -> None:
+    for seed in range(50):
+        rows = np.random.default_rng(seed).normal(size=(3, rank))
+        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+        assert is_covariance(rows @ rows.T + lowest * np.eye(3)) is valid
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-16, 1e-12, 1e-8, 1.0])
+@pytest.mark.parametrize("scale", [1e-290, 1e-9, 1.0, 1e290])
+def test_square_root_is_exact_at_equal_eigenvalues(apart: float, scale: float) -> None:
+    for seed in range(50):
+        turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+        covariance = scale * (turn * (1.0, 1.0 + apart, 0.5)) @ turn.T
+        covariance = 0.5 * covariance + 0.5 * covariance.T
+        root, valid = covariance_square_root(covariance)
+        assert valid
+        np.testing.assert_allclose(root @ root.T, covariance, rtol=0, atol=2e-15 * scale)
+
+
+def test_variance_below_the_normal_floats_counts_as_zero() -> None:
+    root, valid = covariance_square_root(np.array([[5e-324, 0.0], [0.0, 4.0]]))
+    assert valid
+    np.testing.assert_array_equal(root, [[0.0, 0.0], [0.0, 2.0]])
+
+
 def test_belief_keeps_a_read_only_square_root_of_its_covariance() -> None:
     covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.05, -0.002], [0.0, -0.002, 0.001]])
     belief = Belief(np.zeros(3), covariance)

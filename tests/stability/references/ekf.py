@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from mpmath import matrix
+
 from stability.references.exact_filter import correlations, predict_exactly, sigmas, update_exactly
 from stability.references.writing import case, float64_case, refusal, write
 
@@ -146,6 +148,36 @@ PREDICTIONS = {
 }
 
 
+# Entries next to those of singular matrices are exact in binary.
+ROOTS = {
+    "zero": ZERO,
+    "equal eigenvalues": diagonal(1.0, 1.0, 1.0),
+    "eigenvalues equal up to rounding": [
+        [1.0, 2.0**-52, 0.0],
+        [2.0**-52, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ],
+    "rank one": outer(0.25, 0.125, 0.0625),
+    "rank one, with signs": outer(0.25, -0.125, 0.0625),
+    "rank two": [[1.0, 0.5, 0.5], [0.5, 0.5, 0.25], [0.5, 0.25, 0.25]],
+    "two alike, told apart by the third only": [
+        [1.0, 1.0, 0.5],
+        [1.0, 1.0, 0.5 + 2.0**-28],
+        [0.5, 0.5 + 2.0**-28, 1.0],
+    ],
+    "correlations next to one": [
+        [1.0, 1.0 - 2.0**-50, 0.0],
+        [1.0 - 2.0**-50, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ],
+    "a certain first one": diagonal(0.0, 4.0, 0.25),
+    "metres beside nanoradians": [[1e6, 1e-7, 0.0], [1e-7, 1e-18, 0.0], [0.0, 0.0, 1.0]],
+    "of 1e300": some(1e300),
+    "of 1e-300": some(1e-300),
+    "next to the smallest normal float": some(1e-305),
+}
+
+
 def _tolerance(rel: float) -> dict[str, Any]:
     reason = f"rounding of the prior at the posterior's size: {rel:g}"
     return {
@@ -165,6 +197,7 @@ def main() -> None:
     """Write the cases of the group."""
     _write_updates()
     _write_predictions()
+    _write_roots()
     _write_refusals()
 
 
@@ -225,6 +258,20 @@ def _predicted_correlations(**inputs: Any) -> Any:
     return correlations(predict_exactly(**inputs)[1])
 
 
+def _write_roots() -> None:
+    exact = {
+        "root_sigmas": lambda covariance: sigmas(matrix(covariance)),
+        "root_correlations": lambda covariance: correlations(matrix(covariance)),
+    }
+    for formula, function in exact.items():
+        tolerance = _tolerance(1e-15) if formula == "root_sigmas" else _absolute(1e-14)
+        rows = [
+            float64_case(name, {"covariance": P}, exact=function, tolerance=tolerance)
+            for name, P in ROOTS.items()
+        ]
+        write("ekf", formula, rows)
+
+
 NAN, INF = math.nan, math.inf
 NOT_USED = {
     "a range that is not a number": ([2.0, 1.0, NAN, 0.0, 0.04, 0.0, 0.002], "not finite"),
@@ -266,6 +313,10 @@ def _write_refusals() -> None:
         "infinite": (diagonal(1.0, INF, 1.0), "finite"),
         "a negative variance": (diagonal(1.0, -1e-9, 1.0), "negative variance"),
         "indefinite": ([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "negative variance"),
+        "indefinite beside two that are alike": (
+            [[1.0, 1.0, 1e-5], [1.0, 1.0, -1e-5], [1e-5, -1e-5, 1.0]],
+            "negative variance",
+        ),
         "not symmetric": ([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "symmetric"),
         "a tiny indefinite one": (
             [[1e-20, 2e-20, 0.0], [2e-20, 1e-20, 0.0], [0.0, 0.0, 1e-20]],

@@ -39,6 +39,15 @@ def _run_prediction(
     return ekf.predict(belief, Control(v, turn), noise=MotionNoise(*alphas))
 
 
+def _square_root(covariance: Any) -> Belief:
+    """Belief of the square of a covariance's root."""
+    root, valid = ekf.covariance_square_root(np.array(covariance))
+    if not valid:
+        raise Invalid
+    with np.errstate(under="ignore"):
+        return Belief(np.zeros(3), root @ root.T)
+
+
 def _sigmas(belief: Belief) -> Any:
     return np.sqrt(np.diagonal(belief.covariance))
 
@@ -55,6 +64,8 @@ SUBJECTS: dict[str, Subject] = {
     "updated_correlations": lambda **inputs: _correlations(_run_update(**inputs)),
     "predicted_sigmas": lambda **inputs: _sigmas(_run_prediction(**inputs)),
     "predicted_correlations": lambda **inputs: _correlations(_run_prediction(**inputs)),
+    "root_sigmas": lambda covariance: _sigmas(_square_root(covariance)),
+    "root_correlations": lambda covariance: _correlations(_square_root(covariance)),
     "refused": _run_update,
     "predicted": _run_prediction,
     "belief": lambda mean, covariance: Belief(np.array(mean), np.array(covariance)),

@@ -76,7 +76,9 @@ def test_filter_starts_at_the_truth_and_follows_odometry():
     # Odometry has a frame of its own: only its differences count.
     start, end, later = (OdometryPose(x_m, 5.0, 0.0) for x_m in (5.0, 5.3, 5.4))
     begun = localizer.follow(make_frame(1.0), start, start)
-    moved = localizer.follow(make_frame(1.2), end, later)
+    # Grey: a landmark that is seen would correct the odometry.
+    unseen = replace(make_frame(1.2), rgb=np.full_like(make_frame(1.2).rgb, 90))
+    moved = localizer.follow(unseen, end, later)
     assert begun["pose"] == pytest.approx([1.0, 0.0, 0.0])
     # The belief of now; the text is about the exposure.
     assert moved["pose"] == pytest.approx([1.4, 0.0, 0.0])

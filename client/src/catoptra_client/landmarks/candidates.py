@@ -289,10 +289,10 @@ def detection_from_candidate(candidate: Candidate, viewpoint: Viewpoint) -> Dete
     landmark, measurement = candidate.landmark, candidate.measurement
     polar = np.array([measurement.range_m, measurement.azimuth_rad])
     range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
-    variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
-    covariance = (jacobian * variances) @ jacobian.T
+    root = jacobian * (measurement.range_sigma_m, measurement.azimuth_sigma_rad)
+    covariance = root @ root.T
     if not candidate.has_range:
-        range_m, covariance = 0.0, np.diag([0.0, float(covariance[1, 1])])
+        range_m, covariance = 0.0, np.array(((0.0, 0.0), (0.0, covariance[1, 1])))
     covariance.setflags(write=False)
     return Detection(
         landmark.name,

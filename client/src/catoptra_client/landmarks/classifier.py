@@ -222,11 +222,15 @@ def likelihood_ratio_test(
 def label_image(classifier: ColourClassifier, image: UInt8Array) -> UInt8Array:
     """Colour codes (...) of (..., 3) RGB uint8 pixels, by one look-up each.
 
-    0.1 ms for 720 x 180 pixels. Measured in tests/measurements/detection_time.py.
+    0.06 ms for 360 x 360 pixels, half of the time of NumPy's `take`, which converts the numbers
+    first. Measured in tests/measurements/detection_time.py.
     """
-    # take: twice as fast as an index in brackets, for which the numbers are converted first.
-    labels: UInt8Array = classifier.lookup_table.take(colour_index(image))
-    return labels
+    index = colour_index(image)
+    if not index.size:  # OpenCV rejects empty images
+        return np.zeros(index.shape, dtype=np.uint8)
+    # OpenCV's table is for all 16 bits of the index, of which the highest is 0.
+    table = np.concatenate((classifier.lookup_table, classifier.lookup_table))
+    return np.asarray(cv2.LUT(index.reshape(1, -1), table), dtype=np.uint8).reshape(index.shape)
 
 
 def _max_likelihood_index(

@@ -1,6 +1,6 @@
 """Landmark detector: from an omnidirectional frame to detections of goals and beacons.
 
-Frame -> cylinder -> colour codes -> blobs -> candidates -> detections: each step is a function on
+Frame -> colour codes -> cylinder -> blobs -> candidates -> detections: each step is a function on
 frozen data, and `Detector` holds the parts computed once. `detect_with_stages` also returns the
 intermediate results, for display.
 
@@ -38,9 +38,15 @@ from catoptra_client.landmarks.candidates import (
     require_distinct_colours,
 )
 from catoptra_client.landmarks.classifier import ColourClassifier, UInt8Array, label_image
-from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, make_unwarp_map, unwarp
+from catoptra_client.unwarp import (
+    CylinderGeometry,
+    UnwarpMap,
+    make_unwarp_map,
+    unwarp,
+    unwarp_labels,
+)
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import angle_difference, interpolate_angle
+from catoptra_protocol.optics.numerics import interpolate_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 # Sigma across the line of sight, as a fraction of the goal's depth. Over the whole field the errors
@@ -103,7 +109,7 @@ def _make_measurement(
 
 
 # Sigma of a band's centroid, in pixels of the frame. On exact frames the range errors have an rms
-# of 0.4 (to 2 m) to 0.6 (at 3 m) of this sigma; the margin is for lights that differ from those in
+# of 0.5 (to 2 m) to 0.8 (at 3 m) of this sigma; the margin is for lights that differ from those in
 # training. Measured in tests/client/landmarks/test_detector.py.
 _CENTROID_SIGMA_PX = 0.2
 # Above this relative sigma no range is reported: the mean of 1 / y is biased by sigma^2, here 4 %,
@@ -180,24 +186,14 @@ def _is_above(
     view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
 ) -> bool:
     """Whether `upper` stands on `lower` as the upper band does at this range."""
-    if upper.row >= lower.row:
-        return False
-    column_offset = abs(_azimuth_offset(view, lower, upper)) / view.cylinder.azimuth_per_column_rad
     # 0.75: the centre of the upper half of the band.
     expected_row = view.cylinder.row_from_slope(view.drop_m(landmark, 0.75) / front_m)
     row_offset = abs(upper.row - expected_row)
-    widest = max(lower.width, upper.width)
-    return (
-        column_offset <= 0.25 * widest + _EDGE_TOLERANCE_PX
-        and row_offset <= 0.25 * lower.height + _EDGE_TOLERANCE_PX
-    )
-
-
-def _azimuth_offset(view: CylinderView, lower: Blob, upper: Blob) -> float:
-    """Azimuth from the lower to the upper centroid, across the seam too."""
-    return angle_difference(
-        view.azimuth_from_column(upper.column), view.azimuth_from_column(lower.column)
-    )
+    if upper.row >= lower.row or row_offset > 0.25 * lower.height + _EDGE_TOLERANCE_PX:
+        return False
+    # Across the seam too.
+    column_offset = abs(math.remainder(upper.column - lower.column, view.cylinder.columns))
+    return column_offset <= 0.25 * max(lower.width, upper.width) + _EDGE_TOLERANCE_PX
 
 
 def _make_candidate(
@@ -312,20 +308,32 @@ def make_detector(
 
 def detect(detector: Detector, frame: UInt8Array) -> tuple[Detection, ...]:
     """Landmarks in an omnidirectional (h, w, 3) RGB frame."""
-    return detect_with_stages(detector, frame).detections
+    _, blobs = _find_blobs(detector, frame)
+    return _make_detections(detector, select_candidates(detector, blobs))
 
 
 def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages:
     """Landmarks in an omnidirectional (h, w, 3) RGB frame, with all intermediate results."""
-    cylinder = unwarp(frame, detector.unwarp_map)
-    labels = label_image(detector.classifier, cylinder)
-    blobs = blobs_from_labels(labels, min_pixels=MIN_BLOB_PIXELS)
+    labels, blobs = _find_blobs(detector, frame)
     candidates = select_candidates(detector, blobs)
     used = {id(blob) for candidate in candidates for blob in candidate.blobs}
     unused = tuple(blob for blob in blobs if id(blob) not in used)
+    detections = _make_detections(detector, candidates)
+    return DetectionStages(unwarp(frame, detector.unwarp_map), labels, blobs, detections, unused)
+
+
+def _find_blobs(detector: Detector, frame: UInt8Array) -> tuple[UInt8Array, tuple[Blob, ...]]:
+    """Labels of the cylinder, and their blobs."""
+    # The frame's own pixels are classified, as in training: `unwarp` mixes colours. On 60 frames of
+    # the field this finds 8 % more landmarks, far ones, none wrong; the range errors of the others
+    # have an rms of 1.2 %, of colours unwarped first 1.0.
+    labels = unwarp_labels(label_image(detector.classifier, frame), detector.unwarp_map)
+    return labels, blobs_from_labels(labels, min_pixels=MIN_BLOB_PIXELS)
+
+
+def _make_detections(detector: Detector, candidates: Sequence[Candidate]) -> tuple[Detection, ...]:
     viewpoint = detector.view.viewpoint
-    detections = tuple(detection_from_candidate(candidate, viewpoint) for candidate in candidates)
-    return DetectionStages(cylinder, labels, blobs, detections, unused)
+    return tuple(detection_from_candidate(candidate, viewpoint) for candidate in candidates)
 
 
 def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:

@@ -76,8 +76,10 @@ OPEN_GATE = ValidationGate(0.0)
 # Rounding of products leaves eigenvalues of a few eps times the largest. 1e-12 is 4500 eps: far
 # above rounding, and far below any variance that a robot's sensors can resolve.
 _ROUNDING_TOLERANCE = 1e-12
-# Square root of the smallest normal float: smaller sigmas have squares of reduced precision.
-_MIN_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
+_MAX_CORRELATION = 1.0 + _ROUNDING_TOLERANCE
+# The smallest normal float: smaller variances have a reduced precision.
+_MIN_VARIANCE = sys.float_info.min
+_MIN_SIGMA = math.sqrt(_MIN_VARIANCE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +106,7 @@ class Belief:
         covariance = np.array(self.covariance, dtype=np.float64)
         if mean.shape != (3,) or covariance.shape != (3, 3):
             raise DomainError(f"a belief is (3,) and (3, 3), not {mean.shape}, {covariance.shape}")
-        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        if not _all_finite(mean, covariance):
             raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
         # Wrapped here once, so that no consumer of a belief has to consider whole turns.
         mean[2] = wrap_angle(float(mean[2]))
@@ -115,61 +117,68 @@ class Belief:
                 f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
             )
         _set_frozen_array(self, "mean", mean)
-        _set_frozen_array(self, "covariance", _symmetrize(covariance))
+        if covariance.tolist() != covariance.T.tolist():
+            with np.errstate(under="ignore"):  # half of the smallest float is zero
+                covariance = 0.5 * covariance + 0.5 * covariance.T
+        _set_frozen_array(self, "covariance", covariance)
         _set_frozen_array(self, "square_root", root)
+
+
+# Closed forms in Python's floats: matrices of up to three rows take LAPACK five times as long, and
+# over- and underflow need no `errstate` here. Measured in tests/measurements/detection_time.py.
+_PAIRS = ((), (), ((1, 0),), ((1, 0), (2, 0), (2, 1)))
 
 
 def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
     """Square root B (n, n) of a covariance of any rank, B B^T, and whether the matrix is one.
 
-    A finite (n, n) matrix is a covariance if it is symmetric without negative eigenvalues, up to
-    rounding. By the eigenvectors of the correlations: variances in metres do not hide those in
-    radians there, and a Cholesky factor needs full rank, which P = 0 lacks.
+    A finite (n, n) matrix, n <= 3, is a covariance if it is symmetric without negative eigenvalues,
+    up to rounding. By a pivoted Cholesky factor of the correlations: variances in metres do not
+    hide those in radians there, and equal eigenvalues are no special case, as for eigenvectors.
     """
-    sigma, correlation, possible = sigmas_and_correlations(covariance)
+    sigma, correlations, possible = sigmas_and_correlations(covariance)
     if not possible:
-        return np.zeros_like(correlation), False
-    values, vectors = np.linalg.eigh(correlation)
-    with np.errstate(under="ignore"):  # products below 1e-308 are zero
-        # Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
-        root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root, bool(values[0] >= -_ROUNDING_TOLERANCE)
+        return np.zeros_like(covariance), False
+    if len(sigma) == 1:
+        return np.array([sigma]), True
+    s, t, *others = sigma
+    a, *rest = correlations
+    p = (1.0 - a) * (1.0 + a)
+    if not others:
+        return np.array(((s, 0.0), (t * a, t * math.sqrt(max(p, 0.0))))), True
+    (u,), (b, c) = others, rest
+    # The first pivot is 1; it leaves ((p, q), (q, r)), whose negative eigenvalue is up to three
+    # times that of the correlations.
+    q, r = c - a * b, (1.0 - b) * (1.0 + b)
+    valid = 0.5 * (p + r) - math.hypot(0.5 * (p - r), q) >= -3.0 * _ROUNDING_TOLERANCE
+    # The next pivot is the larger one, which bounds |q|: an error of q is not enlarged by 1 / root.
+    # What rounding made negative is a zero of a matrix of lower rank.
+    root = math.sqrt(max(p, r, 0.0))
+    across = max(-root, min(q / root, root)) if root else 0.0
+    last = math.sqrt(max(min(p, r) - across * across, 0.0))
+    (e, f), (g, h) = ((root, 0.0), (across, last)) if p >= r else ((across, last), (root, 0.0))
+    return np.array(((s, 0.0, 0.0), (t * a, t * e, t * f), (u * b, u * g, u * h))), valid
 
 
-def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
-    """Sigmas (n,) and correlations (n, n) of a matrix, and whether the matrix can be a covariance.
+def sigmas_and_correlations(covariance: Floats) -> tuple[list[float], list[float], bool]:
+    """Sigmas (n,) of a matrix, its correlations below the diagonal, and if it can be a covariance.
 
-    The matrix is invalid if a variance is negative, a variance is zero beside a non-zero
-    covariance, a correlation exceeds 1, or the matrix is not symmetric; the correlations are then
-    zero. A sigma below 1.5e-154, whose square is not a normal float, counts as zero.
+    The matrix, n <= 3, is invalid if a variance is negative, a variance is zero beside a non-zero
+    covariance, a correlation exceeds 1, or the matrix is not symmetric. A sigma below 1.5e-154,
+    whose square is not a normal float, counts as zero, and so do its correlations.
     """
-    variances = covariance.diagonal()
-    sigma = np.sqrt(np.maximum(variances, 0.0))
-    certain = sigma < _MIN_SIGMA
-    # Dividing twice instead of by the outer product, which underflows for small sigmas.
-    scale = np.where(certain, _MIN_SIGMA, sigma)
-    with np.errstate(over="ignore", under="ignore"):
-        correlation = covariance / scale / scale[:, None]
-    possible = bool(variances.min() >= 0.0) and _is_correlation_matrix(correlation)
-    if not possible:
-        correlation = np.zeros_like(correlation)
-    elif certain.any():
-        sigma[certain] = 0.0
-        correlation[certain | certain[:, None]] = 0.0
-    return sigma, correlation, possible
-
-
-def _is_correlation_matrix(matrix: Floats) -> bool:
-    """Whether an (n, n) matrix is symmetric with entries up to 1, up to rounding."""
-    if not np.abs(matrix).max() <= 1.0 + _ROUNDING_TOLERANCE:
-        return False
-    return bool(np.abs(matrix - matrix.T).max() <= _ROUNDING_TOLERANCE)
-
-
-def _symmetrize(covariance: Floats) -> Floats:
-    with np.errstate(under="ignore"):  # half of the smallest float is zero
-        symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
-    return symmetric
+    rows = covariance.tolist()
+    variances = [row[i] for i, row in enumerate(rows)]
+    possible = min(variances) >= 0.0
+    sigma = [math.sqrt(v) if v >= _MIN_VARIANCE else 0.0 for v in variances]
+    correlations = []
+    for i, j in _PAIRS[len(rows)]:
+        one, other = sigma[i] or _MIN_SIGMA, sigma[j] or _MIN_SIGMA
+        # Dividing twice instead of by the product, which underflows for small sigmas.
+        lower, upper = rows[i][j] / other / one, rows[j][i] / other / one
+        possible &= abs(lower) <= _MAX_CORRELATION and abs(lower - upper) <= _ROUNDING_TOLERANCE
+        correlations.append(lower if sigma[i] and sigma[j] else 0.0)
+    return sigma, correlations, possible
 
 
 def _set_frozen_array(belief: Belief, name: str, array: Floats) -> None:
@@ -266,7 +275,7 @@ def is_finite(measurement: Measurement) -> bool:
     if isinstance(measurement, BearingOnly):
         return math.isfinite(measurement.bearing_rad) and math.isfinite(measurement.variance_rad2)
     numbers = (measurement.range_m, measurement.bearing_rad)
-    return all(map(math.isfinite, numbers)) and bool(np.isfinite(measurement.covariance).all())
+    return all(map(math.isfinite, numbers)) and _all_finite(measurement.covariance)
 
 
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
@@ -337,7 +346,7 @@ def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         G = jacobian_wrt_pose(belief.mean, control)
         V = jacobian_wrt_control(belief.mean, control)
-        B = np.hstack((G @ belief.square_root, V @ np.sqrt(M)))
+        B = np.concatenate((G @ belief.square_root, V @ np.sqrt(M)), axis=1)
         mean, covariance = propagate_pose(belief.mean, control), B @ B.T
     if not _all_finite(mean, covariance):
         raise DomainError(f"{control} leads beyond float64 from {belief.mean}")
@@ -388,7 +397,8 @@ def _gate_and_correct(
     if not regular:
         return _reject(belief, UpdateStatus.SINGULAR)
     # Whitened by the triangular factor: never negative, unlike a product with an inverse of S.
-    nis = float(np.square(np.linalg.solve(L, innovation)).sum())
+    whitened = _solve_lower(L, innovation)
+    nis = float(whitened @ whitened)
     if not math.isfinite(nis):
         return _reject(belief, UpdateStatus.OVERFLOW)
     if nis > gate.threshold(innovation.size):
@@ -400,13 +410,35 @@ def _gate_and_correct(
 
 
 def _cholesky(S: Floats) -> tuple[Floats, bool]:
-    """Lower Cholesky factor of a symmetric (n, n) matrix, and whether the matrix is regular."""
-    # numpy factors matrices that are singular up to rounding, hence the test of the pivots below.
-    try:
-        L = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    """Lower Cholesky factor of a symmetric (n, n) matrix, n <= 2, and whether it is regular."""
+    (s, *_), *others = S.tolist()
+    root = math.sqrt(max(s, 0.0))
+    if not (root and others):
+        return np.array([[root]]), root > 0.0
+    ((across, last),) = others
+    across /= root
+    pivot = last - across * across
+    if not pivot > _MIN_RELATIVE_PIVOT * last:
         return np.zeros_like(S), False
-    return L, bool((np.square(L.diagonal()) > _MIN_RELATIVE_PIVOT * S.diagonal()).all())
+    return np.array([[root, 0.0], [across, math.sqrt(pivot)]]), True
+
+
+def _solve_lower(L: Floats, right: Floats) -> Floats:
+    """X (n, ...) of L X = right, by forward substitution; L (n, n) is lower triangular, n <= 2."""
+    if len(L) == 1:
+        return np.asarray(right / L[0])
+    (a, _), (b, c) = L.tolist()
+    first = right[0] / a
+    return np.array((first, (right[1] - b * first) / c))
+
+
+def _solve_upper(U: Floats, right: Floats) -> Floats:
+    """X (n, ...) of U X = right, by back substitution; U (n, n) is upper triangular, n <= 2."""
+    if len(U) == 1:
+        return np.asarray(right / U[0])
+    (a, b), (_, c) = U.tolist()
+    last = right[1] / c
+    return np.array(((right[0] - b * last) / a, last))
 
 
 def _correct(
@@ -417,10 +449,10 @@ def _correct(
     R_root: square root of R. L: Cholesky factor of the innovation covariance. B B^T is Joseph's
     form (I - K H) P (I - K H)^T + K R K^T.
     """
-    K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
+    K = _solve_upper(L.T, _solve_lower(L, H @ belief.covariance)).T
     root = belief.square_root
     # Square-root blocks side by side: their product is Joseph's form, and cannot lose symmetry.
-    B = np.hstack((root - K @ (H @ root), K @ R_root))
+    B = np.concatenate((root - K @ (H @ root), K @ R_root), axis=1)
     mean, covariance = belief.mean + K @ innovation, B @ B.T
     if not _all_finite(mean, covariance):
         return belief, False
@@ -428,7 +460,7 @@ def _correct(
 
 
 def _all_finite(*arrays: Floats) -> bool:
-    return all(bool(np.isfinite(array).all()) for array in arrays)
+    return all(all(map(math.isfinite, array.ravel().tolist())) for array in arrays)
 
 
 def _reject(belief: Belief, status: UpdateStatus) -> MeasurementUpdate:

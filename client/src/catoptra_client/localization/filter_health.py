@@ -49,8 +49,9 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     truth = np.asarray(true_pose, dtype=np.float64)
     if truth.shape != (3,) or not np.isfinite(truth).all():
         raise DomainError(f"a true pose (x, y, phi) has three finite numbers: {truth}")
-    sigma, correlation, _ = sigmas_and_correlations(belief.covariance)
-    regular = (sigma > 0.0).all() and np.linalg.eigvalsh(correlation)[0] >= _MIN_EIGENVALUE
+    sigma, (a, b, c), _ = sigmas_and_correlations(belief.covariance)
+    correlation = np.array(((1.0, a, b), (a, 1.0, c), (b, c, 1.0)))
+    regular = min(sigma) > 0.0 and np.linalg.eigvalsh(correlation)[0] >= _MIN_EIGENVALUE
     if not regular:
         return 0.0, False
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
