@@ -13,8 +13,6 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer_kind import AUTO
@@ -67,6 +65,10 @@ class EmbreeRayCaster:
 
     def __init__(self, scene: SceneMesh) -> None:
         """Commit the triangles, unless there are none."""
+        # Loaded where it is needed: see `commands/server.py`.
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
         self._normals = scene.normals
         self._is_empty = len(scene) == 0
         if self._is_empty:  # Embree commits no empty scene

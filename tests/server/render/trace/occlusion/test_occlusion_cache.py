@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.occlusion import occlusion_cache
+from catoptra_server.render.trace.occlusion import baking, occlusion_cache
 from catoptra_server.render.trace.occlusion.occlusion_cache import (
     find_occlusion,
     hash_scene,
@@ -32,7 +32,7 @@ def assert_same(found: OcclusionMap | None, expected: OcclusionMap | None) -> No
 
 
 def forbid_baking(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(occlusion_cache, "bake_occlusion", None)
+    monkeypatch.setattr(baking, "bake_occlusion", None)
 
 
 def test_second_start_reads_the_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,6 @@ import numpy as np
 from catoptra_server import __version__
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
-from catoptra_server.render.trace.occlusion.baking import bake_occlusion
-from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.occlusion_map import BLOCK, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -63,6 +61,10 @@ def find_occlusion(
     cached = None if file is None else _read(file, len(scene))
     if cached is not None:
         return cached
+    # Loaded where it is needed: most starts find a map.
+    from catoptra_server.render.trace.occlusion.baking import bake_occlusion
+    from catoptra_server.render.trace.ray_caster import commit_ray_caster
+
     start = time.perf_counter()
     caster = commit_ray_caster(scene, instruction_set)
     occlusion = bake_occlusion(scene, caster, threads=count_processors())
