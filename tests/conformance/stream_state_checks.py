@@ -288,6 +288,8 @@ def _require_reading(path, time_s: float, location, angles: str) -> None:
         return
     nearest = min(path, key=lambda one: abs(one[0].time_s - time_s))
     if abs(nearest[0].time_s - time_s) > _TICK_S:
+        if time_s < path[-1][0].time_s:
+            return  # between two states of a busy server, whose pose then is not known
         raise CheckFailed(f"a reading of {time_s:g} s in a state of {path[-1][0].time_s:g} s")
     place = pose_from_transform(nearest[1].world_from_robot)
     yaw_rad = vector_from_text(angles)[2]

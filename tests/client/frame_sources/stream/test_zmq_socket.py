@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import pytest
+import zmq
 
 from catoptra_client.frame_sources.stream import zmq_socket
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
@@ -114,4 +115,17 @@ def test_server_when_gone_is_lost_long_before_the_deadline_of_a_message(
     with pytest.raises(ConnectionLostError, match="no stream server"):
         send_repeatedly(socket, deadline_s)
     assert time.monotonic() < deadline_s - 30.0
+    socket.close()
+
+
+def test_message_when_its_connection_ends_at_that_moment_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with serve_stream_script(reply_with_heartbeat) as port:
+        pass
+    socket, answers = StreamSocket("127.0.0.1", port), iter([True, False])
+    socket._socket.set(zmq.SNDTIMEO, 200)  # a send that waits ends with another error
+    monkeypatch.setattr(socket, "_poll", lambda *_: next(answers))
+    with pytest.raises(ConnectionLostError, match="no stream server"):
+        socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
     socket.close()

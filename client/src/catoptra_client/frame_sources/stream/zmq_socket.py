@@ -71,12 +71,16 @@ class StreamSocket:
         """
         lost_at_s = self._silent_since_s + _SERVER_TIMEOUT_S
         until_s = min(deadline_s, lost_at_s) if self._has_received else deadline_s
-        if not self._poll(until_s, zmq.POLLOUT):
-            raise ConnectionLostError(
-                f"no stream server at {self.address}: start catoptra-server, and check --host and "
-                "--stream-port; the next call tries again"
-            )
-        self._socket.send(data)
+        while self._poll(until_s, zmq.POLLOUT):
+            try:
+                self._socket.send(data, zmq.NOBLOCK)
+                return
+            except zmq.Again:
+                pass  # the connection has ended since: a send that waits would wait for ever
+        raise ConnectionLostError(
+            f"no stream server at {self.address}: start catoptra-server, and check --host and "
+            "--stream-port; the next call tries again"
+        )
 
     def receive(self, deadline_s: float) -> list[bytes] | None:
         """Next message; None if none arrives before the deadline.
