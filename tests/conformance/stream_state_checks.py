@@ -210,7 +210,8 @@ def _require_clock(first, later, name: str) -> None:
 def _require_ages(states, frames) -> None:
     """Fail where a frame was exposed and sent at other times than between request and arrival."""
     offset_s = float(np.median([state.time_s - arrived_s for _, arrived_s, state in states]))
-    last_stage_ms = None
+    # The first may repeat a picture of another client, too.
+    last_stage_ms = frames[0][2].stage_ms
     for sent_s, arrived_s, header in frames:
         sending_s = header.time_s + header.age_s
         # A frame shows the world a tick before its exposure.
