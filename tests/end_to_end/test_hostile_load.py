@@ -25,10 +25,11 @@ _FILL = {"resident_mb": 300.0, "descriptors": 600.0, "threads": 16.0}
 # Viewers keep a few per cent of their rate, not yet the half that `make soak` states: a traced
 # frame needs the interpreter 600 times, and so does the attackers' input. Here: they are served.
 _MIN_RATE_FRACTION = 0.01
-# Without an attack; 40 on two idle processors, 5 beside ten busy processes and other tests.
+# Without an attack; 70 to 90 on two idle processors, 17 beside other tests.
 _MIN_CONTROL_HZ = 10.0
-# Other tests take the processors meanwhile: three times the limits of `make soak`.
-_LIMITS = replace(SoakLimits().relax(3.0, fill=_FILL), min_rate_fraction=_MIN_RATE_FRACTION)
+# Other tests take the processors meanwhile: five times the limits of `make soak`. Beside whole runs
+# of other tests 17 to 20 % of the reports were late.
+_LIMITS = replace(SoakLimits().relax(5.0, fill=_FILL), min_rate_fraction=_MIN_RATE_FRACTION)
 
 
 def test_reports_under_attack_are_in_time_and_viewers_are_served(tmp_path: Path) -> None:
