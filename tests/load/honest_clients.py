@@ -86,7 +86,7 @@ async def _run_robot(ports: AttackedPorts, record: HonestRecord) -> None:
     protocol = ControlClient()
     with closing(writer):
         writer.write(protocol.send(Init("USARBot.OmniP2AT", HONEST_ROBOT, start="Centre")))
-        writer.write(protocol.send(Drive(1.0, 0.4)))
+        writer.write(protocol.send(Drive(1.0, -1.0)))
         while data := await reader.read(65536):
             now_s = time.monotonic()
             reports = protocol.receive(data)
@@ -99,7 +99,7 @@ async def _run_stepping_robot(ports: AttackedPorts, record: HonestRecord) -> Non
     protocol = ControlClient()
     with closing(writer):
         writer.write(protocol.send(Init("USARBot.OmniP2AT", HONEST_ROBOT, start="Centre")))
-        writer.write(protocol.send(Drive(1.0, 0.4)) + protocol.send(StepCommand(_STEP_S)))
+        writer.write(protocol.send(Drive(1.0, -1.0)) + protocol.send(StepCommand(_STEP_S)))
         while data := await reader.read(65536):
             if any(isinstance(report, CommandResult) for report in protocol.receive(data)):
                 record.reports_s.append(time.monotonic())

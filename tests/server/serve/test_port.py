@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import resource
 import socket
 from collections.abc import Callable, Iterator
@@ -113,7 +114,12 @@ def open_port(
 
     listener = create_listener(HOST, 0, name="x")
     port = Port(
-        listener, open_connection, name="x", limits=limits or ConnectionLimits(), check=check
+        listener,
+        open_connection,
+        name="x",
+        limits=limits or ConnectionLimits(),
+        first_bytes=re.compile(b"[A-Z]"),
+        check=check,
     )
     try:
         yield port
@@ -156,6 +162,26 @@ async def test_newcomer_with_bytes_passes_a_storm_of_silent_and_closed_connectio
             assert len(port) < 68
         await wait_until(lambda: len(port) == 71, "connections that are still open")
         for client in silent:
+            client.close()
+
+
+async def test_newcomer_passes_a_storm_of_garbage_and_of_peers_that_end_their_direction() -> None:
+    limits = ConnectionLimits(max_connections=300)
+    with open_port(limits) as port:
+        storm = []
+        for number in range(120):
+            client = socket.create_connection((HOST, port.number))
+            client.sendall(b"OK" if number % 2 else b"\xff\0O")
+            if number % 2:
+                client.shutdown(socket.SHUT_WR)
+            storm.append(client)
+        with socket.create_connection((HOST, port.number)) as newcomer:
+            newcomer.sendall(b"INIT")
+            address = "{}:{}".format(*newcomer.getsockname())
+            await wait_until(lambda: any(one.address == address for one in port), "newcomer")
+            # 64 at once, then 20 a second: most of the others are still to come.
+            assert len(port) < 90
+        for client in storm:
             client.close()
 
 

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -38,6 +39,7 @@ def serve(
         port,
         handler,
         name="echo",
+        first_bytes=re.compile(b""),
         limits=ConnectionLimits(**limits),  # type: ignore[arg-type] # an int among them
         end_grace_s=end_grace_s,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
@@ -101,6 +102,7 @@ def serve_control(
         port,
         handle_connection,
         name="control",
+        first_bytes=re.compile(rb"[\t-~]"),
         limits=limits,
         end_grace_s=_END_GRACE_S,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 from contextlib import AbstractAsyncContextManager
 
@@ -82,6 +83,7 @@ def serve_images(
         port,
         handle_connection,
         name="image",
+        first_bytes=re.compile(rb"[OU]"),
         limits=limits,
         end_grace_s=_END_GRACE_S,
     )

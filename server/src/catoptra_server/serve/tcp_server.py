@@ -254,6 +254,7 @@ class TcpServer:
         handler: _ConnectionHandler,
         *,
         name: str,
+        first_bytes: re.Pattern[bytes],
         limits: ConnectionLimits,
         end_grace_s: float,
     ) -> None:
@@ -263,7 +264,14 @@ class TcpServer:
         self._limits = limits
         self._end_grace_s = end_grace_s
         # A closed connection counts until the last bytes are sent.
-        self._port = Port(listener, self._open, name=name, limits=limits, check=self._check)
+        self._port = Port(
+            listener,
+            self._open,
+            name=name,
+            limits=limits,
+            first_bytes=first_bytes,
+            check=self._check,
+        )
 
     @property
     def port(self) -> int:
@@ -342,6 +350,7 @@ async def serve_tcp(
     handler: _ConnectionHandler,
     *,
     name: str,
+    first_bytes: re.Pattern[bytes],
     limits: ConnectionLimits,
     end_grace_s: float,
 ) -> AsyncIterator[TcpServer]:
@@ -355,6 +364,7 @@ async def serve_tcp(
         port: TCP port; 0 = a free one.
         handler: Coroutine of one connection; cancelled when the connection ends.
         name: Name of the port in logs and errors.
+        first_bytes: See `Port`.
         limits: Number of connections, and time-outs.
         end_grace_s: Time of the handler after the peer's last input.
 
@@ -362,7 +372,14 @@ async def serve_tcp(
         OSError: The port is not available; names it.
     """
     listener = create_listener(host, port, name=name)
-    server = TcpServer(listener, handler, name=name, limits=limits, end_grace_s=end_grace_s)
+    server = TcpServer(
+        listener,
+        handler,
+        name=name,
+        first_bytes=first_bytes,
+        limits=limits,
+        end_grace_s=end_grace_s,
+    )
     try:
         yield server
     finally:

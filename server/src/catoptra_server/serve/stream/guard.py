@@ -25,6 +25,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import re
 import select
 import socket
 import struct
@@ -45,6 +46,7 @@ log = logging.getLogger(__name__)
 # The client's socket, and two ends of the local one.
 DESCRIPTORS_PER_CONNECTION = 3
 _GREETING_BYTES = 64
+_SIGNATURE = re.compile(rb"\xff\0{0,7}\Z|\xff\0{7}[\0\1](\x7f|\Z)")
 _LONG, _COMMAND = 2, 4
 _MORE = 1
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
@@ -89,7 +91,9 @@ class ConnectionGuard:
         self._loop = asyncio.get_running_loop()
         self._path = path
         self._limits = limits
-        self._port = Port(listener, self._open, name="stream", limits=limits)
+        self._port = Port(
+            listener, self._open, name="stream", limits=limits, first_bytes=_SIGNATURE
+        )
         self._of_name: dict[bytes | str, GuardedConnection] = {}
         self._check = self._loop.call_later(CHECK_INTERVAL_S, self._check_connections)
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -78,7 +79,14 @@ class WebServer:
         # aiohttp's part: a handler of requests for the protocol, one object a connection.
         self._server = web.Server(self._handle, handler_cancellation=True)
         self._tasks: set[asyncio.Task[None]] = set()
-        self._port = Port(listener, self._open, name="view", limits=limits, check=self._check)
+        self._port = Port(
+            listener,
+            self._open,
+            name="view",
+            limits=limits,
+            first_bytes=re.compile(b"[A-Z]"),
+            check=self._check,
+        )
 
     @property
     def port(self) -> int:
