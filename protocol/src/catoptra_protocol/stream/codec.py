@@ -240,7 +240,12 @@ def pack(kind: str, message: Any) -> bytes:
     Raises:
         LocalProtocolError: A number of the message is not finite.
     """
-    data: bytes = msgpack.packb(fields_from_message(kind, message), default=plain_value)
+    return pack_fields(fields_from_message(kind, message))
+
+
+def pack_fields(fields: FieldMap) -> bytes:
+    """Encode the map of a message."""
+    data: bytes = msgpack.packb(fields, default=plain_value)
     return data
 
 

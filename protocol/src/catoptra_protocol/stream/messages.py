@@ -37,6 +37,15 @@ def bytes_from_message(message: Request | Reply) -> bytes:
     return pack(message.KIND, message)
 
 
+def plain_fields_from_message(message: Request | Reply) -> FieldMap:
+    """Map of a message with all nested values converted, which encoders encode fast.
+
+    Raises:
+        LocalProtocolError: A number of the message is not finite.
+    """
+    return unpack(bytes_from_message(message), MAX_REPLY_BYTES)
+
+
 def request_from_bytes(data: bytes) -> Request:
     """Decode a request of a client.
 

@@ -17,6 +17,7 @@ import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import field, replace
+from typing import Any
 
 import numpy as np
 
@@ -196,7 +197,9 @@ class Frame:
     """Set where the right half of the image shows a difference from a reference."""
     labels: FrameLabels | None = None
     """Labels of the picture, where the channel has any."""
-    # A frozen frame with caches: encodings follow from the image alone.
+    # A frozen frame with caches; encodings follow from the image alone.
+    header: dict[str, Any] = field(default_factory=dict)
+    """Plain fields of the stream's header that all clients have in common, once one was sent."""
     _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
     _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
 

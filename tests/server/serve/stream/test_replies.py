@@ -12,6 +12,7 @@ import pytest
 from catoptra_protocol.camera_conf import any_camera_from_pairs, omni_camera_from_pairs
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.codec import pack_fields
 from catoptra_protocol.stream.messages import (
     bytes_from_message,
     json_from_message,
@@ -359,9 +360,7 @@ async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
 async def test_clients_are_those_between_connection_and_disconnection() -> None:
     context = create_fake_context(FakeSimulation())
     outbox = Outbox(lambda _: SendResult.SENT, on_blocked=lambda: None, on_overflow=lambda: None)
-    first, second = (
-        StreamPeer(outbox, context, address=name, encode=bytes_from_message) for name in "ab"
-    )
+    first, second = (StreamPeer(outbox, context, address=name, encode=pack_fields) for name in "ab")
     assert context.clients == {first, second}
     first.disconnect()
     first.disconnect()

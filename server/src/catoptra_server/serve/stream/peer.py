@@ -30,6 +30,7 @@ from catoptra_protocol.errors import (
     RemoteProtocolError,
 )
 from catoptra_protocol.notes import check_note
+from catoptra_protocol.stream.codec import FieldMap, fields_from_message, pack_fields
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
@@ -89,7 +90,7 @@ _NO_ROBOT = "this client has no robot: spawn one first (a lost connection remove
 # of the loop's time.
 _FLUSH_INTERVAL_S = 0.02
 _FLUSHED_PEERS = 8
-_EncodeReply = Callable[[Reply], bytes]
+_EncodeFields = Callable[[FieldMap], bytes]
 
 
 class StreamPeer:
@@ -102,7 +103,7 @@ class StreamPeer:
         *,
         address: str,
         account: Hashable = None,
-        encode: _EncodeReply,
+        encode: _EncodeFields,
     ) -> None:
         """Begin without a robot.
 
@@ -111,7 +112,7 @@ class StreamPeer:
             account: Pays for frames; None: this client alone.
             outbox: Messages to the client.
             context: What the clients of the server share.
-            encode: Encodes a reply for the client's transport.
+            encode: Encodes the fields of a reply for the client's transport.
         """
         self._loop = asyncio.get_running_loop()
         self.address = address
@@ -262,11 +263,12 @@ class StreamPeer:
 
     def _encode_reply(self, reply: Reply) -> bytes:
         try:
-            return self._encode(reply)
+            return self._encode(fields_from_message(reply.KIND, reply))
         except LocalProtocolError:
             # Contained here, since every reply passes here: the client is told in any case.
             log_fault(log, "a reply of kind %s was not sent", reply.KIND)
-            return self._encode(Error(getattr(reply, "id", 0), INTERNAL_FAULT))
+            error = Error(getattr(reply, "id", 0), INTERNAL_FAULT)
+            return self._encode(fields_from_message(error.KIND, error))
 
 
 class _RequestRefusedError(CatoptraError):
@@ -406,7 +408,7 @@ class StreamServer:
             self._context,
             address=address,
             account=connection.account if connection else None,
-            encode=bytes_from_message,
+            encode=pack_fields,
         )
         if connection is not None:
             connection.has_robot = lambda: peer.robot.has_robot

@@ -22,8 +22,10 @@ from typing import Any
 from aiohttp import WebSocketError, WSMsgType, web
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
-from catoptra_protocol.stream.messages import json_from_message, request_from_json
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.json_object import text_from_json_object
+from catoptra_protocol.stream.codec import FieldMap, plain_value
+from catoptra_protocol.stream.messages import request_from_json
+from catoptra_protocol.stream.replies import Error
 from catoptra_protocol.stream.requests import DriveRequest
 from catoptra_server.frames.encode import Payload
 from catoptra_server.runtime.faults import log_fault
@@ -95,7 +97,7 @@ class PageSocket:
             context,
             address=connection.address,
             account=connection.account,
-            encode=_encode_reply,
+            encode=_encode_fields,
         )
 
     async def serve(self) -> None:
@@ -202,8 +204,8 @@ class PageSocket:
             self._connection.end()
 
 
-def _encode_reply(reply: Reply) -> bytes:
-    return json_from_message(reply).encode()
+def _encode_fields(fields: FieldMap) -> bytes:
+    return text_from_json_object(fields, default=plain_value).encode()
 
 
 class PageWebSocket(web.WebSocketResponse):
