@@ -36,9 +36,10 @@ class AttackedPorts:
     control: int
     image: int
     stream: int
+    page: int
 
     def __iter__(self) -> Iterator[int]:
-        return iter((self.control, self.image, self.stream))
+        return iter((self.control, self.image, self.stream, self.page))
 
 
 def connect(port: int) -> socket.socket:

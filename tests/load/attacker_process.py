@@ -1,7 +1,7 @@
 """All attackers as processes at the lowest priority, on one processor together.
 
-`python -m load.attacker_process CONTROL_PORT IMAGE_PORT STREAM_PORT ATTACK...` attacks until
-standard input closes: no attacker outlives the test that started it.
+`python -m load.attacker_process CONTROL_PORT IMAGE_PORT STREAM_PORT PAGE_PORT ATTACK...` attacks
+until standard input closes: no attacker outlives the test that started it.
 """
 
 from __future__ import annotations
@@ -100,14 +100,14 @@ async def run_attacks(
 
 def main(arguments: Sequence[str]) -> None:
     """Start the attackers, and wait until standard input closes."""
-    ports = AttackedPorts(*map(int, arguments[:3]))
+    ports = AttackedPorts(*map(int, arguments[:4]))
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     # Forked: thirty interpreters would take the processor for seconds before they attack.
     fork = multiprocessing.get_context("fork")
-    for attack in [ATTACKS[name] for name in arguments[3:]]:
+    for attack in [ATTACKS[name] for name in arguments[4:]]:
         fork.Process(target=_repeat_attack, args=(attack, ports), daemon=True).start()
     os.write(1, _STARTED)
     while os.read(0, 1):

@@ -1,6 +1,8 @@
-"""The honest load, on one asyncio loop: a robot that drives and two viewers of its camera.
+"""The honest load, on one asyncio loop: a robot that turns, and clients of its camera.
 
-A viewer requests one frame after the other, as fast as the server replies.
+Two viewers, a collector of labels and a page request one frame after the other, as fast as the
+server replies; newcomers connect to the old ports. The robot turns on the spot: one that drove was
+soon held up by the robots of attackers, and the server had nothing new to draw.
 """
 
 from __future__ import annotations
@@ -10,8 +12,9 @@ import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, cycle
 
+import aiohttp
 import zmq
 import zmq.asyncio
 
@@ -23,9 +26,10 @@ from catoptra_protocol.usarsim.commands import Drive, Init, StepCommand
 from catoptra_protocol.usarsim.control_connection import ControlClient
 from catoptra_protocol.usarsim.image_port import ImageFrameReader, encode_full_frame_request
 from catoptra_protocol.usarsim.reports import CommandResult, VehicleStatus
+from helpers.live_page import PageClient
 from load.attack_tools import HONEST_ROBOT, HOST, AttackedPorts
 
-IMAGE_VIEWER, STREAM_VIEWER = "image port", "stream"
+IMAGE_VIEWER, STREAM_VIEWER, COLLECTOR, PAGE = "image port", "stream", "labels", "page"
 
 _STEP_S = 0.2
 
@@ -37,9 +41,11 @@ class HonestRecord:
     reports_s: list[float] = field(default_factory=list)
     """Ends of sensor cycles: STA in real time, RES of a step under lockstep."""
     frames_s: dict[str, list[float]] = field(
-        default_factory=lambda: {IMAGE_VIEWER: [], STREAM_VIEWER: []}
+        default_factory=lambda: {IMAGE_VIEWER: [], STREAM_VIEWER: [], COLLECTOR: [], PAGE: []}
     )
     """Frames by viewer."""
+    newcomers_s: list[float] = field(default_factory=list)
+    """Times from the connection of a newcomer to its first reply."""
     faults: list[str] = field(default_factory=list)
     """Errors and disconnections, in words."""
 
@@ -59,6 +65,9 @@ async def run_honest_clients(
         _record_faults("robot", run_robot(ports, record), record),
         _record_faults(IMAGE_VIEWER, _run_image_viewer(ports, record), record),
         _record_faults(STREAM_VIEWER, _run_stream_viewer(ports, record), record),
+        _record_faults(COLLECTOR, _run_collector(ports, record), record),
+        _record_faults(PAGE, _run_page(ports, record), record),
+        _record_faults("newcomers", _run_newcomers(ports, record), record),
     )
     tasks = [asyncio.create_task(client) for client in clients]
     try:
@@ -81,7 +90,7 @@ async def _record_faults(
 
 
 async def _run_robot(ports: AttackedPorts, record: HonestRecord) -> None:
-    """Drive in circles, and record each status."""
+    """Turn, and record each status."""
     reader, writer = await asyncio.open_connection(HOST, ports.control)
     protocol = ControlClient()
     with closing(writer):
@@ -118,6 +127,16 @@ async def _run_image_viewer(ports: AttackedPorts, record: HonestRecord) -> None:
 
 
 async def _run_stream_viewer(ports: AttackedPorts, record: HonestRecord) -> None:
+    await _request_frames(ports, record, STREAM_VIEWER, ())
+
+
+async def _run_collector(ports: AttackedPorts, record: HonestRecord) -> None:
+    await _request_frames(ports, record, COLLECTOR, ("range",))
+
+
+async def _request_frames(
+    ports: AttackedPorts, record: HonestRecord, name: str, labels: tuple[str, ...]
+) -> None:
     """Request frames of the robot; an error before its spawn is repeated, a later one a fault."""
     context = zmq.asyncio.Context()
     try:
@@ -125,17 +144,48 @@ async def _run_stream_viewer(ports: AttackedPorts, record: HonestRecord) -> None
             peer.set(zmq.LINGER, 0)
             peer.connect(f"tcp://{HOST}:{ports.stream}")
             for id_ in count(1):
-                request = GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW)
+                request = GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW, channels=labels)
                 await peer.send(bytes_from_message(request))
                 reply = await _receive_frame(peer)
                 if isinstance(reply, FrameHeader):
-                    record.frames_s[STREAM_VIEWER].append(time.monotonic())
-                elif record.frames_s[STREAM_VIEWER]:
+                    record.frames_s[name].append(time.monotonic())
+                elif record.frames_s[name]:
                     raise RemoteProtocolError(reply.reason)
                 else:
                     await asyncio.sleep(0.1)
     finally:
         context.destroy(linger=0)
+
+
+async def _run_page(ports: AttackedPorts, record: HonestRecord) -> None:
+    url = f"http://{HOST}:{ports.page}"
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{url}/socket", origin=url, max_msg_size=0) as websocket,
+    ):
+        page = PageClient(websocket)
+        for id_ in count(1):
+            await page.send(GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.JPEG))
+            reply, _ = await page.receive()
+            if isinstance(reply, FrameHeader):
+                record.frames_s[PAGE].append(time.monotonic())
+            elif record.frames_s[PAGE]:
+                raise RemoteProtocolError(str(reply))
+            else:
+                await asyncio.sleep(0.1)
+
+
+async def _run_newcomers(ports: AttackedPorts, record: HonestRecord) -> None:
+    """Connect to control and image port in turn, once a second, and wait for the first reply."""
+    for port, request in cycle(((ports.control, b"GETSTARTPOSES\r\n"), (ports.image, b"OK"))):
+        begin_s = time.monotonic()
+        reader, writer = await asyncio.open_connection(HOST, port)
+        with closing(writer):
+            writer.write(request)
+            if not await reader.read(1):
+                raise RemoteProtocolError("a newcomer was disconnected")
+        record.newcomers_s.append(time.monotonic() - begin_s)
+        await asyncio.sleep(1.0)
 
 
 async def _receive_frame(peer: zmq.asyncio.Socket) -> FrameHeader | Error:

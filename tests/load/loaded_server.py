@@ -14,6 +14,7 @@ from pathlib import Path
 
 from helpers.configs import ROBOTS
 from helpers.deadline import Deadline
+from helpers.live_page import read_page_link
 from helpers.server_process import RunningServer, start_server
 from load.attack_tools import AttackedPorts
 from load.honest_clients import HonestRecord, run_honest_clients
@@ -31,16 +32,10 @@ class LoadedServer:
     """A server with honest clients, and all that is recorded of both."""
 
     server: RunningServer
+    ports: AttackedPorts
     record: HonestRecord
     samples: list[ProcessSample]
     """Of the server's process, growing."""
-
-    @property
-    def ports(self) -> AttackedPorts:
-        """Ports of the server."""
-        return AttackedPorts(
-            self.server.control_port, self.server.image_port, self.server.stream_port
-        )
 
     @property
     def exit_status(self) -> int | None:
@@ -87,11 +82,12 @@ async def start_loaded_server(
     """
     folder.mkdir(parents=True, exist_ok=True)
     # The server's own default, in place of that of the tests.
-    threads = ("--threads", "0")
-    with start_server(folder, *threads, *arguments, robot=ROBOTS / f"{robot}.ini") as server:
+    options = ("--threads", "0", "--view", "0")
+    with start_server(folder, *options, *arguments, robot=ROBOTS / f"{robot}.ini") as server:
         if max_descriptors:
             _limit_descriptors(server.process, max_descriptors)
-        ports = AttackedPorts(server.control_port, server.image_port, server.stream_port)
+        page_port = int(read_page_link(server).rpartition(":")[2])
+        ports = AttackedPorts(server.control_port, server.image_port, server.stream_port, page_port)
         async with (
             run_honest_clients(ports, has_lockstep="lockstep" in arguments) as record,
             collect_samples(server.process.pid, interval_s=sample_interval_s) as samples,
@@ -102,7 +98,7 @@ async def start_loaded_server(
                 deadline.check()
                 await asyncio.sleep(_POLL_S)
             try:
-                yield LoadedServer(server, record, samples)
+                yield LoadedServer(server, ports, record, samples)
             finally:
                 if server.process.poll() is None:
                     server.process.kill()

@@ -35,6 +35,8 @@ class LoadResult:
     """Longest interval between two reports of the honest robot."""
     rates_hz: dict[str, float]
     """Frames per second of each honest viewer."""
+    newcomer_s: float
+    """Longest time from the connection of a newcomer to its first reply."""
     settled: ProcessSample
     """Means over a tenth of the run, after the first minute."""
     final: ProcessSample
@@ -79,6 +81,7 @@ async def run_load(
         late_fraction=late_fraction(intervals_s, LATE_INTERVAL_S),
         longest_gap_s=max(intervals_s),
         rates_hz={name: phase.rate(at_s) for name, at_s in loaded.record.frames_s.items()},
+        newcomer_s=max(loaded.record.newcomers_s, default=float("inf")),
         settled=_average(samples, settled_phase(phase)),
         final=_average(samples, Phase(phase.end_s - _FINAL_LENGTH * phase.length_s, phase.end_s)),
         stop_s=stop_s,

@@ -19,6 +19,8 @@ class SoakLimits:
     """Longest interval between reports, beyond the control run's."""
     min_rate_fraction: float = 0.5
     """Of the control run's rate, each viewer."""
+    max_newcomer_s: float = 2.0
+    """From the connection of a newcomer to its first reply."""
     max_growth: float = 0.05
     """Of memory, descriptors and threads after the first minute."""
     fill: Mapping[str, float] = field(default_factory=dict)
@@ -32,6 +34,7 @@ class SoakLimits:
             factor * self.max_late_fraction,
             factor * self.max_extra_gap_s,
             self.min_rate_fraction / factor,
+            factor * self.max_newcomer_s,
             factor * self.max_growth,
             fill,
             factor * self.max_stop_s,
@@ -46,6 +49,11 @@ def evaluate_soak(
         _evaluate_attackers(attacked, num_attacks),
         *_evaluate_reports(control, attacked, limits),
         *(_evaluate_rate(control, attacked, limits, viewer) for viewer in control.rates_hz),
+        RequirementResult(
+            f"a newcomer to control or image port has a reply within {limits.max_newcomer_s:g} s",
+            f"longest {attacked.newcomer_s:.2f} s, control {control.newcomer_s:.2f} s",
+            attacked.newcomer_s <= limits.max_newcomer_s,
+        ),
         *(
             _evaluate_growth(attacked, limits, name, unit)
             for name, unit in (("resident_mb", " MB"), ("descriptors", ""), ("threads", ""))

@@ -24,7 +24,7 @@ async def test_attackers_run_at_the_lowest_priority_until_the_end_of_the_block()
 
     async with await asyncio.start_server(count_connection, HOST, 0) as server:
         port = listening_port(server)
-        async with run_attacks(AttackedPorts(port, port, port), _NAMES) as attackers:
+        async with run_attacks(AttackedPorts(port, port, port, port), _NAMES) as attackers:
             assert attackers.measure().num_processes == len(_NAMES)
             assert os.getpriority(os.PRIO_PGRP, attackers.group) == 19
             assert len(os.sched_getaffinity(attackers.group)) == 1
@@ -43,5 +43,5 @@ def has_processes(attackers: RunningAttackers) -> bool:
 
 async def test_attack_with_an_unknown_name_fails_at_the_start() -> None:
     with pytest.raises(AssertionError, match="did not start"):
-        async with run_attacks(AttackedPorts(1, 1, 1), ("no_attack",)):
+        async with run_attacks(AttackedPorts(1, 1, 1, 1), ("no_attack",)):
             pass

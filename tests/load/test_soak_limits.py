@@ -17,6 +17,7 @@ UNDISTURBED = LoadResult(
     late_fraction=0.0,
     longest_gap_s=0.22,
     rates_hz={"image port": 20.0, "stream": 18.0},
+    newcomer_s=0.2,
     settled=_SAMPLE,
     final=_SAMPLE,
     stop_s=0.2,
