@@ -114,7 +114,7 @@ def test_file_when_it_exists_is_found_beside_the_ini(tmp_path: Path) -> None:
     assert make_section('K="a b\\x.png"').get_path("K", tmp_path) == tmp_path / "a b" / "x.png"
 
 
-@pytest.mark.parametrize("name", ["missing.png", ".", "a\0b"])
+@pytest.mark.parametrize("name", ["missing.png", ".", "a\0b", "a\0b/c", "x" * 300])
 def test_file_when_absent_is_rejected_with_its_line(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*a file that exists"):
         make_section(f"K={name}").get_path("K", tmp_path)

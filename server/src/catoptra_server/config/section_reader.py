@@ -11,6 +11,7 @@ UnrealScript. Names that clients receive are words of the control protocol.
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -194,7 +195,8 @@ class SectionReader:
         # UT2004's files are written on Windows.
         text = text.replace("\\", "/")
         path = folder / text
-        if path.is_file():
+        # Unlike Path.is_file false, not an error, for a name longer than the system's names.
+        if os.path.isfile(path):
             return path
         found = find_bundled_file(bundled, text) if bundled else None
         if found is None:
