@@ -298,7 +298,7 @@ def test_section_is_used_once_a_key_is_read_and_not_by_a_look() -> None:
 )
 def test_key_when_missing_names_the_misspelt_unread_one(key: str, hint: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        make_section("Radius=1").get_float(key)
+        make_section("Radius=1", "WheelBases=2", "-WheelBases=2").get_float(key)
     assert caught.value.expected == f"a number; it is missing{hint}"
 
 

@@ -126,7 +126,8 @@ class SectionReader:
         return [*own, *(name for struct in structs for name in struct.unknown_names(section))]
 
     def _unused_keys(self) -> list[str]:
-        return [key for key in self._entries if key not in self._used_keys]
+        # A key whose lines were all removed has none left to name.
+        return [key for key, lines in self._entries.items() if lines and key not in self._used_keys]
 
     def _use(self, key: str) -> _EntryList:
         """Entries of a key, which counts as read; empty for a missing one."""
