@@ -20,11 +20,16 @@ import numpy as np
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.exports import EXPORTS
 from catoptra_protocol.calibration.ray_table import bytes_from_ray_table, make_ray_table
-from catoptra_protocol.camera_conf import any_camera_from_pairs, pairs_from_omni_camera
+from catoptra_protocol.camera_conf import (
+    any_camera_from_pairs,
+    pairs_from_omni_camera,
+    pairs_from_perspective_camera,
+)
 from catoptra_protocol.errors import CatoptraError, ConfigError, RemoteProtocolError
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Pairs, parse_message
 from catoptra_server.config.camera_file import (
     CameraFile,
     carry_camera,
@@ -44,13 +49,35 @@ _ODD_NUMBERS = (
     *(b"179.999", b"360", b"4096", b"65536", b"-90", b"0x10", b"1_0", b"[1,[2]]"),
 )
 
+# Sections of the lenses and mirrors that no bundled camera has, in files as below.
+_FURTHER_SECTIONS = {
+    "Enhanced": "Lens=enhanced_unified\nAlpha=0.6\nBeta=1.1\nFieldOfView=180",
+    "FTheta": "Lens=f_theta\nK1=1.0\nK2=-0.02\nFieldOfView=180",
+    "LensTable": "Lens=radial_table\nAngles=0,30,60,90\nRadii=0,0.5,1,1.4\nFieldOfView=170",
+    "ProfileMirror": "Radii=0,10,20,30,40\nSags=5.0,5.8,8.2,12.2,17.8\nVertexDistance=200\n"
+    "MetresPerUnit=0.001\nRimAngle=70",
+    "RadialTableMirror": "Angles=0,30,60,90\nRadii=0,0.1,0.15,0.18\nVertexDistance=0.2\n"
+    "RimAngle=90",
+}
+_CAMERA_FILE = """[Camera]
+ItemClass=Catoptra.{0}
+Title="Title"
+Source="Source"
+Licence="Licence"
+[Catoptra.{0}]
+{1}
+"""
+
 
 def calibration_targets() -> list[FuzzTarget]:
     """The parsers."""
-    files = read_camera_files([path.stem for path in sorted(CAMERAS.glob("*.ini"))])
     folder = tempfile.TemporaryDirectory(prefix="fuzz")
     atexit.register(folder.cleanup)
     scratch = Path(folder.name)
+    for name, lines in _FURTHER_SECTIONS.items():
+        (scratch / f"{name}.ini").write_text(_CAMERA_FILE.format(name, lines))
+    paths = sorted((*CAMERAS.glob("*.ini"), *scratch.glob("*.ini")))
+    files = read_camera_files([str(path) for path in paths])
     cameras = {one.name: _read_camera(one, scratch) for one in files}
     texts = tuple(one.path.read_bytes() for one in files)
     table = bytes_from_ray_table(make_ray_table(cameras["equidistant_185"]), law="fuzz")
@@ -98,14 +125,13 @@ def _calibration_seeds(cameras: dict[str, OmniCamera]) -> dict[str, tuple[bytes,
 
 
 def _conf_seeds(cameras: dict[str, OmniCamera]) -> tuple[bytes, ...]:
-    """A CONF line of every camera."""
-    lines = []
-    for camera in cameras.values():
-        blocks = "".join(
-            f" {{{name} {value}}}" for name, value in pairs_from_omni_camera(camera, 1.0)
-        )
-        lines.append(f"CONF {{Type Camera}}{blocks}".encode())
-    return tuple(lines)
+    """A CONF line of every camera, and of an ordinary one."""
+    described: list[Pairs] = [pairs_from_omni_camera(one, 1.0) for one in cameras.values()]
+    described.append(pairs_from_perspective_camera(PerspectiveCamera(64, 48, 1.0)))
+    return tuple(
+        ("CONF {Type Camera}" + "".join(f" {{{name} {value}}}" for name, value in pairs)).encode()
+        for pairs in described
+    )
 
 
 def _make_file_feeder(file: Path) -> FeedInput:
