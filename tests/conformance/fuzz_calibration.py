@@ -8,9 +8,11 @@ accepted computes a direction for a pixel.
 from __future__ import annotations
 
 import atexit
+import io
 import random
 import re
 import tempfile
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,8 +41,8 @@ from catoptra_server.config.camera_file import (
 from conformance.fuzz_target import FeedInput, FuzzTarget, mutate
 from helpers.configs import CAMERAS
 
-# A fit of a polynomial takes milliseconds, a ray table ten.
-_FILE_PERIOD, _TABLE_PERIOD = 20, 200
+# A fit of a polynomial takes milliseconds, a ray table five, a camera's robot ten.
+_FILE_PERIOD, _CAMERA_PERIOD, _TABLE_PERIOD = 40, 80, 100
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 # Finite ones at the ends of what a double can be, and what is no number.
 _ODD_NUMBERS = (
@@ -88,9 +90,9 @@ def calibration_targets() -> list[FuzzTarget]:
             for name, seeds in _calibration_seeds(cameras).items()
         ),
         FuzzTarget(
-            "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _FILE_PERIOD
+            "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _CAMERA_PERIOD
         ),
-        FuzzTarget("ray table", feed_file, (table,), period=_TABLE_PERIOD),
+        FuzzTarget("ray table", feed_file, (table,), mutate_table, _TABLE_PERIOD),
         FuzzTarget("CONF of a camera", _feed_conf, _conf_seeds(cameras), mutate_numbers, 3),
     ]
 
@@ -105,6 +107,25 @@ def mutate_numbers(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
         if found is not None:
             data = data[: found.start()] + rng.choice(_ODD_NUMBERS) + data[found.end() :]
     return data
+
+
+def mutate_table(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """Ray table of which one array is missing or changed, its checksum right; or other changes."""
+    if rng.random() < 0.25:
+        return mutate(rng, seeds)
+    with zipfile.ZipFile(io.BytesIO(rng.choice(seeds))) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    changed = rng.choice([*members])
+    data = members.pop(changed)
+    if rng.random() < 0.75:
+        # Mostly the header: its length is 128 bytes.
+        kept = rng.choice((128, len(data)))
+        members[changed] = mutate(rng, [data[:kept]]) + data[kept:]
+    table = io.BytesIO()
+    with zipfile.ZipFile(table, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return table.getvalue()
 
 
 def _read_camera(file: CameraFile, folder: Path) -> OmniCamera:

@@ -19,6 +19,8 @@ def test_fuzz_when_repeated_feeds_the_same() -> None:
     tallies = []
     for _ in range(2):
         targets = all_targets()
+        for one in targets:
+            one.period = min(one.period, 10)  # so that each has an input that it accepts
         fuzz(targets, 6000, 7, lambda done: None)
         tallies.append([(one.name, one.num_accepted, one.num_rejected) for one in targets])
     assert tallies[0] == tallies[1]
