@@ -8,9 +8,11 @@ accepted computes a direction for a pixel.
 from __future__ import annotations
 
 import atexit
+import io
 import random
 import re
 import tempfile
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +22,16 @@ import numpy as np
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.exports import EXPORTS
 from catoptra_protocol.calibration.ray_table import bytes_from_ray_table, make_ray_table
-from catoptra_protocol.camera_conf import any_camera_from_pairs, pairs_from_omni_camera
+from catoptra_protocol.camera_conf import (
+    any_camera_from_pairs,
+    pairs_from_omni_camera,
+    pairs_from_perspective_camera,
+)
 from catoptra_protocol.errors import CatoptraError, ConfigError, RemoteProtocolError
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Pairs, parse_message
 from catoptra_server.config.camera_file import (
     CameraFile,
     carry_camera,
@@ -34,8 +41,8 @@ from catoptra_server.config.camera_file import (
 from conformance.fuzz_target import FeedInput, FuzzTarget, mutate
 from helpers.configs import CAMERAS
 
-# A fit of a polynomial takes milliseconds, a ray table ten.
-_FILE_PERIOD, _TABLE_PERIOD = 20, 200
+# A fit of a polynomial takes milliseconds, a ray table five, a camera's robot ten.
+_FILE_PERIOD, _CAMERA_PERIOD, _TABLE_PERIOD = 40, 80, 100
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 # Finite ones at the ends of what a double can be, and what is no number.
 _ODD_NUMBERS = (
@@ -44,13 +51,35 @@ _ODD_NUMBERS = (
     *(b"179.999", b"360", b"4096", b"65536", b"-90", b"0x10", b"1_0", b"[1,[2]]"),
 )
 
+# Sections of the lenses and mirrors that no bundled camera has, in files as below.
+_FURTHER_SECTIONS = {
+    "Enhanced": "Lens=enhanced_unified\nAlpha=0.6\nBeta=1.1\nFieldOfView=180",
+    "FTheta": "Lens=f_theta\nK1=1.0\nK2=-0.02\nFieldOfView=180",
+    "LensTable": "Lens=radial_table\nAngles=0,30,60,90\nRadii=0,0.5,1,1.4\nFieldOfView=170",
+    "ProfileMirror": "Radii=0,10,20,30,40\nSags=5.0,5.8,8.2,12.2,17.8\nVertexDistance=200\n"
+    "MetresPerUnit=0.001\nRimAngle=70",
+    "RadialTableMirror": "Angles=0,30,60,90\nRadii=0,0.1,0.15,0.18\nVertexDistance=0.2\n"
+    "RimAngle=90",
+}
+_CAMERA_FILE = """[Camera]
+ItemClass=Catoptra.{0}
+Title="Title"
+Source="Source"
+Licence="Licence"
+[Catoptra.{0}]
+{1}
+"""
+
 
 def calibration_targets() -> list[FuzzTarget]:
     """The parsers."""
-    files = read_camera_files([path.stem for path in sorted(CAMERAS.glob("*.ini"))])
     folder = tempfile.TemporaryDirectory(prefix="fuzz")
     atexit.register(folder.cleanup)
     scratch = Path(folder.name)
+    for name, lines in _FURTHER_SECTIONS.items():
+        (scratch / f"{name}.ini").write_text(_CAMERA_FILE.format(name, lines))
+    paths = sorted((*CAMERAS.glob("*.ini"), *scratch.glob("*.ini")))
+    files = read_camera_files([str(path) for path in paths])
     cameras = {one.name: _read_camera(one, scratch) for one in files}
     texts = tuple(one.path.read_bytes() for one in files)
     table = bytes_from_ray_table(make_ray_table(cameras["equidistant_185"]), law="fuzz")
@@ -61,9 +90,9 @@ def calibration_targets() -> list[FuzzTarget]:
             for name, seeds in _calibration_seeds(cameras).items()
         ),
         FuzzTarget(
-            "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _FILE_PERIOD
+            "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _CAMERA_PERIOD
         ),
-        FuzzTarget("ray table", feed_file, (table,), period=_TABLE_PERIOD),
+        FuzzTarget("ray table", feed_file, (table,), mutate_table, _TABLE_PERIOD),
         FuzzTarget("CONF of a camera", _feed_conf, _conf_seeds(cameras), mutate_numbers, 3),
     ]
 
@@ -78,6 +107,25 @@ def mutate_numbers(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
         if found is not None:
             data = data[: found.start()] + rng.choice(_ODD_NUMBERS) + data[found.end() :]
     return data
+
+
+def mutate_table(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """Ray table of which one array is missing or changed, its checksum right; or other changes."""
+    if rng.random() < 0.25:
+        return mutate(rng, seeds)
+    with zipfile.ZipFile(io.BytesIO(rng.choice(seeds))) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    changed = rng.choice([*members])
+    data = members.pop(changed)
+    if rng.random() < 0.75:
+        # Mostly the header: its length is 128 bytes.
+        kept = rng.choice((128, len(data)))
+        members[changed] = mutate(rng, [data[:kept]]) + data[kept:]
+    table = io.BytesIO()
+    with zipfile.ZipFile(table, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return table.getvalue()
 
 
 def _read_camera(file: CameraFile, folder: Path) -> OmniCamera:
@@ -98,14 +146,13 @@ def _calibration_seeds(cameras: dict[str, OmniCamera]) -> dict[str, tuple[bytes,
 
 
 def _conf_seeds(cameras: dict[str, OmniCamera]) -> tuple[bytes, ...]:
-    """A CONF line of every camera."""
-    lines = []
-    for camera in cameras.values():
-        blocks = "".join(
-            f" {{{name} {value}}}" for name, value in pairs_from_omni_camera(camera, 1.0)
-        )
-        lines.append(f"CONF {{Type Camera}}{blocks}".encode())
-    return tuple(lines)
+    """A CONF line of every camera, and of an ordinary one."""
+    described: list[Pairs] = [pairs_from_omni_camera(one, 1.0) for one in cameras.values()]
+    described.append(pairs_from_perspective_camera(PerspectiveCamera(64, 48, 1.0)))
+    return tuple(
+        ("CONF {Type Camera}" + "".join(f" {{{name} {value}}}" for name, value in pairs)).encode()
+        for pairs in described
+    )
 
 
 def _make_file_feeder(file: Path) -> FeedInput:

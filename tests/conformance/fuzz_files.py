@@ -25,7 +25,7 @@ from conformance.fuzz_target import FeedInput, FuzzTarget, check
 from helpers.configs import REPOSITORY, ROBOTS, WORLDS
 
 # A robot file takes milliseconds, other inputs microseconds.
-_FILE_PERIOD = 10
+_FILE_PERIOD = 20
 _STRUCTS = (
     b"(ItemClass=class'USARSensor.SICK',ItemName=\"lms200\",Position=(X=0.2,Y=0.0,Z=-0.2))",
     b'(A=1,B=(X=0,Y=(Z="(")),C=)\'was y=-1.2',

@@ -1,4 +1,4 @@
-"""Fuzz targets of the ZeroMQ stream: both directions, and the frames that a client decodes."""
+"""Fuzz targets of the stream, ZeroMQ's and a page's: both directions, frames and their labels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ import numpy as np
 from catoptra_client.frame import rgb_from_image_bytes
 from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
-from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.errors import DomainError, LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, unpack
 from catoptra_protocol.stream.messages import (
     bytes_from_message,
@@ -29,6 +30,7 @@ from catoptra_protocol.stream.messages import (
 )
 from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_server.serve.web.page_socket import MaskCheck
 from conformance.fuzz_target import DATA, FeedInput, FuzzTarget, check, mutate
 
 _HYPERBOLIC_CONF = (
@@ -53,6 +55,7 @@ def stream_targets() -> list[FuzzTarget]:
     frames = tuple(
         _frame_seeds(*(_read_vector(f"frame{suffix}") for suffix in ("", "_with_labels")))
     )
+    channels = b",".join(name.encode() for name in LABEL_CHANNELS)
     images = tuple(_encoded_images().values())
     return [
         FuzzTarget("unpack", _feed_msgpack, (*requests, *replies), mutate_message),
@@ -61,6 +64,9 @@ def stream_targets() -> list[FuzzTarget]:
         FuzzTarget("request_from_json", _feed_json_request, requests, mutate_json_message),
         FuzzTarget("reply_from_json", _feed_json_reply, replies, mutate_json_message),
         FuzzTarget("frame_from_parts", _make_frame_feeder(), frames),
+        FuzzTarget("labels of a frame", _make_frame_feeder(), frames[-1:], mutate_labels),
+        FuzzTarget("parse_channels", _feed_channels, (b"range", channels)),
+        FuzzTarget("MaskCheck", _feed_masked, tuple(map(_page_message, requests))),
         FuzzTarget("rgb_from_image_bytes", _feed_image, images, period=5),
         FuzzTarget("omni_camera_from_pairs", _feed_camera, (_HYPERBOLIC_CONF, _PARABOLIC_CONF)),
     ]
@@ -109,6 +115,25 @@ def _mutate_fields(rng: random.Random, seeds: Sequence[bytes]) -> dict[str, Any]
         case _:
             target[rng.choice(list(target))] = rng.choice(_ODD_VALUES)
     return fields
+
+
+def mutate_labels(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """Frame with one value changed or missing anywhere in its labels, or with changed bytes."""
+    data = rng.choice(seeds)
+    end = 2 + int.from_bytes(data[:2])
+    if rng.random() < 0.25:
+        return data[:end] + mutate(rng, [data[end:]])
+    fields = msgpack.unpackb(data[2:end])
+    inner, key = fields, "labels"
+    while isinstance(inner[key], dict | list) and inner[key] and rng.random() < 0.9:
+        inner = inner[key]
+        key = rng.choice(list(inner) if isinstance(inner, dict) else range(len(inner)))
+    if rng.random() < 0.25:
+        del inner[key]
+    else:
+        inner[key] = rng.choice(_ODD_VALUES)
+    header = msgpack.packb(fields)
+    return len(header).to_bytes(2) + header + data[end:]
 
 
 def _fields_from_vector(data: bytes) -> dict[str, Any]:
@@ -169,6 +194,29 @@ def _feed_json_reply(data: bytes) -> bool:
     return reply is not None
 
 
+def _page_message(request: bytes) -> bytes:
+    """WebSocket frame of a request, masked with zeros (RFC 6455 5.2)."""
+    text = json.dumps(_fields_from_vector(request), default=repr).encode()
+    return b"\x81\xfe" + len(text).to_bytes(2) + bytes(4) + text
+
+
+def _feed_masked(data: bytes) -> bool:
+    """Check the masks of frames, whole and byte by byte."""
+    whole, piecewise = MaskCheck(), MaskCheck()
+    is_masked = whole.feed(data)
+    again = all(piecewise.feed(data[index : index + 1]) for index in range(len(data)))
+    check(is_masked == again, "a mask that depends on the reads")
+    check(len(whole._head) <= 14, "more than the head of a frame is buffered")
+    return is_masked
+
+
+def _feed_channels(data: bytes) -> bool:
+    try:
+        return bool(parse_channels(tuple(data.decode("latin-1").split(","))))
+    except DomainError:
+        return False
+
+
 def _make_frame_feeder() -> FeedInput:
     """Feeder of a header and an image, with one camera cache for all frames as in a client."""
     camera_cache = CameraModelCache()
@@ -186,6 +234,10 @@ def _make_frame_feeder() -> FeedInput:
         # The picture and its difference from a reference share an image.
         width_px = header.width_px // (1 if header.difference is None else 2)
         check(frame.rgb.shape == (header.height_px, width_px, 3), "another size")
+        for channel in (frame.labels.truth.channels if frame.labels else {}).values():
+            check(
+                channel.shape[:2] == (header.height_px, header.width_px), "labels of another size"
+            )
         return True
 
     return feed
@@ -201,7 +253,9 @@ def _split_parts(header: FrameHeader, data: bytes) -> list[bytes]:
 def _frame_seeds(header: bytes, labelled_header: bytes) -> list[bytes]:
     """A frame of each encoding: length of the header, the header, the image; one with labels."""
     seeds = []
-    channels = {"range": np.ones((6, 8), "<f4").tobytes(), "ids": zlib.compress(bytes(96))}
+    # Every other channel is compressed.
+    arrays = [np.ones(one.shape(6, 8), one.dtype).tobytes() for one in LABEL_CHANNELS.values()]
+    parts = [zlib.compress(array) if odd % 2 else array for odd, array in enumerate(arrays)]
     camera_model = dict(parse_message(_PARABOLIC_CONF.decode()).pairs[2:])
     for encoding, image in _encoded_images().items():
         fields = msgpack.unpackb(header)
@@ -210,10 +264,15 @@ def _frame_seeds(header: bytes, labelled_header: bytes) -> list[bytes]:
         data = msgpack.packb(fields)
         seeds.append(len(data).to_bytes(2) + data + image)
     fields |= {"labels": msgpack.unpackb(labelled_header)["labels"]}
-    for record in fields["labels"]["channels"]:
-        record["num_bytes"] = len(channels[record["name"]])
+    fields["labels"]["channels"] = [
+        {
+            **{"name": one.name, "dtype": one.dtype, "depth": one.depth, "num_bytes": len(part)},
+            "encoding": "zlib" if odd % 2 else "raw",
+        }
+        for odd, (one, part) in enumerate(zip(LABEL_CHANNELS.values(), parts, strict=True))
+    ]
     data = msgpack.packb(fields)
-    return [*seeds, len(data).to_bytes(2) + data + image + b"".join(channels.values())]
+    return [*seeds, len(data).to_bytes(2) + data + image + b"".join(parts)]
 
 
 def _encoded_images() -> dict[str, bytes]:

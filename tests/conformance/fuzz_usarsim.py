@@ -1,4 +1,4 @@
-"""Fuzz targets of the control port and the image port, both directions."""
+"""Fuzz targets of the control port and the image port, both directions; HTTP requests to them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,22 @@ from catoptra_protocol.usarsim.image_port import (
     parse_raw_size,
 )
 from catoptra_protocol.usarsim.reports import Greeting, line_from_report, report_from_message
+from catoptra_server.serve.tcp_server import TcpConnection
 from conformance.fuzz_target import FeedInput, FuzzTarget, check, load_seed_corpus
 
 # Small, so that random lengths fall on both sides.
 _MAX_PAYLOAD_BYTES = 4096
 # The start of a JPEG: APP0, quantisation, and the frame's 32 x 16 px.
 _JPEG = bytes.fromhex("ffd8 ffe00004aabb ffdb0003 00 ffc00011 08 0010 0020 03011100021101031101")
+
+# As a web page makes a browser send them: to other addresses, with a body of its choice.
+_HTTP_HEAD = b"HTTP/1.1\r\nHost: 127.0.0.1:3000\r\nOrigin: http://x\r\nContent-Length: 40\r\n\r\n"
+_HTTP_REQUESTS = (
+    b"GET / HTTP/1.0\r\n\r\n",
+    b"OPTIONS * " + _HTTP_HEAD,
+    b"POST /x " + _HTTP_HEAD + b"INIT {ClassName USARBot.P2AT}\r\nDRIVE {Left 1.0}\r\n",
+    b"PUT /" + b"x" * 99 + b" " + _HTTP_HEAD + b"OKU\0\0\0\0\0\0\0\0\0\0\0\1\0\0\0\1",
+)
 
 
 def usarsim_targets() -> list[FuzzTarget]:
@@ -36,6 +46,7 @@ def usarsim_targets() -> list[FuzzTarget]:
         FuzzTarget(
             "ImageRequestReader", _make_image_request_feeder(), load_seed_corpus("image_requests")
         ),
+        FuzzTarget("HTTP to both ports", _make_http_feeder(), _HTTP_REQUESTS),
         FuzzTarget("ImageFrameReader", _feed_image_frames, frames),
         FuzzTarget("parse_jpeg_size", _feed_jpeg, (_JPEG,)),
         FuzzTarget("parse_raw_size", _feed_raw, (bytes.fromhex("0004 0002") + bytes(24),)),
@@ -114,6 +125,27 @@ def _make_image_request_feeder() -> FeedInput:
         requests = reader.receive(data)
         check(len(reader._pending) <= 16, "more than a request is buffered")
         return bool(requests)
+
+    return feed
+
+
+def _make_http_feeder() -> FeedInput:
+    """Feeder of both ports' parsers, then of the check of a first line, in pieces."""
+    parsers = _make_server_feeder(), _make_image_request_feeder()
+
+    def feed(data: bytes) -> bool:
+        for parser in parsers:
+            parser(data)
+        connection = TcpConnection("fuzz", on_lost=lambda _: None)
+        for begin in range(0, len(data), 50):
+            connection._ahead.append(data[begin : begin + 50])
+            try:
+                connection.read().send(None)
+            except StopIteration:  # read, without a wait
+                check(len(connection._first_line or b"") <= 64, "a long line is buffered")
+            except ConnectionError:
+                return False
+        return True
 
     return feed
 

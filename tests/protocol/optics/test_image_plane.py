@@ -118,7 +118,15 @@ def test_flipped_camera_has_the_columns_reversed(picture: Picture) -> None:
     assert camera.with_picture(other).with_picture(picture) == camera
 
 
-@pytest.mark.parametrize("stretch", [(1.0, 0.0, 0.0, -1.0), (1.0, 1.0, 1.0, 1.0), (math.nan,) * 4])
+@pytest.mark.parametrize(
+    "stretch",
+    [
+        (1.0, 0.0, 0.0, -1.0),
+        (1.0, 1.0, 1.0, 1.0),
+        (math.nan,) * 4,
+        (1.0, 10.0, -1e308, 1.0),
+    ],
+)
 def test_plane_that_turns_round_or_collapses_is_rejected(
     stretch: tuple[float, float, float, float],
 ) -> None:

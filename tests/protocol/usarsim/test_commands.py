@@ -244,6 +244,11 @@ WRITTEN_AND_READ: list[tuple[Command, str]] = [
 ]
 
 
+def test_params_when_they_have_control_characters_have_question_marks() -> None:
+    command = SetCommand("INS", params="1,?2")
+    assert read("SET {Type INS} {Params 1,\x9c2}") == command
+
+
 @pytest.mark.parametrize(
     ("command", "line"), WRITTEN_AND_READ, ids=[line for _, line in WRITTEN_AND_READ]
 )

@@ -17,13 +17,14 @@ MESSAGE = parse_message("X {Text abc} {Number -1.9} {On 1} {Place 1, 2,3} {Wrong
 def test_fields_when_missing_are_none() -> None:
     readers = (
         fields.read_name,
+        fields.read_text,
         fields.read_number,
         fields.read_set_point,
         fields.read_integer,
         fields.read_boolean,
         fields.read_vector,
     )
-    assert [reader(MESSAGE, "Missing") for reader in readers] == [None] * 6
+    assert [reader(MESSAGE, "Missing") for reader in readers] == [None] * 7
 
 
 def test_fields_when_present_are_read() -> None:

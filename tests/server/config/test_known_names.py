@@ -49,9 +49,10 @@ def test_name_when_a_file_of_that_name_is_here_is_that_file(
     assert find_configuration("robots", "p2at_omni") == Path("p2at_omni")
 
 
-def test_name_when_unknown_lists_the_bundled_ones() -> None:
+@pytest.mark.parametrize("name", ["p2atomni", "x" * 300, "a\0b"])
+def test_name_when_unknown_lists_the_bundled_ones(name: str) -> None:
     with pytest.raises(ConfigError, match=r"bundled robots: .*p2at_omni,"):
-        find_configuration("robots", "p2atomni")
+        find_configuration("robots", name)
 
 
 WHERE = SourceLocation("robot.ini", 7)

@@ -269,6 +269,11 @@ def test_mirror_without_a_viewpoint_is_read(
 
 BAD_WITHOUT_VIEWPOINT = [
     (
+        "ProfileMirror",
+        ("Radii=0,1e-320,0.02,0.03", "Sags=0,0.002,0.008,0.018", "VertexDistance=0.2"),
+        r"section='Catoptra\.ProfileMirror'.*computed with \(overflow",
+    ),
+    (
         "SphericalMirror",
         ("Radius=0.3", "CentreDistance=0.2"),
         "CentreDistance=.*outside the sphere",

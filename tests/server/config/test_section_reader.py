@@ -114,7 +114,7 @@ def test_file_when_it_exists_is_found_beside_the_ini(tmp_path: Path) -> None:
     assert make_section('K="a b\\x.png"').get_path("K", tmp_path) == tmp_path / "a b" / "x.png"
 
 
-@pytest.mark.parametrize("name", ["missing.png", ".", "a\0b"])
+@pytest.mark.parametrize("name", ["missing.png", ".", "a\0b", "a\0b/c", "x" * 300])
 def test_file_when_absent_is_rejected_with_its_line(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*a file that exists"):
         make_section(f"K={name}").get_path("K", tmp_path)
@@ -298,7 +298,7 @@ def test_section_is_used_once_a_key_is_read_and_not_by_a_look() -> None:
 )
 def test_key_when_missing_names_the_misspelt_unread_one(key: str, hint: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        make_section("Radius=1").get_float(key)
+        make_section("Radius=1", "WheelBases=2", "-WheelBases=2").get_float(key)
     assert caught.value.expected == f"a number; it is missing{hint}"
 
 

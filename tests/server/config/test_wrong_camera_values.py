@@ -118,6 +118,7 @@ def test_angle_beyond_the_model_is_rejected(path: Path, tmp_path: Path) -> None:
         ("kitti_360", "Xi", "-2", r"Xi='-2': .*xi >= 0"),
         ("tum_vi_double_sphere", "Xi", "-2", r"Xi='-2': .*xi > -1"),
         ("spherical", "Radius", "30", r"CentreDistance='0.2': .*outside the sphere"),
+        ("kitti_360", "K2", "1e-320", r"section='Catoptra.Kitti360': .*computed with \(overflow"),
     ],
 )
 def test_camera_that_would_show_nothing_is_rejected(

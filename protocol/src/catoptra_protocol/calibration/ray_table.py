@@ -15,6 +15,7 @@ from __future__ import annotations
 import io
 import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -41,10 +42,11 @@ _FIRST_BYTES = b"PK\x03\x04"
 # Of an image of 2048 px; a file may claim any size.
 _MAX_BYTES = 2**28
 # Whatever is wrong with the form: archives, deflated data and NumPy raise any of these; of memory
-# because an array's head may claim any shape.
+# because an array's head may claim any shape, of a syntax because NumPy reads heads as Python.
 _BAD_ARCHIVE = (
     *(OSError, ValueError, EOFError, KeyError, RuntimeError, NotImplementedError),
     *(MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error),
+    *(SyntaxError, TypeError, IndexError, tokenize.TokenError),
 )
 # Of all files: the same camera gives the same bytes.
 _NO_DATE = (1980, 1, 1, 0, 0, 0)
@@ -134,7 +136,8 @@ def read_ray_table(path: Path | str) -> PixelRays:
     for name, array in (("direction", direction), ("origin_m", origin_m)):
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise _make_error(path, name, array, "finite numbers in double precision")
-    length = np.linalg.norm(direction[valid], axis=-1)
+    with np.errstate(over="ignore"):  # an infinite length is none of a unit
+        length = np.linalg.norm(direction[valid], axis=-1)
     if not valid.any() or np.abs(length - 1.0).max() > _UNIT_TOLERANCE:
         raise _make_error(path, "direction", direction, "unit directions where valid")
     if "first_pixel" in arrays and arrays["first_pixel"].tolist() != 0.5:

@@ -58,6 +58,8 @@ def opencv_from_pixel(pixel: Floats) -> Floats:
     return pixel - 0.5
 
 
+# Of a plane of order 1; products with offsets of pixels stay finite.
+_MAX_NUMBER = 1e100
 # Newton doubles the digits of a start that is a thousandth off; 12 steps serve starts near a fold.
 _MAX_STEPS = 12
 # Of a plane of order 1; 1e-13 of a focal length of 1000 px is 1e-10 px.
@@ -100,9 +102,10 @@ class ImagePlane:
 
     def __post_init__(self) -> None:
         a, b, c, d = self.stretch
-        if not all(map(math.isfinite, (*self.stretch, self.p1, self.p2))) or a * d - b * c <= 0.0:
+        is_small = all(abs(each) <= _MAX_NUMBER for each in (*self.stretch, self.p1, self.p2))
+        if not is_small or a * d - b * c <= 0.0:
             raise DomainError(
-                f"an image plane needs finite numbers and a stretch of positive determinant, not "
+                "an image plane needs finite numbers and a stretch of positive determinant, not "
                 f"{self.stretch!r}, p1 = {self.p1!r}, p2 = {self.p2!r}"
             )
 

@@ -111,7 +111,7 @@ class SetCommand:
             type=lenient_fields.read_name(message, "Type") or "",
             name=lenient_fields.read_name(message, "Name"),
             opcode=lenient_fields.read_name(message, "Opcode"),
-            params=message.get("Params"),
+            params=lenient_fields.read_text(message, "Params"),
             fov_rad=lenient_fields.read_number(message, "FOV"),
         )
 

@@ -30,6 +30,12 @@ def printable_name(text: str) -> str:
     return CONTROL_CHARACTERS.sub("?", text[:MAX_NAME_CHARS])
 
 
+def read_text(message: Message, key: str) -> str | None:
+    """Text of any length, with `?` in place of each control character; None if missing."""
+    text = message.get(key)
+    return None if text is None else CONTROL_CHARACTERS.sub("?", text)
+
+
 def read_number(message: Message, key: str) -> float | None:
     """Finite number; None if missing."""
     text = message.get(key)

@@ -8,6 +8,10 @@ mirror and without; the latter reject effects of mirrors.
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
@@ -84,6 +88,19 @@ def read_picture(section: SectionReader, default: Picture) -> Picture:
     """Hand of a camera's picture."""
     names = [picture.value for picture in Picture]
     return Picture(section.get_choice("Picture", names, default.value))
+
+
+def reject_impossible(section: SectionReader) -> AbstractContextManager[None]:
+    """Block that makes a camera: numbers that cannot be computed with are an error of the section.
+
+    Raises:
+        ConfigError: An overflow, a division by 0, or a system of equations without a solution.
+    """
+    return reject_overflow(
+        lambda reason: ConfigError(
+            section.where, key="section", value=section.name, expected=reason
+        )
+    )
 
 
 def read_min_frame_interval_s(section: SectionReader) -> float:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import difflib
 import logging
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
@@ -121,7 +122,8 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
     """
     path = Path(path_or_name)
     # An existing file wins over a bundled name: a user's own `corridor` is never passed over.
-    if path.exists() or path.suffix or len(path.parts) > 1:
+    # By os.path: no error for a name longer than the system's names.
+    if os.path.exists(path) or path.suffix or len(path.parts) > 1:
         return path
     bundled = {file.stem: file for file in bundled_files(kind)}
     if path_or_name not in bundled:
@@ -145,7 +147,7 @@ def bundled_files(kind: FileKind) -> tuple[Path, ...]:
 def find_bundled_file(kind: FileKind, name: str) -> Path | None:
     """Bundled file of a bare name; None for the text of a path, or where there is none."""
     path = _BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
-    return path if len(Path(name).parts) == 1 and path.is_file() else None
+    return path if len(Path(name).parts) == 1 and os.path.isfile(path) else None
 
 
 def describe_missing_file(path: Path, kind: FileKind | None) -> str:
@@ -157,7 +159,7 @@ def describe_missing_file(path: Path, kind: FileKind | None) -> str:
     """
     bundled = [file.stem for file in bundled_files(kind)] if kind else []
     or_name = f", or one of the bundled {kind}: {', '.join(bundled)}" if kind else ""
-    problem = f"{path} is a folder" if path.is_dir() else f"there is no {path}"
+    problem = f"{path} is a folder" if os.path.isdir(path) else f"there is no {path}"
     suggestion = suggest_name(
         path.name, [*bundled, *_list_files(path.parent)], _MIN_FILE_SIMILARITY
     )
@@ -169,5 +171,5 @@ def _list_files(folder: Path) -> list[str]:
     """Names of the files in a folder; none for a folder that cannot be read."""
     try:
         return sorted(entry.name for entry in folder.iterdir() if entry.is_file())
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a name with a NUL
         return []

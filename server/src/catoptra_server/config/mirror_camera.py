@@ -40,6 +40,7 @@ from catoptra_server.config.camera_sections import (
     read_picture,
     read_render_settings,
     read_size,
+    reject_impossible,
     require_on_robot,
     reserve_view,
 )
@@ -100,10 +101,11 @@ def read_mirror_camera(file: IniFile, section: SectionReader) -> OmniCameraDescr
     capture_item = _find_child(section, "Cameras", viewpoint)
     mirror_settings = file.get_section(mirror_item.get_str("ItemClass"))
     capture = file.get_section(capture_item.get_str("ItemClass"))
-    mirror = _read_mirror(mirror_item, mirror_settings)
-    camera, central_error_px = _approximate_viewpoint(
-        mirror_settings, _read_camera_model(mirror, mirror_settings, capture, capture_item)
-    )
+    with reject_impossible(mirror_settings):
+        mirror = _read_mirror(mirror_item, mirror_settings)
+        camera, central_error_px = _approximate_viewpoint(
+            mirror_settings, _read_camera_model(mirror, mirror_settings, capture, capture_item)
+        )
     texture_clients = _read_texture_clients(file)
     description = OmniCameraDescription(
         name=capture_item.get_wire_name("ItemName"),

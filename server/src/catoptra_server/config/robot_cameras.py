@@ -32,6 +32,7 @@ from catoptra_server.config.camera_sections import (
     read_picture,
     read_render_settings,
     read_size,
+    reject_impossible,
     reserve_view,
 )
 from catoptra_server.config.ini_file import IniFile
@@ -69,11 +70,12 @@ def read_lens_camera(
             domain or first fold, or a view larger than the file's limit.
     """
     section = file.get_section(item.get_str("ItemClass"))
-    if section.has_key("CalibrationFile"):
-        camera = _read_calibrated_camera(file, section)
-    else:
-        camera = _read_camera(section)
-    _require_picture(section, camera)
+    with reject_impossible(section):
+        if section.has_key("CalibrationFile"):
+            camera = _read_calibrated_camera(file, section)
+        else:
+            camera = _read_camera(section)
+        _require_picture(section, camera)
     mount = read_mount(robot, item)
     description = OmniCameraDescription(
         name=item.get_wire_name("ItemName"),

@@ -11,6 +11,7 @@ UnrealScript. Names that clients receive are words of the control protocol.
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -125,7 +126,8 @@ class SectionReader:
         return [*own, *(name for struct in structs for name in struct.unknown_names(section))]
 
     def _unused_keys(self) -> list[str]:
-        return [key for key in self._entries if key not in self._used_keys]
+        # A key whose lines were all removed has none left to name.
+        return [key for key, lines in self._entries.items() if lines and key not in self._used_keys]
 
     def _use(self, key: str) -> _EntryList:
         """Entries of a key, which counts as read; empty for a missing one."""
@@ -194,7 +196,8 @@ class SectionReader:
         # UT2004's files are written on Windows.
         text = text.replace("\\", "/")
         path = folder / text
-        if path.is_file():
+        # Unlike Path.is_file false, not an error, for a name longer than the system's names.
+        if os.path.isfile(path):
             return path
         found = find_bundled_file(bundled, text) if bundled else None
         if found is None:

@@ -59,7 +59,9 @@ def test_lens_is_a_projection_for_spheres_on_either_side(xi: float, alpha: float
     assert_is_projection(lens, to_rad=0.98 * limit_rad(lens))
 
 
-@pytest.mark.parametrize("parameters", [(-1.0, 0.5), (0.0, 1.0), (0.0, -0.1), (math.nan, 0.5)])
+@pytest.mark.parametrize(
+    "parameters", [(-1.0, 0.5), (0.0, 1.0), (0.0, -0.1), (math.nan, 0.5), (1e155, 0.5)]
+)
 def test_impossible_lens_is_rejected(parameters: tuple[float, float]) -> None:
     with pytest.raises(DomainError):
         DoubleSphereLens(*parameters)

@@ -32,8 +32,9 @@ class DoubleSphereLens(CentredLens):
     """Position of the pinhole, 0 to below 1."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.xi) and self.xi > -1.0):
-            raise DomainError(f"a double sphere needs xi > -1, not {self.xi!r}")
+        # Finite although it is squared.
+        if not (self.xi > -1.0 and math.isfinite(self.xi * self.xi)):
+            raise DomainError(f"a double sphere needs xi > -1 of a finite square, not {self.xi!r}")
         if not 0.0 <= self.alpha < 1.0:
             raise DomainError(f"alpha must be 0 or more and below 1, not {self.alpha!r}")
 
