@@ -36,7 +36,7 @@ from conformance.stream_state_checks import find_robot, get_header
 _HALT_S, _LONG_HALT_S, _LATE_S = 0.25, 0.6, 0.2
 _DRIVE_PERIOD_S = 0.05
 _WAIT_S = 3.0
-_SPEED_RAD_S = 1.0
+_SPEED_RAD_S, _TURN_RAD_S = 1.0, 2.5
 _MAX_REQUEST_BYTES = 16 * 1024
 _TABLE_TOLERANCE_PX = 0.05
 # Of points of labels to the cut, which was made at one height.
@@ -238,7 +238,9 @@ def check_camera_table(server: ServerUnderTest) -> None:
 def _require_drive(server: ServerUnderTest, own: dict[str, Any]) -> None:
     """Fail where wheels of the stated size and speed do not turn the robot as it turns."""
     with spawn_on_stream(on_page(server)) as robot:
-        percent = 50.0
+        # Less than half a revolution of the fastest robot between two states.
+        fastest_rad_s = 2.0 * own["wheel_radius_m"] * own["max_speed_rad_s"]
+        percent = min(50.0, 100.0 * _TURN_RAD_S * own["wheel_separation_m"] / fastest_rad_s)
         robot.client.drive(percent, -percent, normalized=True, halt_after_s=1.0)
         robot.client.get_readings()
         one = _wait_for(robot.client, robot.name, lambda it: it.wheel_speeds_rad_s[0] > 0, "drive")
