@@ -491,10 +491,12 @@ def check_robot(tour: Tour) -> None:
     """Sizes of the robot fit together: wheels in its outline, mass to its volume."""
     conf, geo = tour.find_robot("CONF"), tour.find_robot("GEO")
     length, width, height = size = read_numbers(geo, "Dimensions", 3)
-    _require(min(size) > 0.02 and max(size) < 10.0, f"{geo}: Dimensions")
-    _require(length >= 0.7 * width and height <= 2.0 * width, f"{geo}: Dimensions")
-    mass = read_number(conf, "Mass")
-    _require(50.0 < mass / (length * width * height) < 1500.0, f"{conf}, {geo}: Mass")
+    # Classes of UDK state the rectangle of their wheels, without a height.
+    is_flat = tour.dialect == "udk" and height == 0.0
+    _require(min(size[: 2 if is_flat else 3]) > 0.02 and max(size) < 10.0, f"{geo}: Dimensions")
+    _require(length >= 0.6 * width and height <= 2.0 * width, f"{geo}: Dimensions")
+    mass, height_m = read_number(conf, "Mass"), 0.5 * width if is_flat else height
+    _require(50.0 < mass / (length * width * height_m) < 1500.0, f"{conf}, {geo}: Mass")
     # Captures of UDK have 50000.
     most = 1e5 if tour.dialect == "udk" else 100.0 * mass
     _require(1.0 <= read_number(conf, "MaxTorque") <= most, f"{conf}: MaxTorque")
