@@ -496,7 +496,8 @@ def check_robot(tour: Tour) -> None:
     _require(min(size[: 2 if is_flat else 3]) > 0.02 and max(size) < 10.0, f"{geo}: Dimensions")
     _require(length >= 0.6 * width and height <= 2.0 * width, f"{geo}: Dimensions")
     mass, height_m = read_number(conf, "Mass"), 0.5 * width if is_flat else height
-    _require(50.0 < mass / (length * width * height_m) < 1500.0, f"{conf}, {geo}: Mass")
+    # A flying robot has the density of its rods.
+    _require(10.0 < mass / (length * width * height_m) < 1500.0, f"{conf}, {geo}: Mass")
     # Captures of UDK have 50000.
     most = 1e5 if tour.dialect == "udk" else 100.0 * mass
     _require(1.0 <= read_number(conf, "MaxTorque") <= most, f"{conf}: MaxTorque")
