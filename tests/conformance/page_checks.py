@@ -1,6 +1,6 @@
 """Checks of the live page's port: its documents, its WebSockets, and the robots that they drive.
 
-The checks of the stream that need no long drive are played through WebSockets, too.
+The checks of the stream are played through WebSockets, too.
 """
 
 from __future__ import annotations
@@ -41,16 +41,8 @@ _MAX_REQUEST_BYTES = 16 * 1024
 _TABLE_TOLERANCE_PX = 0.05
 # Of points of labels to the cut, which was made at one height.
 _PLAN_TOLERANCE_M = 0.03
-# These drive for longer than a page's command lasts, or need the other ports.
-_NOT_ON_PAGE = {
-    "stream_turn",
-    "stream_path",
-    "stream_label_motion",
-    "stream_moving_labels",
-    "stream_landmark_lists",
-    "stream_targets",
-    "stream_camera_bound",
-}
+# Needs the control port.
+_NOT_ON_PAGE = {"stream_camera_bound"}
 
 
 @retry_once

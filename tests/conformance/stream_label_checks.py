@@ -50,6 +50,8 @@ _FLOW_TOLERANCE_PX = 0.3
 _PIXEL_STEP = 29
 _TURN_RAD = 0.15
 _TICK_S = 0.06
+# Later than four frames of a busy server.
+_HALT_S = 10.0
 # A prism of many sides in the place of a cylinder.
 _BOX_TOLERANCE_M = 0.02
 _HEIGHT_TOLERANCE_M = 0.015
@@ -190,7 +192,7 @@ def check_label_motion(server: ServerUnderTest) -> None:
 def check_moving_labels(server: ServerUnderTest) -> None:
     """Labels of a driving robot fit the pose of their frame, or are of each row's time."""
     with spawn_on_stream(server, *_near_beacon(server)) as robot:
-        robot.client.drive(-1.5, 1.5)
+        robot.client.drive(-1.5, 1.5, halt_after_s=_HALT_S)
         frames = [_get_labels(robot, 0.0, ("range", "point")) for _ in range(4)]
         robot.client.drive(0.0, 0.0)
     for frame in frames:

@@ -169,7 +169,7 @@ def check_path(server: ServerUnderTest) -> None:
         robot.wait_until_standing()
         start = find_robot(robot.client, robot.name)
         left, right = speeds = tuple(min(_FAST_RAD_S, maximum) * part for part in _SPEED_PARTS)
-        robot.client.drive(left, right)
+        robot.client.drive(left, right, halt_after_s=10.0 * _DRIVE_S)
         end_s = robot.clock() + _DRIVE_S
         states: list[tuple[float, float, StateReply]] = []
         frames: list[tuple[float, float, FrameHeader]] = []
