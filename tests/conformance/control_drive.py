@@ -10,7 +10,13 @@ import math
 from collections.abc import Callable
 
 from conformance.check import CheckFailed, CheckSkipped
-from conformance.control_readings import Cycle, PlanarMotion, PlanarPose, find_poses
+from conformance.control_readings import (
+    Cycle,
+    PlanarMotion,
+    PlanarPose,
+    find_poses,
+    read_number,
+)
 from conformance.control_session import ControlSession, ReceivedLine
 
 STAND = "DRIVE {Left 0} {Right 0}"
@@ -19,11 +25,13 @@ _DRIVE_S = 10.0
 
 
 def require_sides(session: ControlSession) -> None:
-    """Skip robots that do not steer by the speeds of their sides."""
+    """Skip robots that do not move, or do not steer by the speeds of their sides."""
     confs = session.query("GETCONF {Type Robot}")
     steering = {one.get("SteeringType") for one in confs} - {None}
     if not steering <= {"SkidSteered", "Differential"}:
         raise CheckSkipped(f"a robot with the steering {', '.join(map(str, steering))}")
+    if any(one.get("MaxSpeed") is not None and not read_number(one, "MaxSpeed") for one in confs):
+        raise CheckSkipped("a robot that stays where it is: MaxSpeed 0")
 
 
 def drive_until(

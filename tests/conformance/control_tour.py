@@ -2,7 +2,8 @@
 
 Checks by physics look at the recording (control_tour_checks.py), so that all of them take the time
 of one drive, and so that a mutated recording can be checked without a server. Commands of the tour
-do not depend on the numbers of replies: speeds are percent of MaxSpeed. Source: SPEC.md 4 to 6.
+do not depend on the numbers of replies but for a very fast robot: speeds are percent of MaxSpeed.
+Source: SPEC.md 4 to 6.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ PART_TYPES = (
     *("RangeScanner", "Sonar", "INS", "Odometry", "Encoder", "Tachometer", "Touch", "RFID"),
     *("VictSensor", "GroundTruth", "GPS", "Camera", "MisPkg"),
 )
-SPEED_PERCENT = 50.0
+# Less for a robot that would leave its room within a report or two.
+_SPEED_PERCENT, _MAX_SPEED_M_S = 50.0, 0.5
 LINK_VALUES = (0.2, -0.15)
 """Commanded value of the first two links of a mission package, and of each further joint."""
 FOV_RAD = 0.6
@@ -80,6 +82,8 @@ class Tour:
     """
     visits: tuple[tuple[str, tuple[ReceivedLine, ...]], ...] = ()
     """Name of a start pose and the lines of a robot there."""
+    speed_percent: float = _SPEED_PERCENT
+    """Of all drives."""
 
     @property
     def dialect(self) -> str:
@@ -150,7 +154,11 @@ def record_tour(server: ServerUnderTest) -> Tour:
     with spawn_robot(server) as session:
         _record(session, marks, _standing_phases(session))
         require_sides(session)
-        drives = (("right", 1, -1), ("first", 1, 1), ("left", -1, 1), ("second", 1, 1))
+        percent = _speed_percent(Tour(server, tuple(session.lines), marks))
+        drives = (
+            *(("right", percent, -percent), ("first", percent, percent)),
+            *(("left", -percent, percent), ("second", percent, percent)),
+        )
         _record(session, marks, {name: partial(_drive, session, *signs) for name, *signs in drives})
         phases = {
             "joints": lambda: _move_joints(session),
@@ -160,7 +168,7 @@ def record_tour(server: ServerUnderTest) -> Tour:
         }
         _record(session, marks, phases)
         lines = tuple(session.lines)
-    tour = Tour(server, lines, marks)
+    tour = Tour(server, lines, marks, speed_percent=percent)
     names = [one.get("Name") or "" for one in tour.find_replies("CONF", "camera")]
     return replace(tour, cameras=_read_cameras(server, filter(None, names)))
 
@@ -269,14 +277,20 @@ def _scan_on_demand(session: ControlSession) -> None:
     session.read_until(lambda: not missing(), _SCAN_S)
 
 
-def _drive(session: ControlSession, left: int, right: int) -> None:
+def _speed_percent(tour: Tour) -> float:
+    conf, geo = tour.find_robot("CONF"), tour.find_robot("GEO")
+    fastest_m_s = read_number(conf, "MaxSpeed") * read_number(geo, "WheelRadius")
+    return min(_SPEED_PERCENT, 100.0 * _MAX_SPEED_M_S / max(fastest_m_s, 1e-3))
+
+
+def _drive(session: ControlSession, left: float, right: float) -> None:
     turn_rad, forward_m = (_TURN_RAD, math.inf) if left != right else (math.inf, _FORWARD_M)
     # Back over the first turn, and as far on the other side.
     turn_rad *= 2.0 if left < right else 1.0
     drive_until(
         session,
-        left * SPEED_PERCENT,
-        right * SPEED_PERCENT,
+        left,
+        right,
         lambda motion: abs(motion.yaw_rad) >= turn_rad or motion.distance_m >= forward_m,
     )
     session.read_next_cycle()

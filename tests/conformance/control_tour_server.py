@@ -59,6 +59,10 @@ def write_tour_robot(folder: Path) -> Path:
     text = text.replace("\n\n[USARBot.SICKLMS]", f"{_SENSORS}\n[USARBot.SICKLMS]")
     # Less noise than the distance between start poses allows to average away.
     text = re.sub(r"(\[USARBot\.GPSSensor\][^[]*Noise=)1\.0", r"\g<1>0.1", text)
+    # The scanner in the plane of the sonars: what one sees the others see.
+    text = re.sub(r'("Scanner1",[^(]*\([^)]*Z=)-[\d.]+', r"\g<1>0.0", text)
+    # And an INS on a mast: its pose is not the robot's.
+    text = re.sub(r'("INS",[^(]*\([^)]*Z=)0', r"\g<1>-0.2", text)
     text += "\n[USARSensor.Tachometer]\nScanInterval=0.1\n"
     path.write_text(text, encoding="utf-8")
     return path

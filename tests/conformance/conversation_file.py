@@ -15,7 +15,7 @@ from typing import Any
 
 # Generous: a working server replies in milliseconds, on a busy machine in a second or two.
 TIMEOUT_S = 5.0
-_DOCUMENT_KEYS = {"description", "port", "required", "dialect", "image_mode", "steps"}
+_DOCUMENT_KEYS = {"description", "port", "required", "dialect", "image_mode", "needs", "steps"}
 
 StepSpec = dict[str, Any]  # as JSON holds it
 Address = tuple[str, int]
@@ -38,6 +38,8 @@ class Conversation:
     """Dialect of the servers it applies to; None = any."""
     image_mode: str | None = None
     """`plain` or `legacy`; None = any, as for the control port and the stream."""
+    needed_part: str | None = None
+    """Type of a part that the robot must have, as in GETCONF; `needs` in the file."""
 
     def applies_to(self, dialect: str, image_mode: str) -> bool:
         """Whether the conversation is for a server with this dialect and image mode."""
@@ -67,4 +69,5 @@ def read_conversation(path: Path, step_keys: dict[str, Iterable[str]]) -> Conver
         steps,
         document.get("dialect"),
         document.get("image_mode", "plain" if port == "image" else None),
+        document.get("needs"),
     )

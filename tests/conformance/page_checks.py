@@ -1,6 +1,6 @@
 """Checks of the live page's port: its documents, its WebSockets, and the robots that they drive.
 
-The checks of the stream that need no long drive are played through WebSockets, too.
+The checks of the stream are played through WebSockets, too.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -36,21 +36,13 @@ from conformance.stream_state_checks import find_robot, get_header
 _HALT_S, _LONG_HALT_S, _LATE_S = 0.25, 0.6, 0.2
 _DRIVE_PERIOD_S = 0.05
 _WAIT_S = 3.0
-_SPEED_RAD_S = 1.0
+_SPEED_RAD_S, _TURN_RAD_S = 1.0, 2.5
 _MAX_REQUEST_BYTES = 16 * 1024
 _TABLE_TOLERANCE_PX = 0.05
 # Of points of labels to the cut, which was made at one height.
 _PLAN_TOLERANCE_M = 0.03
-# These drive for longer than a page's command lasts, or need the other ports.
-_NOT_ON_PAGE = {
-    "stream_turn",
-    "stream_path",
-    "stream_label_motion",
-    "stream_moving_labels",
-    "stream_landmark_lists",
-    "stream_targets",
-    "stream_camera_bound",
-}
+# Needs the control port.
+_NOT_ON_PAGE = {"stream_camera_bound"}
 
 
 @retry_once
@@ -163,9 +155,10 @@ def check_server_document(server: ServerUnderTest) -> None:
         listed = {each["name"]: each for each in document[name]}
         require(list(listed), [each.name for each in replies], f"{name} of server.json")
         for each in replies:
-            for key, value in listed[each.name].items():
+            for field in fields(each):
+                value = listed[each.name].get(field.name)
                 observed = tuple(value) if isinstance(value, list) else value
-                require(observed, getattr(each, key, None), f"{key} of {each.name}")
+                require(observed, getattr(each, field.name), f"{field.name} of {each.name}")
 
 
 def check_floor_plan(server: ServerUnderTest) -> None:
@@ -238,7 +231,9 @@ def check_camera_table(server: ServerUnderTest) -> None:
 def _require_drive(server: ServerUnderTest, own: dict[str, Any]) -> None:
     """Fail where wheels of the stated size and speed do not turn the robot as it turns."""
     with spawn_on_stream(on_page(server)) as robot:
-        percent = 50.0
+        # Less than half a revolution of the fastest robot between two states.
+        fastest_rad_s = 2.0 * own["wheel_radius_m"] * own["max_speed_rad_s"]
+        percent = min(50.0, 100.0 * _TURN_RAD_S * own["wheel_separation_m"] / fastest_rad_s)
         robot.client.drive(percent, -percent, normalized=True, halt_after_s=1.0)
         robot.client.get_readings()
         one = _wait_for(robot.client, robot.name, lambda it: it.wheel_speeds_rad_s[0] > 0, "drive")

@@ -70,7 +70,8 @@ def check_bound(server: ServerUnderTest) -> None:
 def check_targets(server: ServerUnderTest) -> None:
     """Plans and frames of an accuracy target state it, and whether they meet it, alike."""
     with spawn_on_stream(server) as robot:
-        camera = _require_omni(robot).camera
+        plain = _require_omni(robot)
+        camera = plain.camera
         free = _set_accuracy(robot, 0.0, 0.0)
         easy, met = _set_accuracy(robot, _EASY_PX, 0.0), _get_target_frame(robot)
         after_easy = _set_accuracy(robot, None, None)
@@ -79,7 +80,7 @@ def check_targets(server: ServerUnderTest) -> None:
         budget = _set_accuracy(robot, 0.0, 1000.0)
         durations = [sum(_get_target_frame(robot).stage_ms.values()) for _ in range(6)]
         last = _set_accuracy(robot, None, None)
-        _set_accuracy(robot, 0.0, 0.0)
+        end = _set_accuracy(robot, 0.0, 0.0)
     require((free.max_error_px, free.budget_ms, free.cost_ms), (0.0, 0.0, None), "no target")
     require((free.more_accurate, free.faster, free.target_met), (None, None, True), "no target")
     plans = easy, after_easy, hard, after_hard, budget, last
@@ -101,10 +102,12 @@ def check_targets(server: ServerUnderTest) -> None:
             _require_alternative(
                 getattr(frame, name), getattr(before, name), getattr(after, name), name
             )
-    medians = [one.median_frame_ms for one in plans if one.median_frame_ms is not None]
-    drawn = [*durations, *(sum(one.stage_ms.values()) for one in (met, missed))]
+    stated = [one.median_frame_ms for one in (free, *plans, end)]
+    medians = [one for one in stated if one is not None]
+    drawn = [*durations, *(sum(one.stage_ms.values()) for one in (plain, met, missed))]
     for median_ms in medians:
-        is_near = min(drawn) / 2.0 <= median_ms <= 2.0 * max(drawn)
+        # Some were drawn before, while the machine was less busy or more.
+        is_near = min(drawn) / 4.0 <= median_ms <= 4.0 * max(drawn)
         require(is_near, True, f"median {median_ms:g} ms of frames of {drawn} ms")
 
 

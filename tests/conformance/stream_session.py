@@ -78,7 +78,9 @@ class StreamRobot:
     def turn_right(self, turn_rad: float) -> float:
         """Turn on the place by an angle or for a time, and stand; the time when it stands."""
         start = self.planar_pose_in_state()
-        self.client.drive(_TURN_PERCENT, -_TURN_PERCENT, normalized=True)
+        self.client.drive(
+            _TURN_PERCENT, -_TURN_PERCENT, normalized=True, halt_after_s=2.0 * _TURN_TIMEOUT_S
+        )
         deadline_s = self.clock() + _TURN_TIMEOUT_S
         while self.clock() < deadline_s:
             if abs(wrap(self.planar_pose_in_state().yaw_rad - start.yaw_rad)) >= turn_rad:

@@ -14,6 +14,7 @@ from catoptra_protocol.errors import CatoptraError
 from conformance import stream_player, tcp_player
 from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_checks import CONTROL_CHECKS, SPAWN_CHECK
+from conformance.control_session import spawn_robot
 from conformance.conversation_file import Address, Conversation, read_conversation
 from conformance.image_checks import IMAGE_CHECKS
 from conformance.page_checks import PAGE_CHECKS
@@ -82,6 +83,8 @@ def check_from_conversation(conversation: Conversation) -> Check:
     """Check that plays a conversation."""
 
     def run(server: ServerUnderTest) -> None:
+        if conversation.needed_part:
+            _require_part(server, conversation.needed_part)
         variables = {"class": server.robot_class, "spawn_pose": server.spawn_pose}
         play = PLAYERS[conversation.port]
         reason = play(conversation, server.addresses[conversation.port], variables)
@@ -97,6 +100,13 @@ def check_from_conversation(conversation: Conversation) -> Check:
         needs_robot,
         conversation.is_required,
     )
+
+
+def _require_part(server: ServerUnderTest, type_: str) -> None:
+    """Skip a robot without a part of this type."""
+    with spawn_robot(server) as session:
+        if not any(one.get("Name") for one in session.query(f"GETCONF {{Type {type_}}}")):
+            raise CheckSkipped(f"{server.robot_class} has no {type_}")
 
 
 def play_checks(checks: Iterable[Check], server: ServerUnderTest) -> Iterator[RowResult]:

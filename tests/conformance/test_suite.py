@@ -33,7 +33,7 @@ from conformance.suite import (
     read_conversations,
 )
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
-from helpers.configs import WORLDS
+from helpers.configs import ROBOTS, WORLDS
 from helpers.server_process import start_server
 
 ALL_CONVERSATIONS = read_conversations()
@@ -113,6 +113,18 @@ def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest
         results = list(play_checks(rows, server))
     assert describe_failures(results) == []
     assert {one.outcome for one in results} == {Outcome.PASSED}
+
+
+def test_rows_when_the_robot_lacks_their_part_are_skipped_with_a_reason(tmp_path: Path) -> None:
+    with start_server(tmp_path, robot=ROBOTS / "kenaf.ini") as running:
+        server = server_under_test(running, robot_class="Kenaf", spawn_pose="{Start Centre}")
+        names = {one.name for one in ALL_CONVERSATIONS if one.needed_part == "Camera"}
+        checks = [check for check in applicable_checks(server) if check.name in names]
+        results = list(play_checks(checks, server))
+    assert {one.check.name for one in results} == names
+    assert {(one.outcome, one.reason) for one in results} == {
+        (Outcome.SKIPPED, "Kenaf has no Camera")
+    }
 
 
 @pytest.mark.parametrize(
