@@ -32,6 +32,8 @@ from load.attack_tools import HONEST_ROBOT, HOST, AttackedPorts
 IMAGE_VIEWER, STREAM_VIEWER, COLLECTOR, PAGE = "image port", "stream", "labels", "page"
 
 _STEP_S = 0.2
+# A newcomer without a reply until then is a fault.
+_NEWCOMER_TIMEOUT_S = 30.0
 
 
 @dataclass
@@ -179,11 +181,12 @@ async def _run_newcomers(ports: AttackedPorts, record: HonestRecord) -> None:
     """Connect to control and image port in turn, once a second, and wait for the first reply."""
     for port, request in cycle(((ports.control, b"GETSTARTPOSES\r\n"), (ports.image, b"OK"))):
         begin_s = time.monotonic()
-        reader, writer = await asyncio.open_connection(HOST, port)
-        with closing(writer):
-            writer.write(request)
-            if not await reader.read(1):
-                raise RemoteProtocolError("a newcomer was disconnected")
+        async with asyncio.timeout(_NEWCOMER_TIMEOUT_S):
+            reader, writer = await asyncio.open_connection(HOST, port)
+            with closing(writer):
+                writer.write(request)
+                if not await reader.read(1):
+                    raise RemoteProtocolError("a newcomer was disconnected")
         record.newcomers_s.append(time.monotonic() - begin_s)
         await asyncio.sleep(1.0)
 

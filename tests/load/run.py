@@ -1,4 +1,4 @@
-"""Soak: an honest robot and two honest viewers beside all attackers at once.
+"""Soak: an honest robot and clients of its camera beside all attackers at once.
 
 Run: make soak, or .venv/bin/python tests/load/run.py --seconds 60. First a control run with the
 same honest load and no attack, then the attack, each for --seconds or CATOPTRA_SOAK_S; then both

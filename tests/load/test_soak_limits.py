@@ -45,8 +45,9 @@ def test_undisturbed_run_misses_nothing() -> None:
     [
         ({"late_fraction": 0.06}, "of the reports are over 20 % late"),
         ({"longest_gap_s": 1.3}, "no report is over 1 s later"),
-        ({"rates_hz": {"image port": 9.0, "stream": 18.0}}, "viewer of the image port"),
-        ({"rates_hz": {"image port": 20.0, "stream": 8.0}}, "viewer of the stream"),
+        ({"rates_hz": {"image port": 2.9, "stream": 18.0}}, "viewer of the image port"),
+        ({"rates_hz": {"image port": 20.0, "stream": 2.6}}, "viewer of the stream"),
+        ({"newcomer_s": 2.1}, "a newcomer to control or image port"),
         ({"final": replace(_SAMPLE, resident_mb=106.0)}, "resident_mb grows"),
         ({"final": replace(_SAMPLE, descriptors=22.0)}, "descriptors grows"),
         ({"final": replace(_SAMPLE, threads=11.0)}, "threads grows"),
@@ -70,7 +71,8 @@ def test_limits_when_relaxed_admit_three_times_the_disturbance() -> None:
         UNDISTURBED,
         late_fraction=0.14,
         longest_gap_s=3.1,
-        rates_hz={"image port": 3.4, "stream": 3.1},
+        newcomer_s=5.9,
+        rates_hz={"image port": 1.1, "stream": 1.0},
         final=replace(_SAMPLE, resident_mb=114.0),
         stop_s=2.9,
     )
