@@ -326,8 +326,8 @@ class _WaitingSockets:
     and those whose peer sends nothing more: in a storm of connections that request a picture and
     leave at once, all places were theirs, and newcomers were closed.
 
-    One call of the system asks for all that are silent. Each call lets other threads have the
-    interpreter: 9 000 a second, one for each socket, left viewers a third of their frames.
+    One call of the system asks for all that are silent: with one for each socket there were 9 000 a
+    second, and each lets the other threads have the interpreter.
     """
 
     def __init__(self, first_bytes: re.Pattern[bytes]) -> None:
