@@ -180,8 +180,9 @@ def test_log_of_a_flood_of_connections_is_short_and_counts_them(tmp_path: Path) 
     num = 185
     with start_server(tmp_path) as server:
         for _ in range(num):
-            with socket.create_connection(("127.0.0.1", server.control_port), DEADLINE_S):
-                pass
+            address = "127.0.0.1", server.control_port
+            with socket.create_connection(address, DEADLINE_S) as client:
+                client.sendall(b"GETSTARTPOSES\r\n")
         assert server.terminate() == 0
     log = server.log.read_text()
     assert "more 'controller %s connected' lines in the last second" in log
