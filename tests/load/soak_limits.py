@@ -19,7 +19,7 @@ class SoakLimits:
     """Longest interval between reports, beyond the control run's."""
     min_rate_fraction: float = 0.15
     """Of the control run's rate, each client: seven have pictures drawn instead of three, in equal
-    shares, and the attackers' robots in view make a picture about twice as expensive."""
+    shares, on processors that the attackers use too, with their robots in view."""
     max_newcomer_s: float = 2.0
     """From the connection of a newcomer to its first reply."""
     max_growth: float = 0.05
