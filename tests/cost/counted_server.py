@@ -87,8 +87,8 @@ def _count_frames(counter: DrawingCounter) -> None:
     store_type = views._ViewStore
     get = store_type.get
 
-    def get_counted(store: Any, key: ViewKey) -> Any:
-        return CountedView(get(store, key), counter)
+    def get_counted(store: Any, key: ViewKey, **options: bool) -> Any:
+        return CountedView(get(store, key, **options), counter)
 
     store_type.get = get_counted  # type: ignore[method-assign] # every frame's view passes here
 

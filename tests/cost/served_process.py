@@ -197,7 +197,7 @@ def start_process(
     path = os.pathsep.join(filter(None, (str(ROOT / "tests"), os.environ.get("PYTHONPATH"))))
     files = ("--robot", str(robot), "--world", str(WORLD), "--image-type", "RAW")
     with subprocess.Popen(
-        [*command, *files, "--control-port", "0", "--image-port", "0", *options],
+        [*command, *files, "--control-port", "0", "--image-port", "0", "--no-view", *options],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -10,10 +10,17 @@ import pytest
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.kernel import kernel_engine
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.opengl import device_or_skip, make_raster
 from helpers.renderers import RendererFactory
+
+
+@pytest.fixture(autouse=True)
+def _prove_parts_of_small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small pictures show whether proofs hold; users' small pictures have none."""
+    monkeypatch.setattr(kernel_engine, "MIN_PROVEN_RAYS", 0)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
+from catoptra_server.render.trace.kernel import kernel_engine
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, face_ray_table, lens_ray_table
 from catoptra_server.world.world_description import HemisphereLight, PointLight
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences
@@ -56,6 +57,16 @@ def test_image_of_random_worlds_when_filled_is_the_traced_one(table: str) -> Non
     assert different == []
     # Else the comparison would compare nothing.
     assert filled_tiles / tiles > 0.25
+
+
+def test_few_rays_are_all_traced(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, table = scenes.make_worlds()["field"], make_omni_table(width_px=72)
+    num_rays = table.valid.size * BLOCK_RAYS
+    shares = []
+    for fewest in (num_rays, num_rays + 1):
+        monkeypatch.setattr(kernel_engine, "MIN_PROVEN_RAYS", fewest)
+        shares.append(fill_and_trace(world, scenes.CAMERA_STATE, table)[2])
+    assert shares[0] > 0.0 == shares[1]
 
 
 @pytest.mark.parametrize("table", ["omni", "omni, 4 samples"])

@@ -73,6 +73,11 @@ from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import Light, World
 
 
+# Fewer rays take less time than proofs of what fills parts of the image, in all bundled worlds: 0.08
+# instead of 0.35 ms at 16 px in the field.
+MIN_PROVEN_RAYS = 2**14
+
+
 class KernelRays:
     """The rays of one camera on a kernel device."""
 
@@ -191,7 +196,10 @@ class KernelRays:
         **addresses: int | None,
     ) -> None:
         view = self._require_view()
-        self.last_counts = self._engine.render(view, exposure, output, thresholds, **addresses)
+        has_few_rays = BLOCK_RAYS * self._table.valid.size < MIN_PROVEN_RAYS
+        self.last_counts = self._engine.render(
+            view, exposure, output, thresholds, has_few_rays=has_few_rays, **addresses
+        )
 
     def _require_view(self) -> int:
         if self._view is None:
@@ -345,9 +353,9 @@ class KernelEngine:
         exposure: TracedExposure,
         output: int,
         thresholds: Mapping[str, float],
-        **addresses: int | None,
+        **members: int | None,
     ) -> FrameCounts:
-        """Render an exposure into arrays, whose addresses are members of `FrameStruct`."""
+        """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
         frame = exposure_arrays(exposure, self.centre, self._objects)
         struct = frame.struct
         if struct.has_shadows:
@@ -359,8 +367,8 @@ class KernelEngine:
         if "SelfView" in thresholds:
             struct.watched_object = find_ego_body(exposure)
         struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
-        for name, address in addresses.items():
-            setattr(struct, name, address)
+        for name, value in members.items():
+            setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:

@@ -175,6 +175,7 @@ class FrameStruct(ctypes.Structure):
         ("measures_shadows", c_int32),
         ("shadow_threshold", c_float),
         ("watched_object", c_int32),
+        ("has_few_rays", c_int32),
         ("output", c_int32),
         *_addresses("image", "range_m", "triangle", "object", "inverse_range"),
         ("exposure", c_float),

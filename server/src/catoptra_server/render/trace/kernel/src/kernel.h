@@ -178,6 +178,7 @@ typedef struct {
     int32_t measures_shadows; /* shadow_change of the counts is wanted */
     float shadow_threshold;   /* grey levels: other instants are measured up to it */
     int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
+    int32_t has_few_rays; /* they take less time than proofs of what fills parts of the image */
     int32_t output;
     void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */
     float *range_m;    /* (t, samples^2, 16), for OUTPUT_HITS */

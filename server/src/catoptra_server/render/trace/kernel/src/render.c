@@ -223,7 +223,11 @@ static int run_pass(Device *device, Job *job, float exposure) {
             return 0;
         workers_run(device->workers, render_parts, job);
     } else {
-        workers_run(device->workers, job->is_second_pass ? blur_tiles : render_tiles, job);
+        void (*visit)(void *) = job->is_second_pass ? blur_tiles : render_tiles;
+        if (job->view->rays.num_tiles <= TILES_AT_ONCE)
+            workers_run_alone(visit, job);
+        else
+            workers_run(device->workers, visit, job);
     }
     free_bands(bands, job->num_bands);
     return !atomic_load(&job->failed);

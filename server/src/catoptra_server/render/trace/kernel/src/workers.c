@@ -26,7 +26,7 @@ struct Workers {
     pthread_t threads[];
 };
 
-static void run_flushed(void (*job)(void *), void *argument) {
+void workers_run_alone(void (*job)(void *), void *argument) {
     unsigned saved = _mm_getcsr();
     _mm_setcsr(saved | FLUSH_DENORMALS);
     job(argument);
@@ -44,7 +44,7 @@ static void *serve(void *pool) {
             break;
         seen = workers->generation;
         pthread_mutex_unlock(&workers->lock);
-        run_flushed(workers->job, workers->argument);
+        workers_run_alone(workers->job, workers->argument);
         pthread_mutex_lock(&workers->lock);
         if (--workers->running == 0)
             pthread_cond_signal(&workers->finished);
@@ -78,7 +78,7 @@ void workers_run(Workers *workers, void (*job)(void *), void *argument) {
     workers->generation++;
     pthread_cond_broadcast(&workers->started);
     pthread_mutex_unlock(&workers->lock);
-    run_flushed(job, argument);
+    workers_run_alone(job, argument);
     pthread_mutex_lock(&workers->lock);
     while (workers->running)
         pthread_cond_wait(&workers->finished, &workers->lock);

@@ -11,6 +11,9 @@ Workers *workers_create(int threads);
  * Calls from several threads follow one another. */
 void workers_run(Workers *workers, void (*job)(void *argument), void *argument);
 
+/* The same on the calling thread alone, which wakes no other. */
+void workers_run_alone(void (*job)(void *argument), void *argument);
+
 int workers_count(const Workers *workers);
 
 void workers_destroy(Workers *workers);
