@@ -23,7 +23,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_client.robot_client import RobotClient
+from catoptra_protocol.stream.messages import bytes_from_message
+from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding
 from cost.counted_server import STAND_IN_OPTION
+from helpers.zmtp import LONG, MORE, connect_with_handshake, zmtp_frame
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"
@@ -75,7 +78,7 @@ class Watcher:
         self.num_frames = 0
         self._request = request
         self._interval_s = 1.0 / rate_hz if rate_hz else 0.0
-        self._socket = socket.create_connection((HOST, port))
+        self._socket = self._connect(port)
         # Not `settimeout`: Python's time-outs make a socket that never waits for all bytes.
         timeout = struct.pack("ll", int(TIMEOUT_S), 0)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
@@ -86,6 +89,12 @@ class Watcher:
         self._has_ended = False
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
+
+    def _connect(self, port: int) -> socket.socket:
+        return socket.create_connection((HOST, port))
+
+    def _make_request(self) -> bytes:
+        return self._request
 
     def set_active(self, is_active: bool) -> None:
         """Start or pause the requests."""
@@ -112,12 +121,13 @@ class Watcher:
 
     def receive_frame(self) -> None:
         """Request and receive one frame."""
-        self._socket.sendall(self._request)
+        self._socket.sendall(self._make_request())
         length = struct.unpack(">BI", self._receive(HEADER_BYTES))[1]
         self._receive(length)
         self.num_frames += 1
 
     def _receive(self, length: int) -> memoryview:
+        """The next bytes, all of them; valid until the next call."""
         view = memoryview(self._buffer)[:length]
         received = self._socket.recv_into(view, length, socket.MSG_WAITALL)
         if received != length:
@@ -125,12 +135,44 @@ class Watcher:
         return view
 
 
+class StreamWatcher(Watcher):
+    """The same of the stream: a DEALER without ZeroMQ, which would take a processor of its own."""
+
+    def _make_request(self) -> bytes:
+        # The image port's picture; the server takes a second request of one id for a repeat.
+        encoding = ImageEncoding(self._request.decode())
+        request = GetFrameRequest(self.num_frames + 1, "", "", encoding)
+        return zmtp_frame(bytes_from_message(request), LONG)
+
+    def _connect(self, port: int) -> socket.socket:
+        connected = connect_with_handshake(port)
+        connected.settimeout(None)
+        return connected
+
+    def receive_frame(self) -> None:
+        """Request and receive one frame, among heartbeats."""
+        self._socket.sendall(self._make_request())
+        while self._receive_message() == 1:
+            pass
+        self.num_frames += 1
+
+    def _receive_message(self) -> int:
+        """Receive a message; its number of parts."""
+        flags, num_parts = MORE, 0
+        while flags & MORE:
+            flags, short = struct.unpack("BB", self._receive(2))
+            rest = bytes(self._receive(7)) if flags & LONG else b""
+            self._receive(int.from_bytes(bytes((short,)) + rest, "big"))
+            num_parts += 1
+        return num_parts
+
+
 class CountedServer:
     """A server process with counters."""
 
     def __init__(self, process: subprocess.Popen[str], ports: Sequence[int]) -> None:
         self._process = process
-        self.control_port, self.image_port, _ = ports
+        self.control_port, self.image_port, self.stream_port = ports
 
     def read_counters(self) -> Counters:
         """Read the present counts."""
@@ -235,11 +277,17 @@ def spawn_robots(server: CountedServer, count: int) -> Iterator[None]:
 def connect_watchers(
     server: CountedServer, *requests: bytes, rate_hz: float = 0.0
 ) -> Iterator[list[Watcher]]:
-    """Clients of the image port, one a request, none of them active."""
+    """Clients, one a request, none of them active.
+
+    Of the image port, or of the stream where a request is the name of an encoding.
+    """
     watchers: list[Watcher] = []
     try:
         for request in requests:
-            watchers.append(Watcher(server.image_port, request=request, rate_hz=rate_hz))
+            if request[:1] in (b"O", b"U"):
+                watchers.append(Watcher(server.image_port, request=request, rate_hz=rate_hz))
+            else:
+                watchers.append(StreamWatcher(server.stream_port, request=request, rate_hz=rate_hz))
         yield watchers
     finally:
         for watcher in watchers:
