@@ -4,8 +4,9 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/memory_per_item.
 
 Prints, for each renderer, the peak of the resident size above that of a camera of 64 px: in MiB,
 and in bytes for each sample, pixel, triangle or texel. Each case is a process of its own, since a
-peak never falls. Decision: the constants of `runtime/memory.py`. The rays of trace are computed in
-batches since 512 px at 8 x 8 samples took 2096 MiB, six times as much as now.
+peak never falls. Decision: the constants of `runtime/memory.py` and `EffectSettings.bytes_per_px`.
+The rays of trace are computed in batches since 512 px at 8 x 8 samples took 2096 MiB, six times as
+much as now.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
@@ -30,8 +32,18 @@ from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import Item, Material, Rectangle, World
+from catoptra_server.world.world_description import Item, Material, Rectangle, Twist, World
+
+# All effects that change the scene.
+SCENE_STATE = replace(
+    CAMERA_STATE,
+    has_shadows=True,
+    fog=FogMedium(0.1, (0.5, 0.5, 0.5)),
+    twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    shutter=Shutter(0.02, 0.02, 8.0),
+)
 
 # Name, side of an image in pixels or number of balls of 2000 triangles, samples along a pixel.
 CASES = (
@@ -40,6 +52,7 @@ CASES = (
     ("view", 512, 8),
     ("lens", 2048, 2),
     ("effects", 1024, 1),
+    ("scene", 1024, 1),
     ("triangles", 100, 1),
     ("texture", 4096, 1),
 )
@@ -59,13 +72,14 @@ def render(
     width_px: int,
     samples: int = 1,
     effects: tuple[ImageEffect, ...] = (),
+    state: CameraState = CAMERA_STATE,
 ) -> None:
     """Prepare a camera's view and render one frame."""
     camera = make_camera(width_px)
     settings = RenderSettings(PerPixel(), samples)
     plan = plan_from_settings(settings, camera, kind=kind, reason="measured")
     view: View = renderer.prepare(camera, plan)
-    view.render(CAMERA_STATE, effects)
+    view.render(state, effects)
 
 
 def render_world(kind: RendererKind, world: World) -> None:
@@ -109,6 +123,7 @@ def measure(kind: RendererKind, name: str, size: int, samples: int) -> None:
     cases: dict[str, tuple[int, Callable[[], None]]] = {
         "view": (num_pixels * samples**2, lambda: render(renderer, kind, size, samples)),
         "lens": (num_pixels * samples**2, lambda: render_lens(renderer, size, samples)),
+        "scene": (num_pixels, lambda: render(renderer, kind, size, samples, state=SCENE_STATE)),
         "effects": (num_pixels, lambda: render(renderer, kind, size, samples, effects)),
         "triangles": (2000 * size, lambda: render_world(kind, make_balls(size))),
         "texture": (num_pixels, lambda: render_texture(kind, size)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,23 @@ def test_camera_when_larger_than_the_memory_limit_is_rejected_at_its_line(
     assert caught.value.location.line == find_line_number(path, "ResolutionX=")
     robots, _ = read_robots(path, limit_bytes=2**36)
     assert robots[0].omni_camera is not None
+
+
+@pytest.mark.parametrize(("lines", "fits"), [("SelfView=auto", True), ("Vignetting=auto", False)])
+def test_effects_of_the_scene_take_less_memory_than_those_of_the_image(
+    tmp_path: Path, lines: str, fits: bool
+) -> None:
+    # A view of 2048 px at 2 x 2 samples takes 465 MiB, all effects of the image 500 bytes a pixel.
+    resolution = Edit("ResolutionX=360", f"ResolutionX=2048\n{lines}")
+    path = write_edited_copy(
+        OMNI_ROBOT,
+        tmp_path,
+        Edit("ResolutionY=360", "ResolutionY=2048"),
+        Edit("SelfView=auto", ""),
+        resolution,
+    )
+    with nullcontext() if fits else pytest.raises(ConfigError, match="fewer pixels"):
+        read_robots(path)
 
 
 def test_mirror_when_cut_into_too_many_polygons_is_rejected(tmp_path: Path) -> None:

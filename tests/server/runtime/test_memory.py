@@ -44,7 +44,7 @@ def test_budget_is_exceeded_by_the_sum_of_all_reservations() -> None:
         (ViewSize(2048**2, 4), 465),
         (ViewSize(512**2, 64), 429),
         (ViewSize(3072**2, 1), 504),
-        (ViewSize(1024**2, 1, has_effects=True), 536),
+        (ViewSize(1024**2, 1, effect_bytes_per_px=500), 536),
         # Rays of a ball: above the start's 80 MiB.
         (ViewSize(2048**2, 4, has_origins=True), 702),
         (ViewSize(3072**2, 1, has_origins=True), 472),
@@ -68,7 +68,8 @@ def test_view_of_gigabytes_exceeds_the_default(size: ViewSize) -> None:
 
 
 @pytest.mark.parametrize(
-    "size", [ViewSize(360**2, 16**2), ViewSize(1024**2, 4, has_effects=True), ViewSize(2048**2, 4)]
+    "size",
+    [ViewSize(360**2, 16**2), ViewSize(1024**2, 4, effect_bytes_per_px=500), ViewSize(2048**2, 4)],
 )
 def test_view_of_ordinary_cameras_fits_the_default(size: ViewSize) -> None:
     assert size.num_bytes <= DEFAULT_LIMIT_BYTES

@@ -140,7 +140,7 @@ def read_render_settings(
 def reserve_view(file: IniFile, section: SectionReader, omni: OmniCameraDescription) -> None:
     """Raise ConfigError for a view that would take too much memory, before any is taken."""
     camera, settings = omni.camera, omni.render_settings
-    size = omni_view_size(camera, settings, has_effects=bool(omni.effects.settings))
+    size = omni_view_size(camera, settings, effect_bytes_per_px=omni.effects.bytes_per_px)
     samples = requested_samples(settings)
     faces = f", faces of {settings.face_size_px} px" if settings.face_size_px else ""
     MemoryBudget(file.view_limit_bytes).reserve(

@@ -135,7 +135,9 @@ def read_perspective_camera(
     )
     camera = PerspectiveCamera(width_px, height_px, description.fov_rad)
     MemoryBudget(file.view_limit_bytes).reserve(
-        perspective_view_size(camera, has_effects=bool(description.effects.settings)).num_bytes,
+        perspective_view_size(
+            camera, effect_bytes_per_px=description.effects.bytes_per_px
+        ).num_bytes,
         where=section.find_location("ResolutionX"),
         key=f"{section.name}.ResolutionX",
         value=f"{width_px} x {height_px} px",

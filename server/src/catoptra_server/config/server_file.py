@@ -228,13 +228,14 @@ def _view_sizes(robot: RobotDescription, tile: Tile) -> Iterable[tuple[str, View
     """Yield name and size in memory of each camera of a robot in a tile."""
     for omni in robot.omni_cameras:
         camera = fit_omni_camera(tile, omni.camera)
-        has_effects = bool(omni.effects.settings)
-        yield omni.name, omni_view_size(camera, omni.render_settings, has_effects=has_effects)
+        bytes_per_px = omni.effects.bytes_per_px
+        settings = omni.render_settings
+        yield omni.name, omni_view_size(camera, settings, effect_bytes_per_px=bytes_per_px)
     for perspective in robot.perspective_cameras:
         yield (
             perspective.name,
             perspective_view_size(
                 PerspectiveCamera(tile.width_px, tile.height_px, perspective.fov_rad),
-                has_effects=bool(perspective.effects.settings),
+                effect_bytes_per_px=perspective.effects.bytes_per_px,
             ),
         )

@@ -52,9 +52,6 @@ _RASTER_BYTES_PER_PX = 20
 _RASTER_BYTES = 48 * MIB
 # Linear light and depth, of each sample of a texel, and of the texel after they are averaged.
 _RASTER_BYTES_PER_TEXEL = 12
-# All effects of p2at_omni_real.ini at once: with the view 412 in trace, 507 in raster, of which the
-# view alone takes 20 and 62.
-_EFFECT_BYTES_PER_PX = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +63,8 @@ class ViewSize:
     num_texels: int = 0
     """Texels of all faces in the raster renderer."""
     samples_per_texel: int = 1
-    has_effects: bool = False
-    """Whether effects may change the image."""
+    effect_bytes_per_px: int = 0
+    """Memory of the effects that may change the image."""
     has_origins: bool = False
     """Whether each ray has an origin of its own."""
 
@@ -81,8 +78,7 @@ class ViewSize:
         raster = _RASTER_BYTES + _RASTER_BYTES_PER_SAMPLE * samples
         raster += _RASTER_BYTES_PER_PX * self.num_pixels
         raster += _RASTER_BYTES_PER_TEXEL * self.num_texels * (1 + self.samples_per_texel)
-        effects = _EFFECT_BYTES_PER_PX * self.num_pixels if self.has_effects else 0
-        return max(trace, raster) + effects
+        return max(trace, raster) + self.effect_bytes_per_px * self.num_pixels
 
 
 class MemoryBudget:

@@ -102,11 +102,11 @@ SMALL = make_omni_camera(width_px=100)
 
 def test_view_of_settings_has_their_samples_and_the_texels_of_five_faces() -> None:
     settings = RenderSettings(PerPixel(), samples=3, face_size_px=64, face_samples=2)
-    size = omni_view_size(SMALL, settings, has_effects=True)
+    size = omni_view_size(SMALL, settings, effect_bytes_per_px=500)
     assert (size.num_pixels, size.samples_per_pixel, size.samples_per_texel) == (10_000, 9, 2)
     # Side faces up to the rim of 120 degrees, 45 degrees of them above the horizon in the corners.
     assert 4 * 64 * 64 < size.num_texels <= 5 * 64 * 64
-    assert size.has_effects
+    assert size.effect_bytes_per_px == 500
 
 
 def test_view_of_a_trace_plan_has_no_faces() -> None:
@@ -124,7 +124,7 @@ def test_view_of_a_perspective_camera_has_four_samples_a_pixel(width: int, heigh
 def test_rays_of_a_mirror_without_a_viewpoint_have_origins() -> None:
     ball = make_camera(SphericalMirror(0.03, 0.2), 100)
     exact, one = (
-        omni_view_size(camera, RenderSettings(), has_effects=False)
+        omni_view_size(camera, RenderSettings(), effect_bytes_per_px=0)
         for camera in (ball, replace(ball, is_approximated=True))
     )
     assert exact == replace(one, has_origins=True)

@@ -111,7 +111,9 @@ def needs_exact_rays(camera: OmniCamera, kind: RendererKind) -> bool:
     return kind.uses_faces and not camera.is_central
 
 
-def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = False) -> ViewSize:
+def plan_view_size(
+    camera: OmniCamera, plan: RenderPlan, *, effect_bytes_per_px: int = 0
+) -> ViewSize:
     """Size of the view of a plan; faces count where the plan's renderer has them."""
     num_texels = math.ceil(sum(region.num_texels for region in plan.face_regions))
     return ViewSize(
@@ -119,25 +121,27 @@ def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = 
         samples_per_pixel=plan.samples**2,
         num_texels=num_texels if plan.renderer.uses_faces else 0,
         samples_per_texel=plan.face_samples,
-        has_effects=has_effects,
+        effect_bytes_per_px=effect_bytes_per_px,
         has_origins=not camera.is_central,
     )
 
 
-def omni_view_size(camera: OmniCamera, settings: RenderSettings, *, has_effects: bool) -> ViewSize:
+def omni_view_size(
+    camera: OmniCamera, settings: RenderSettings, *, effect_bytes_per_px: int
+) -> ViewSize:
     """Size of the view that explicit settings describe, whichever renderer is chosen."""
     # With faces a view holds more than rays.
     kind = next(kind for kind in RendererKind if kind.uses_faces)
     plan = plan_from_settings(settings, camera, kind=kind, reason="size")
-    return plan_view_size(camera, plan, has_effects=has_effects)
+    return plan_view_size(camera, plan, effect_bytes_per_px=effect_bytes_per_px)
 
 
-def perspective_view_size(camera: PerspectiveCamera, *, has_effects: bool = False) -> ViewSize:
+def perspective_view_size(camera: PerspectiveCamera, *, effect_bytes_per_px: int = 0) -> ViewSize:
     """Size of the view of a perspective camera."""
     # In raster the samples are the texels of a single face, which has no lookup map: 14 bytes a
     # sample, fewer than trace's rays.
     num_pixels = camera.width_px * camera.height_px
-    return ViewSize(num_pixels, DEFAULT_SAMPLES**2, has_effects=has_effects)
+    return ViewSize(num_pixels, DEFAULT_SAMPLES**2, effect_bytes_per_px=effect_bytes_per_px)
 
 
 @dataclass(frozen=True, slots=True)
