@@ -7,7 +7,6 @@ that no frame is rendered twice. Machines are noisy: compare rows of one run.
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import re
@@ -27,12 +26,15 @@ from rich.table import Table
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"
@@ -45,7 +47,7 @@ MEASURED_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class FrameRateRow:
-    """One line of the table. fps_alone: View.draw in a loop; the others: over TCP, RAW."""
+    """One line of the table. fps_alone: `View.render` in a loop; the others: over TCP, RAW."""
 
     world: str
     size_px: int
@@ -111,25 +113,25 @@ def _write_robot_file(size: int, samples: int) -> Iterator[Path]:
 
 
 def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
-    """Frames per second of the median frame time."""
-    omni = setup.robots[0].omni_camera
-    assert omni is not None, "the bench's robot has a camera"
+    """Frames per second of the median frame time, of the frames that a server would draw."""
+    robot = setup.robots[0]
+    omni, body = robot.mirror_camera, build_ego_mesh(robot)
+    assert omni is not None, "the bench's robot has a mirror"
+    assert body is not None, "the mirror shows the robot"
+    thresholds = {SelfView.name: omni.effects.threshold_grey_levels}
     settings: RenderSettings = replace(omni.render_settings)
     plan = plan_from_settings(settings, omni.camera, kind=choice.kind, reason="bench")
     view = choice.renderer.prepare(omni.camera, plan)
     times: list[float] = []
     begin = time.perf_counter()
     while (now := time.perf_counter()) < begin + WARM_UP_S + MEASURED_S:
-        view.render(CameraState(_pose(now - begin)))
+        turned = PlanarPose(0.0, 0.0, now - begin).at_height(robot.drive.ride_height_m)
+        state = CameraState(turned @ omni.robot_from_mirror, (DynamicObject(body, turned),))
+        view.render(state, (), thresholds)
         if now > begin + WARM_UP_S:
             times.append(time.perf_counter() - now)
     view.close()
     return 1.0 / statistics.median(times)
-
-
-def _pose(t: float) -> Pose:
-    """Viewpoint on a path around the centre of a world, 0.6 m above the floor."""
-    return Pose.from_rpy((0.5 * math.sin(t), 0.3 * math.cos(t), -0.6), (0.0, 0.0, 0.5 * t))
 
 
 def _measure_fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float]:
