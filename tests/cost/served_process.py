@@ -76,6 +76,8 @@ class Watcher:
             rate_hz: Frames per second at most; 0 sets no limit.
         """
         self.num_frames = 0
+        self.payload = memoryview(b"")
+        """The newest frame's, until the next one arrives."""
         self._request = request
         self._interval_s = 1.0 / rate_hz if rate_hz else 0.0
         self._socket = self._connect(port)
@@ -123,7 +125,7 @@ class Watcher:
         """Request and receive one frame."""
         self._socket.sendall(self._make_request())
         length = struct.unpack(">BI", self._receive(HEADER_BYTES))[1]
-        self._receive(length)
+        self.payload = self._receive(length)
         self.num_frames += 1
 
     def _receive(self, length: int) -> memoryview:
