@@ -277,23 +277,23 @@ def _measure_cameras(*, stand_in_ms: float | None = None) -> Iterable[ServingRow
         for row in range(4)
         for column in range(4)
     ]
-    shares, rates = [], []
+    of_one, of_all = [], []
     with ExitStack() as stack:
         options = ("--renderer", "trace", "--multi-view", f"4x4:{SIZE_PX}x{SIZE_PX}")
         server = stack.enter_context(start_server(*options, stand_in_ms=stand_in_ms))
         stack.enter_context(spawn_robots(server, CAMERAS))
         watchers = stack.enter_context(connect_watchers(server, *tiles))
         server.warm_up(watchers)
-        for number in range(ROUNDS):
-            one = server.measure(watchers[number : number + 1], WINDOW_S)
-            all_ = server.measure(watchers, WINDOW_S)
-            rates.append(_rate_hz(one))
-            shares.append(_rate_hz(all_) / _rate_hz(one))
+        # Each alone: a camera in the middle has more robots near it than one in a corner.
+        for watcher in watchers:
+            of_one.append(_rate_hz(server.measure([watcher], WINDOW_S)))
+            of_all.append(_rate_hz(server.measure(watchers, WINDOW_S)))
+    one_hz = statistics.mean(of_one)
     name = "stand-in" if stand_in_ms else "trace"
     yield ServingRow.at_least(
         f"{name}: total rate of {CAMERAS} watched cameras over that of one",
-        *(statistics.median(shares), MIN_CAMERAS_SHARE),
-        f"one: {statistics.median(rates):.1f} frames/s",
+        *(statistics.mean(of_all) / one_hz, MIN_CAMERAS_SHARE),
+        f"one: {one_hz:.1f} frames/s",
     )
 
 
