@@ -196,11 +196,19 @@ class CountedServer:
         for watcher in watchers:
             watcher.set_active(False)
 
-    def measure(self, watchers: Sequence[Watcher], seconds: float) -> Window:
-        """Count for some time in which these clients are active."""
+    def measure(
+        self, watchers: Sequence[Watcher], seconds: float, *, settle_s: float = SETTLE_S
+    ) -> Window:
+        """Count for some time in which these clients are active.
+
+        Args:
+            watchers: The clients; all others pause.
+            seconds: Time to count.
+            settle_s: Time before, in which the others have their last frames.
+        """
         for watcher in watchers:
             watcher.set_active(True)
-        time.sleep(SETTLE_S)
+        time.sleep(settle_s)
         before, begin = self.read_counters(), [watcher.num_frames for watcher in watchers]
         time.sleep(seconds)
         after, end = self.read_counters(), [watcher.num_frames for watcher in watchers]
