@@ -12,8 +12,8 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.scene_radiance import (
+    ObjectRadiances,
     max_facet_irradiance,
-    max_object_radiance,
     max_radiance,
 )
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
@@ -170,10 +170,10 @@ def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(see
     )
     world = World("w", (), lights=lights)
     ball = build_object_mesh([(box(Box((0.1, 0.1, 0.1))), Material((0.9, 0.6, 0.3)))])
-    radiances = []
+    bounds, radiances = ObjectRadiances(world), []
     for _ in range(200):
         pose = Pose.from_rpy(rng.uniform(-1.0, 1.0, 3), rng.uniform(-3.0, 3.0, 3))
-        bound = max_object_radiance(DynamicObject(ball, pose), world)
+        bound = bounds.max_radiance((DynamicObject(ball, pose),))
         points = pose.transform_points(ball.corners.reshape(-1, 3))
         normals = np.repeat(ball.normals @ pose.rotation.T, 3, axis=0)
         irradiance = facet_irradiance(lights, normals)

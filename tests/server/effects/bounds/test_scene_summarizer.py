@@ -24,7 +24,7 @@ from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirro
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.scene_radiance import ObjectRadiances, max_radiance
 from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
@@ -49,7 +49,7 @@ def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     scene_radiance = max_radiance(build_scene(world), world)
     assert summary.max_radiance == max(
         scene_radiance,
-        *round_away_from_zero(max_object_radiance(one, world) for one in DRIVING_STATE.objects),
+        *round_away_from_zero((ObjectRadiances(world).max_radiance(DRIVING_STATE.objects),)),
     )
     assert summary.scene_twist == round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
