@@ -111,11 +111,10 @@ class CoordinateRounding:
 
 def _centre_distance_m(one: DynamicObject, point: list[float]) -> float:
     """Distance of an object's centre from a point of the world, metres."""
-    # Plain floats: of all objects in every frame, in half the time of arrays of three.
-    x, y, z = one.mesh.centre.tolist()
-    rows, origin = one.world_from_object.rotation.tolist(), one.world_from_object.translation
-    turned = (a * x + b * y + c * z for a, b, c in rows)
-    return math.dist(point, [t + o for t, o in zip(turned, origin.tolist(), strict=True)])
+    # Plain floats: for all objects in every frame, in half the time of arrays of three.
+    pose, (x, y, z) = one.world_from_object, one.mesh.centre.tolist()
+    rows = zip(pose.rotation.tolist(), pose.translation.tolist(), strict=True)
+    return math.dist(point, [a * x + b * y + c * z + origin for (a, b, c), origin in rows])
 
 
 class _Proximity(NamedTuple):
