@@ -27,6 +27,7 @@ from catoptra_server.world.world_description import (
     Material,
     PointLight,
     Rectangle,
+    Twist,
     World,
     linear_from_srgb,
 )
@@ -182,6 +183,31 @@ def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(see
         assert brightest <= bound * (1.0 + 1e-12)
         radiances.append(brightest / bound)
     assert max(radiances) > 0.5
+
+
+@pytest.mark.parametrize("num_lamps", [0, 1, 3])
+def test_brightest_of_several_objects_counts(num_lamps: int) -> None:
+    rng = np.random.default_rng(3)
+    lamps = [
+        PointLight(tuple(rng.uniform(-3.0, 3.0, 3)), (0.8, 0.9, 1.0)) for _ in range(num_lamps)
+    ]
+    bounds = ObjectRadiances(
+        World("w", (), lights=(HemisphereLight((0.4,) * 3, (0.1,) * 3), *lamps))
+    )
+    meshes = [
+        build_object_mesh([(box(Box((0.1, 0.2, 0.3))), Material((grey, 0.3, 0.3)))])
+        for grey in (0.2, 0.7)
+    ]
+    objects = [
+        DynamicObject(
+            mesh, Pose.from_rpy(rng.uniform(-2.0, 2.0, 3)), Twist((rng.uniform(), 0.0, 0.0))
+        )
+        for mesh in meshes * 3
+    ]
+    alone = [bounds.max_radiance((one,)) for one in objects]
+    assert bounds.max_radiance(objects) == pytest.approx(max(alone))
+    assert len(set(alone)) == (6 if num_lamps else 2)
+    assert bounds.max_radiance(()) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))

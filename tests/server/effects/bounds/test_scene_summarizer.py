@@ -73,6 +73,20 @@ def test_summary_of_radiance_alone_has_no_distances() -> None:
     assert set(summary.min_distances_m) == {math.inf}
 
 
+def test_summary_computes_nothing_that_no_criterion_reads() -> None:
+    summarizer = make_summarizer(make_test_world())
+    state = replace(DRIVING_STATE, ego_body=TWO_ROBOTS[1])
+    part = summarizer.summarize(state, CAMERA, {"scene_twist"})
+    assert part.scene_twist == summarizer.summarize(state, CAMERA).scene_twist
+    unread = make_summarizer(make_test_world())
+    unread.summarize(state, CAMERA, {"scene_twist"})
+    assert "max_radiance" not in vars(unread), "the radiance of the scene is found on demand"
+    # Without `SelfView` the own robot is not in view.
+    without = summarizer.summarize(state, CAMERA, {"max_radiance", "max_shadow_loss"})
+    assert without.ego_body_max_radiance == 0.0
+    assert without.ego_body_max_angle_rad == 0.0
+
+
 def random_pose(rng: np.random.Generator, tilt_rad: float) -> Pose:
     position = (*rng.uniform(-2.0, 2.0, 2), -rng.uniform(0.2, 1.5))
     turn = (*rng.uniform(-tilt_rad, tilt_rad, 2), rng.uniform(-math.pi, math.pi))
