@@ -278,8 +278,6 @@ def _spread_bits(values: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     return values
 
 
-# Of a sum of products of four lengths, relative to the lengths.
-_ROUNDING = 16.0 * np.finfo(np.float64).eps
 # A triangle that is a line but for rounding has a normal without any sense.
 _MIN_SQUARED_SINE = 1e-26
 
@@ -306,11 +304,10 @@ def triangle_distances(point: Floats, corners: Floats) -> Floats:
     has_area = area > _MIN_SQUARED_SINE * square[0] * square[1]
     to_plane = np.square(_dot(corner[:, 0], normal)) / np.where(has_area, area, 1.0)
     # (c x e) (e x f) = (c e) (e f) - (c f) (e e), e x f the normal: the projection lies on the
-    # inner side of all edges. Rounding may move a point in, not out: the plane is never farther.
+    # inner side of all edges. By rounding alone is the plane ever farther than these.
     inward = offset * _dot(edge, following) - _dot(corner, following) * square
-    lengths = _dot(corner, corner) * _dot(following, following)
-    is_above = has_area & (inward >= -_ROUNDING * square * np.sqrt(lengths)).all(axis=0)
-    distances: Floats = np.sqrt(np.where(is_above, np.minimum(to_plane, to_edges), to_edges))
+    is_above = has_area & (inward >= 0.0).all(axis=0)
+    distances: Floats = np.sqrt(np.minimum(to_edges, np.where(is_above, to_plane, np.inf)))
     return distances
 
 

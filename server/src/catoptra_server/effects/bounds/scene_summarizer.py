@@ -1,8 +1,9 @@
 """Summary of all bounds of a camera state, for the criteria of effects.
 
 Bounds are computed where a criterion reads them, those of the static scene once: a summary for
-`SelfView` alone measures no distances. Distances, speeds and rates are rounded outward
-(`round_outward`), so that frames of a driving robot share a summary for a while.
+`SelfView` alone measures no distances, and takes as long among 64 robots as alone in worlds without
+point lights. Distances, speeds and rates are rounded outward (`round_outward`), so that frames of a
+driving robot share a summary for a while.
 
 No surface is farther than a box around the scene and the spheres around dynamic objects. Nearest
 distances and rates of dynamic objects follow, ring by ring, from the boxes around a few dozen of
