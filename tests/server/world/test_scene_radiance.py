@@ -12,8 +12,8 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.scene_radiance import (
+    ObjectRadiances,
     max_facet_irradiance,
-    max_object_radiance,
     max_radiance,
 )
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
@@ -27,6 +27,7 @@ from catoptra_server.world.world_description import (
     Material,
     PointLight,
     Rectangle,
+    Twist,
     World,
     linear_from_srgb,
 )
@@ -170,10 +171,10 @@ def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(see
     )
     world = World("w", (), lights=lights)
     ball = build_object_mesh([(box(Box((0.1, 0.1, 0.1))), Material((0.9, 0.6, 0.3)))])
-    radiances = []
+    bounds, radiances = ObjectRadiances(world), []
     for _ in range(200):
         pose = Pose.from_rpy(rng.uniform(-1.0, 1.0, 3), rng.uniform(-3.0, 3.0, 3))
-        bound = max_object_radiance(DynamicObject(ball, pose), world)
+        bound = bounds.max_radiance((DynamicObject(ball, pose),))
         points = pose.transform_points(ball.corners.reshape(-1, 3))
         normals = np.repeat(ball.normals @ pose.rotation.T, 3, axis=0)
         irradiance = facet_irradiance(lights, normals)
@@ -182,6 +183,31 @@ def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(see
         assert brightest <= bound * (1.0 + 1e-12)
         radiances.append(brightest / bound)
     assert max(radiances) > 0.5
+
+
+@pytest.mark.parametrize("num_lamps", [0, 1, 3])
+def test_brightest_of_several_objects_counts(num_lamps: int) -> None:
+    rng = np.random.default_rng(3)
+    lamps = [
+        PointLight(tuple(rng.uniform(-3.0, 3.0, 3)), (0.8, 0.9, 1.0)) for _ in range(num_lamps)
+    ]
+    bounds = ObjectRadiances(
+        World("w", (), lights=(HemisphereLight((0.4,) * 3, (0.1,) * 3), *lamps))
+    )
+    meshes = [
+        build_object_mesh([(box(Box((0.1, 0.2, 0.3))), Material((grey, 0.3, 0.3)))])
+        for grey in (0.2, 0.7)
+    ]
+    objects = [
+        DynamicObject(
+            mesh, Pose.from_rpy(rng.uniform(-2.0, 2.0, 3)), Twist((rng.uniform(), 0.0, 0.0))
+        )
+        for mesh in meshes * 3
+    ]
+    alone = [bounds.max_radiance((one,)) for one in objects]
+    assert bounds.max_radiance(objects) == pytest.approx(max(alone))
+    assert len(set(alone)) == (6 if num_lamps else 2)
+    assert bounds.max_radiance(()) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))

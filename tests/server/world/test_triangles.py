@@ -229,3 +229,17 @@ def test_distances_agree_with_the_nearest_of_many_points() -> None:
     assert (exact <= sampled + 1e-12).all()
     # 4000 points leave gaps of a twentieth of the longest edge.
     assert (sampled - exact <= 0.05 * longest).all()
+
+
+@pytest.mark.parametrize("sine", [1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0])
+def test_distance_of_a_sliver_is_never_above_that_of_its_points(sine: float) -> None:
+    rng = np.random.default_rng(6)
+    corners = rng.normal(size=(500, 3, 3)) * 10.0 ** rng.uniform(-2.0, 3.0, (500, 1, 1))
+    along = rng.uniform(-0.5, 1.5, (500, 1))
+    corners[:, 2] = corners[:, 0] + along * (corners[:, 1] - corners[:, 0]) + sine * corners[:, 2]
+    weights = rng.dirichlet((0.5, 0.5, 0.5), 2000)
+    for point in (np.zeros(3), corners[0].mean(axis=0), np.array((1e5, 0.0, 1e3))):
+        sampled = np.linalg.norm(weights @ corners - point, axis=-1).min(axis=1)
+        # To the rounding of coordinates.
+        slack = 1e-13 * (np.abs(corners).max(axis=(1, 2)) + np.abs(point).max())
+        assert (triangle_distances(point, corners) <= sampled + slack).all()

@@ -12,6 +12,8 @@ lights from the nearest point of its bounding sphere.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from functools import lru_cache
 
 import numpy as np
@@ -54,22 +56,40 @@ def max_radiance(scene: SceneMesh, world: World) -> float:
 _MAX_OFFSET_S = 0.1
 
 
-def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
-    """Largest radiance of a dynamic object around its pose, in any colour channel.
+class ObjectRadiances:
+    """Largest radiances of dynamic objects in one world."""
 
-    Domain: exposures of at most a fifth of a second, in which a moving object nears a lamp.
-    """
-    irradiance = _max_irradiance_of_any_facet(world)
-    for light in world.lights:
-        if not isinstance(light, PointLight):
-            continue
-        towards = np.asarray(light.position_m) - dynamic_object.centre
-        reach_m = dynamic_object.mesh.radius_m + _MAX_OFFSET_S * dynamic_object.twist.speed_m_s
-        nearest_m = max(0.0, float(np.linalg.norm(towards)) - reach_m)
-        squared_m2 = max(nearest_m**2, MIN_LIGHT_DISTANCE_M**2)
-        irradiance = irradiance + np.asarray(light.intensity) / squared_m2
-    unlit, lit = _max_albedos(dynamic_object.mesh)
-    return float(np.maximum(unlit, lit * irradiance).max())
+    def __init__(self, world: World) -> None:
+        self._irradiance = _max_irradiance_of_any_facet(world)
+        lamps = point_lights(world.lights)
+        self._positions_m = np.array([lamp.position_m for lamp in lamps]).reshape(-1, 3)
+        self._intensities = np.array([lamp.intensity for lamp in lamps]).reshape(-1, 3)
+        # Per instance: without a point light, all objects of a mesh have one bound.
+        self._find_of_mesh = lru_cache(maxsize=64)(self._find_without_lamps)
+
+    def max_radiance(self, objects: Collection[DynamicObject]) -> float:
+        """Largest radiance of any object around its pose, in any colour channel; 0 without objects.
+
+        Domain: exposures of at most a fifth of a second, in which a moving object nears a lamp.
+        """
+        if not len(self._positions_m):
+            return max(map(self._find_of_mesh, {one.mesh for one in objects}), default=0.0)
+        if not objects:
+            return 0.0
+        # All at once: a few operations, however many objects and lamps there are.
+        offsets = np.array([one.centre for one in objects])[:, None] - self._positions_m
+        reach_m = [
+            one.mesh.radius_m + _MAX_OFFSET_S * math.hypot(*one.twist.linear_m_s) for one in objects
+        ]
+        nearest_m = np.linalg.norm(offsets, axis=-1) - np.array(reach_m)[:, None]
+        factors = 1.0 / np.square(np.maximum(nearest_m, MIN_LIGHT_DISTANCE_M))
+        unlit, lit = np.array([_max_albedos(one.mesh) for one in objects]).transpose(1, 0, 2)
+        irradiance = self._irradiance + factors @ self._intensities
+        return float(np.maximum(unlit, lit * irradiance).max())
+
+    def _find_without_lamps(self, mesh: ObjectMesh) -> float:
+        unlit, lit = _max_albedos(mesh)
+        return float(np.maximum(unlit, lit * self._irradiance).max())
 
 
 @lru_cache(maxsize=64)

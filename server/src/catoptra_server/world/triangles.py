@@ -278,33 +278,40 @@ def _spread_bits(values: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     return values
 
 
+# A triangle that is a line but for rounding has a normal without any sense.
+_MIN_SQUARED_SINE = 1e-26
+
+
 def triangle_distances(point: Floats, corners: Floats) -> Floats:
     """(n,) distances from a (3,) point to (n, 3, 3) triangles; those without area count as lines.
 
     Ericson 2005, Real-Time Collision Detection, 5.1.5: the plane's distance where the point's
     projection lies within the triangle, else the nearest edge's.
     """
-    corner = corners - point
-    edge = np.roll(corner, -1, axis=1) - corner
-    to_edges: Floats = _segment_distances(corner, edge).min(axis=1)
-    normal = np.cross(edge[:, 0], edge[:, 1])
-    length = np.linalg.norm(normal, axis=-1)
-    has_area = length > 0.0
-    to_plane = np.abs((corner[:, 0] * normal).sum(axis=-1)) / np.where(has_area, length, 1.0)
-    is_above = has_area & _projects_inside(corner, edge, normal)
-    return np.where(is_above, to_plane, to_edges)
-
-
-def _segment_distances(start: Floats, edge: Floats) -> Floats:
-    """(..., ) distances of the origin from segments."""
-    square = np.square(edge).sum(axis=-1)
-    along = -(start * edge).sum(axis=-1) / np.where(square > 0.0, square, 1.0)
-    nearest = start + np.clip(along, 0.0, 1.0)[..., None] * edge
-    distances: Floats = np.linalg.norm(nearest, axis=-1)
+    # Coordinates first, triangles last: NumPy's loops over three numbers are slow. Two corners
+    # follow again: neighbours are then slices.
+    around = (corners - point).transpose(2, 1, 0).take((0, 1, 2, 0, 1), axis=1)
+    edges = around[:, 1:] - around[:, :4]
+    corner, edge, following = around[:, :3], edges[:, :3], edges[:, 1:]
+    square, offset = _dot(edge, edge), _dot(corner, edge)
+    along = np.minimum(np.maximum(-offset / np.where(square > 0.0, square, 1.0), 0.0), 1.0)
+    nearest = corner + along * edge
+    to_edges = _dot(nearest, nearest).min(axis=0)
+    a, b = edges[:, 0], edges[:, 1]
+    normal = a.take((1, 2, 0), axis=0) * b.take((2, 0, 1), axis=0)
+    normal -= a.take((2, 0, 1), axis=0) * b.take((1, 2, 0), axis=0)
+    area = _dot(normal, normal)
+    has_area = area > _MIN_SQUARED_SINE * square[0] * square[1]
+    to_plane = np.square(_dot(corner[:, 0], normal)) / np.where(has_area, area, 1.0)
+    # (c x e) (e x f) = (c e) (e f) - (c f) (e e), e x f the normal: the projection lies on the
+    # inner side of all edges. By rounding alone is the plane ever farther than these.
+    inward = offset * _dot(edge, following) - _dot(corner, following) * square
+    is_above = has_area & (inward >= 0.0).all(axis=0)
+    distances: Floats = np.sqrt(np.minimum(to_edges, np.where(is_above, to_plane, np.inf)))
     return distances
 
 
-def _projects_inside(corner: Floats, edge: Floats, normal: Floats) -> Bools:
-    """(n,) whether the origin lies on the inner side of all edges, seen along the normal."""
-    sides = (np.cross(edge, -corner) * normal[:, None]).sum(axis=-1)
-    return np.asarray((sides >= 0.0).all(axis=1))
+def _dot(a: Floats, b: Floats) -> Floats:
+    """(...) products of (3, ...) vectors."""
+    products: Floats = np.einsum("i...,i...", a, b)
+    return products

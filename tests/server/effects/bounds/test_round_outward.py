@@ -9,6 +9,7 @@ import pytest
 
 from catoptra_server.effects.bounds.round_outward import (
     MIN_DISTANCE_M,
+    POINT_M,
     ViewpointCells,
     round_away_from_zero,
     round_down,
@@ -53,10 +54,13 @@ def test_similar_twists_round_to_one() -> None:
 
 def test_viewpoints_of_a_cell_share_one_evaluation_and_others_have_their_own() -> None:
     # No cell is allowed beyond x = 10, where each viewpoint is evaluated alone.
-    cells = ViewpointCells((0.5, 0.25), lambda c, s: (*c, *s) if c[0] < 10 or not s.any() else None)
+    cells = ViewpointCells(
+        (0.5, 0.25), lambda c, s: (*c, *s) if c[0] < 10 or s[0] == POINT_M else None
+    )
     found = {cells.find(np.array((x, 0.1, -0.6))) for x in (0.8, 1.0, 1.2)}
     assert found == {(1.0, 0.0, -0.625, 0.5, 0.5, 0.0625)}
     assert cells.num_evaluations == 1
-    alone = cells.find(np.array((20.1, 0.1, -0.6)))
-    assert alone == (20.1, 0.1, -0.6, 0.0, 0.0, 0.0)
+    # To a nanometre: a viewpoint that moves by rounding alone is the same one.
+    (alone,) = {cells.find(np.array((x, 0.1, -0.6))) for x in (20.1, 20.1 + 1e-14)}
+    assert alone == pytest.approx((20.1, 0.1, -0.6, 0.0, 0.0, 0.0), abs=POINT_M)
     assert cells.num_evaluations == 4

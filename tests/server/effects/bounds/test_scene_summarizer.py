@@ -24,7 +24,7 @@ from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirro
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.scene_radiance import ObjectRadiances, max_radiance
 from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
@@ -49,7 +49,7 @@ def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     scene_radiance = max_radiance(build_scene(world), world)
     assert summary.max_radiance == max(
         scene_radiance,
-        *round_away_from_zero(max_object_radiance(one, world) for one in DRIVING_STATE.objects),
+        *round_away_from_zero((ObjectRadiances(world).max_radiance(DRIVING_STATE.objects),)),
     )
     assert summary.scene_twist == round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
@@ -71,6 +71,20 @@ def test_summary_of_radiance_alone_has_no_distances() -> None:
     summary = summarizer.summarize(CameraState(Pose.identity()), CAMERA, {"max_radiance"})
     assert summary.max_radiance == summarizer.max_radiance
     assert set(summary.min_distances_m) == {math.inf}
+
+
+def test_summary_computes_nothing_that_no_criterion_reads() -> None:
+    summarizer = make_summarizer(make_test_world())
+    state = replace(DRIVING_STATE, ego_body=TWO_ROBOTS[1])
+    part = summarizer.summarize(state, CAMERA, {"scene_twist"})
+    assert part.scene_twist == summarizer.summarize(state, CAMERA).scene_twist
+    unread = make_summarizer(make_test_world())
+    unread.summarize(state, CAMERA, {"scene_twist"})
+    assert "max_radiance" not in vars(unread), "the radiance of the scene is found on demand"
+    # Without `SelfView` the own robot is not in view.
+    without = summarizer.summarize(state, CAMERA, {"max_radiance", "max_shadow_loss"})
+    assert without.ego_body_max_radiance == 0.0
+    assert without.ego_body_max_angle_rad == 0.0
 
 
 def random_pose(rng: np.random.Generator, tilt_rad: float) -> Pose:

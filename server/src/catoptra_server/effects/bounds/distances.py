@@ -25,7 +25,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds.round_outward import ViewpointCells, round_down
+from catoptra_server.effects.bounds.round_outward import POINT_M, ViewpointCells, round_down
 from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import Indices, make_clusters
@@ -75,14 +75,14 @@ class DistanceBoundCache:
     ) -> _RingDistances | None:
         """Bounds of a cell; None for a cell too large for its surroundings."""
         rings, rotation = image_rings(camera), rotation_to_axis(axis)
+        box = ViewpointBox(centre, 0.5 * sides, rotation)
+        if sides[0] == POINT_M:
+            return round_down(self._bvh.bounds(box, rings).tolist())
         at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
-        if not sides.any():
-            return round_down(at_centre.tolist())
         # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
         if at_centre.min() < sides.max():
             return None
         cutoff = _MIN_BOUND_FRACTION * at_centre
-        box = ViewpointBox(centre, 0.5 * sides, rotation)
         nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES_PER_CELL)
         is_far = nearest >= _FAR_RATIO * nearest.min()
         is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0

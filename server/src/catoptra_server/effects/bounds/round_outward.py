@@ -78,6 +78,9 @@ def _round_value_away(value: float) -> float:
 _BoundT = TypeVar("_BoundT")
 # Robots drive on floors: above one, a cell may be wide and must be low.
 _CELL_HEIGHT_FRACTION = 0.125
+# Side of a single viewpoint's cell, a nanometre: a camera on a robot rests in the robot's frame but
+# for rounding. Under a thousandth of any distance that a bound has.
+POINT_M = 2.0**-30
 # 100 bytes an entry; a driving robot needs five new ones a second.
 _CACHE_SIZE = 8192
 
@@ -90,11 +93,11 @@ class ViewpointCells(Generic[_BoundT]):
 
         Args:
             sides_m: Sides of cells, largest first. A viewpoint too near a surface for the smallest
-                is evaluated on its own: a robot would leave smaller cells in every frame.
-            evaluate: Bound in a cell, of its (3,) centre and (3,) sides, 0 for a single viewpoint,
-                and of further keys; None for a cell too large for its surroundings.
+                is evaluated in a cell of `POINT_M`: a robot would leave others in every frame.
+            evaluate: Bound in a cell, of its (3,) centre and (3,) sides and of further keys; None
+                for a cell too large for its surroundings, but for `POINT_M`.
         """
-        self._sides_m = sides_m
+        self._sides_m = (*sides_m, POINT_M)
         self._evaluate = evaluate
         # Per instance: a cache on the class would keep scenes alive.
         self._find_cached = lru_cache(maxsize=_CACHE_SIZE)(self._find_in_cell)
@@ -112,11 +115,8 @@ class ViewpointCells(Generic[_BoundT]):
             found = self._find_cached(cell, side, *keys)
             if found is not None:
                 return found
-        alone = self._find_cached((x, y, z), 0.0, *keys)
-        assert alone is not None, "a single viewpoint has a bound"
-        return alone
+        raise AssertionError("a single viewpoint has a bound")
 
     def _find_in_cell(self, cell: Vector3, side: float, *keys: Hashable) -> _BoundT | None:
         sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
-        centre = sides * cell if side > 0.0 else np.array(cell)
-        return self._evaluate(centre, sides, *keys)
+        return self._evaluate(sides * cell, sides, *keys)

@@ -1,8 +1,9 @@
 """Summary of all bounds of a camera state, for the criteria of effects.
 
 Bounds are computed where a criterion reads them, those of the static scene once: a summary for
-`SelfView` alone measures no distances. Distances, speeds and rates are rounded outward
-(`round_outward`), so that frames of a driving robot share a summary for a while.
+`SelfView` alone measures no distances, and takes as long among 64 robots as alone in worlds without
+point lights. Distances, speeds and rates are rounded outward (`round_outward`), so that frames of a
+driving robot share a summary for a while.
 
 No surface is farther than a box around the scene and the spheres around dynamic objects. Nearest
 distances and rates of dynamic objects follow, ring by ring, from the boxes around a few dozen of
@@ -24,6 +25,7 @@ from collections.abc import Collection
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -51,14 +53,12 @@ from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.scene_radiance import ObjectRadiances, max_radiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
-_RADIANCE_FIELDS = frozenset(
-    {"max_radiance", "background_radiance", "camera_key", "ego_body_max_radiance"}
-)
+_RADIANCE_FIELDS = frozenset({"max_radiance", "background_radiance", "camera_key"})
 _DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
 
@@ -70,6 +70,7 @@ class SceneSummarizer:
         """The scene."""
         self._world = world
         self._distance_bounds = DistanceBoundCache(scene)
+        self._object_radiances = ObjectRadiances(world)
         self._object_bounds = _DynamicObjectBounds()
         self._shadows = ShadowBounds(scene, world)
         self._rounding = CoordinateRounding(scene)
@@ -103,8 +104,7 @@ class SceneSummarizer:
 
     def _bound_objects(self, objects: tuple[DynamicObject, ...]) -> float:
         """Largest radiance of any object, rounded up; 0 without objects."""
-        radiances = [max_object_radiance(one, self._world) for one in objects]
-        return round_away_from_zero((max(radiances, default=0.0),))[0]
+        return round_away_from_zero((self._object_radiances.max_radiance(objects),))[0]
 
     def summarize(
         self,
@@ -117,63 +117,64 @@ class SceneSummarizer:
         Args:
             camera_state: State with all objects in view.
             camera: Camera of the image.
-            fields: Fields that criteria read; what none reads, now or after the robot itself came
-                into view, has its default.
+            fields: Fields that criteria read; all others have their defaults, no radiance, or are
+                bounds, too. The ego body counts where `SelfView` may add it: where
+                `ego_body_max_angle_rad` is read.
         """
         objects, ego_body = camera_state.objects, camera_state.ego_body
-        summary = SceneSummary(
-            max(self.max_radiance, self._bound_objects(objects)),
+        # Any: fields of several types. Made once, as a copy takes as long as all of the radiance.
+        values: dict[str, Any] = {
+            "max_radiance": 0.0,
             # Whether any pixel shows the background is not decided: only a closed room shows none,
             # and walls of the bundled worlds merely touch.
-            background_radiance=self._world.background,
-            camera_key=camera_state.noise_seed.camera_key,
-            ego_body_max_radiance=self._bound_objects((ego_body,) if ego_body else ()),
-        )
+            "background_radiance": self._world.background,
+            "camera_key": camera_state.noise_seed.camera_key,
+        }
+        if "max_radiance" in fields:
+            values["max_radiance"] = max(self.max_radiance, self._bound_objects(objects))
         if _RADIANCE_FIELDS.issuperset(fields):
-            return summary
+            return SceneSummary(**values)
         camera_state = _rotate_to_optical_axis(camera_state, camera)
+        has_self_view = "ego_body_max_angle_rad" in fields
         # A lens's own robot is not in view: no effect of such a camera adds the robot.
-        if isinstance(camera, OmniCamera) and camera.has_mirror:
-            own = _bound_self_view(camera_state, camera)
-            summary = replace(
-                summary,
-                ego_body_max_angle_rad=own.max_angle_rad,
-                ego_body_min_distances_m=own.min_distances_m,
-            )
+        if has_self_view and ego_body and isinstance(camera, OmniCamera) and camera.has_mirror:
+            own = _bound_self_view(camera_state.world_from_mirror, ego_body, camera)
+            values["ego_body_max_radiance"] = self._bound_objects((ego_body,))
+            values["ego_body_max_angle_rad"] = own.max_angle_rad
+            values["ego_body_min_distances_m"] = own.min_distances_m
         with_ego_body = _objects_with_ego_body(camera_state)
         if "scene_twist" in fields:
-            twist = round_twist(scene_twist_in_mirror(camera_state))
-            summary = replace(summary, scene_twist=twist)
+            values["scene_twist"] = round_twist(scene_twist_in_mirror(camera_state))
         if "max_distance_m" in fields:
             viewpoint = camera_state.world_from_mirror.translation
-            farthest_m = _max_distance_m(self.scene, viewpoint, with_ego_body)
-            summary = replace(summary, max_distance_m=farthest_m)
+            values["max_distance_m"] = _max_distance_m(self.scene, viewpoint, with_ego_body)
         if "max_shadow_loss" in fields:
-            summary = replace(
-                summary,
-                max_shadow_loss=self._shadows.darkest_shadow(objects),
-                max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(with_ego_body),
+            values["max_shadow_loss"] = self._shadows.darkest_shadow(objects)
+            if has_self_view:
+                shadow = self._shadows.darkest_shadow(with_ego_body)
+                values["max_shadow_loss_with_ego_body"] = shadow
+        if not _DISTANCE_FIELDS.isdisjoint(fields):
+            distances_m = self._distance_bounds.min_distances_m(
+                camera_state.world_from_mirror, camera
             )
-        if _DISTANCE_FIELDS.isdisjoint(fields):
-            return summary
-        distances_m = self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera)
-        summary = replace(summary, min_distances_m=distances_m)
-        if not objects:
-            return summary
-        return self._add_dynamic_objects(summary, camera_state, camera)
+            values["min_distances_m"] = distances_m
+            if objects:
+                values |= self._bound_distances(distances_m, camera_state, camera)
+        return SceneSummary(**values)
 
-    def _add_dynamic_objects(
-        self, summary: SceneSummary, camera_state: CameraState, camera: RadialCamera
-    ) -> SceneSummary:
+    def _bound_distances(
+        self, of_scene_m: tuple[float, ...], camera_state: CameraState, camera: RadialCamera
+    ) -> dict[str, tuple[float, ...]]:
+        """Fields about distances of the scene with its dynamic objects."""
         pose = camera_state.world_from_mirror
         rotation, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
         of_objects, rates = self._object_bounds.bound(
             camera_state.objects, pose.translation, rotation, rings
         )
         # The static distances are rounded already; rounding twice would loosen them.
-        nearest = map(min, summary.min_distances_m, round_down(of_objects.tolist()))
+        nearest = map(min, of_scene_m, round_down(of_objects.tolist()))
         passing = round_away_from_zero(rates.tolist())
-        return replace(summary, min_distances_m=tuple(nearest), max_object_rates_rad_s=passing)
+        return {"min_distances_m": tuple(nearest), "max_object_rates_rad_s": passing}
 
 
 def _rotate_to_optical_axis(camera_state: CameraState, camera: RadialCamera) -> CameraState:
@@ -221,14 +222,15 @@ class _SelfViewBounds:
 _NOT_VISIBLE = _SelfViewBounds()
 
 
-def _bound_self_view(camera_state: CameraState, camera: OmniCamera) -> _SelfViewBounds:
+def _bound_self_view(
+    world_from_mirror: Pose, body: DynamicObject, camera: OmniCamera
+) -> _SelfViewBounds:
     """Bounds of the robot that carries a camera, in the camera's image."""
-    body = camera_state.ego_body
-    if body is None:
-        return _NOT_VISIBLE
-    pose = camera_state.world_from_mirror.inverse() @ body.world_from_object
-    pose_values = np.concatenate((pose.rotation.ravel(), pose.translation)).round(_DECIMALS)
-    return _bound_mesh(body.mesh, tuple(pose_values.tolist()), camera)
+    own = body.world_from_object
+    # The body's axes and its origin, in the mirror frame.
+    rows = np.vstack((own.rotation.T, own.translation - world_from_mirror.translation))
+    values = (rows @ world_from_mirror.rotation).round(_DECIMALS).ravel()
+    return _bound_mesh(body.mesh, tuple(values.tolist()), camera)
 
 
 @lru_cache(maxsize=32)
@@ -236,7 +238,7 @@ def _bound_mesh(
     mesh: ObjectMesh, pose_values: tuple[float, ...], camera: OmniCamera
 ) -> _SelfViewBounds:
     # Numbers rather than a Pose as arguments: arrays are not hashable.
-    pose = Pose(np.reshape(pose_values[:9], (3, 3)), np.array(pose_values[9:]))
+    pose = Pose(np.reshape(pose_values[:9], (3, 3)).T, np.array(pose_values[9:]))
     corners = pose.transform_points(mesh.corners)
     min_angle = math.pi - _max_angle_from_axis(corners * _FLIP_Z)
     max_angle = _max_angle_from_axis(corners)
