@@ -52,6 +52,7 @@ from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.serve.limits import (
+    DESCRIPTORS_PER_CONNECTION,
     MAX_PAGE_CONNECTIONS,
     MAX_STREAM_CONNECTIONS,
     LoopShare,
@@ -64,16 +65,9 @@ from catoptra_server.serve.port import (
     wait_for_connection,
     warn_of_exposure,
 )
-from catoptra_server.serve.stream.guard import (
-    DESCRIPTORS_PER_CONNECTION,
-)
 from catoptra_server.serve.tcp_control import serve_control
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import TcpServer
-from catoptra_server.serve.web.web_access import (
-    WebAccess,
-    create_web_access,
-)
 from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
@@ -83,6 +77,7 @@ from catoptra_server.world.camera_state import CameraState
 if TYPE_CHECKING:
     # Loaded late: see the head of this module.
     from catoptra_server.serve.stream.replies import StreamContext
+    from catoptra_server.serve.web.web_access import WebAccess
     from catoptra_server.serve.web.web_server import WebServer
 
 log = logging.getLogger(__name__)
@@ -381,6 +376,8 @@ async def _open_ports(
         view = _create_view_listener(server)
         access = None
         if view is not None:
+            from catoptra_server.serve.web.web_access import create_web_access
+
             open_ports.enter_context(view)
             access = create_web_access(host, view)
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
