@@ -79,7 +79,7 @@ PAGE_ADDRESSES = (
 
 def write_robots(folder: Path) -> dict[str, Path]:
     """Write robots with all effects always on: one with all sensors, one without any rays."""
-    effects = "\n".join(f"{kind.name}=always" for kind in EFFECT_TYPES)
+    effects = "\n".join(f"{name}=always" for name in EFFECT_TYPES)
     plain = write_edited_copy(
         OMNI_ROBOT,
         folder,

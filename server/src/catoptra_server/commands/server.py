@@ -39,6 +39,7 @@ from catoptra_server.config.server_file import (
 )
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import is_image_effect
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
@@ -112,8 +113,13 @@ _RAY_MODULES = (
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
 )
+# Image effects by the kernel: for the raster renderer, and for cameras with such effects.
+_STAGE_MODULE = "catoptra_server.render.trace.kernel.image"
 # The raster renderer, and what moderngl imports with the first context.
-_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
+_RASTER_MODULES = (
+    _STAGE_MODULE,
+    *("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,6 +321,8 @@ class ServerThreads:
             is_reproducible=not is_realtime,
         )
         log.info("%s", choice.renderer.describe())
+        if _has_image_effects(startup):
+            importlib.import_module(_STAGE_MODULE)
         views = ViewCache(
             RenderPlanner(
                 RendererPool(choice, may_replace=is_realtime),
@@ -341,6 +349,15 @@ class ServerThreads:
             multi_view=self.settings.multi_view,
             error_bound_of=self.error_bounds.get,
         )
+
+
+def _has_image_effects(startup: StartupConfig) -> bool:
+    """Whether any robot's file gives a camera an effect of the image."""
+    settings = [
+        *(one.effects for robot in startup.robots for one in robot.omni_cameras),
+        *(one.effects for robot in startup.robots for one in robot.perspective_cameras),
+    ]
+    return any(is_image_effect(one.effect) for each in settings for one in each.settings)
 
 
 def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
