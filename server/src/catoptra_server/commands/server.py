@@ -4,14 +4,16 @@ Three threads: one owns the simulation's clock and robots, one the renderers; th
 asyncio loop owns all sockets. Mailboxes and event queues connect the threads. Rendering has
 niceness 5, so that reports and sockets come first.
 
-**A start loads what the first frame needs**, since loading takes two thirds: first frame 0.64 s
-after the start, 1.16 before (`tests/cost/serving.py`). The stream, the live page and the second
-renderer are loaded in a thread once the ports listen, at the first client of the stream or after
-0.25 s; clients wait in the backlog. No request loads anything: such a request would be slow, and
-would fail where connections have taken all descriptors of open files, since an import opens files.
-The modules that use these import inside a function, with a reference to this head;
-`tests/end_to_end/test_loaded_modules.py` finds a missing one. To load OpenCV in a thread beside the
-renderer gained nothing.
+**A start loads what the first frame needs**, since loading takes two thirds (the time to the first
+frame: `tests/cost/serving.py`). Lenses, mirrors, effects and sensors are loaded where a file names
+them (`catoptra_protocol.lazy_table`), when the files are read. The stream, the live page, the
+second renderer and, where the image port sends RAW, OpenCV are loaded in a thread once the ports
+listen, at the first client of the stream or after 0.25 s; clients wait in the backlog. No request
+loads anything: such a request would be slow, and would fail where connections have taken all
+descriptors of open files, since an import opens files. The modules that use these import inside a
+function, with a reference to this head; `tests/end_to_end/test_loaded_modules.py` finds a missing
+one, and counts the modules of a first frame. To load OpenCV in a thread beside the renderer gained
+nothing.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.grammar import Dialect
+from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import (
     ServerOptions,
@@ -40,6 +43,7 @@ from catoptra_server.config.server_file import (
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import is_image_effect
+from catoptra_server.frames.encode import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
@@ -443,6 +447,7 @@ def load_deferred_modules(renderer: str) -> None:
     Args:
         renderer: requested renderer; `auto` may change to another one later.
     """
+    load_opencv()
     for name in _MODULES:
         importlib.import_module(name)
     for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
@@ -492,6 +497,9 @@ def _serve_image_port(
     server: ServerThreads, limits: ConnectionLimits
 ) -> AbstractAsyncContextManager[TcpServer]:
     settings = server.settings
+    # Of other types the first frame needs it.
+    if settings.image_type is not ImageType.RAW:
+        load_opencv()
     return serve_images(
         server.options.host,
         settings.image_port,
