@@ -2,6 +2,8 @@
 
 One server of each renderer receives every command of the control port, every request of the stream
 and every form of request of the image port, with all sensors and all effects.
+
+Before the first frame a server loads what its files name, and no module more.
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 OMNI = "OmniCamPillar_Link4"
+# Python, NumPy, asyncio and Pillow have three quarters of them.
+MAX_MODULES = 500
 COMMANDS = {
     "INIT": ["INIT {ClassName NoSuchClass}", f"INIT {{ClassName {CLASS}}} {{Start Centre}}"],
     "DRIVE": ["DRIVE {Left 1.0} {Right 1.0}", "DRIVE {Name CameraPan} {Order 0} {Value 0.5}"],
@@ -79,7 +83,7 @@ PAGE_ADDRESSES = (
 
 def write_robots(folder: Path) -> dict[str, Path]:
     """Write robots with all effects always on: one with all sensors, one without any rays."""
-    effects = "\n".join(f"{kind.name}=always" for kind in EFFECT_TYPES)
+    effects = "\n".join(f"{name}=always" for name in EFFECT_TYPES)
     plain = write_edited_copy(
         OMNI_ROBOT,
         folder,
@@ -196,3 +200,26 @@ def test_server_that_serves_the_page_loads_no_further_module(tmp_path: Path) -> 
         assert server.terminate() == 0
         assert "Traceback" not in server.log.read_text()
     assert json.loads(report.read_text()) == []
+
+
+def test_first_frame_of_the_field_loads_what_its_files_name(tmp_path: Path) -> None:
+    report = tmp_path / "modules.json"
+    with start_server(
+        tmp_path, "--image-type", "RAW", robot=OMNI_ROBOT, report_first_frame=report
+    ) as server:
+        with server.connect_robot() as robot, server.connect_images() as images:
+            robot.spawn(CLASS, start_pose="Centre")
+            assert images.get_frame().rgb.any()
+        # Its first client ends the wait for the first frame.
+        with server.connect_stream() as client:
+            client.get_status()
+        loaded = set(json.loads(report.read_text()))
+    unnamed = (
+        *("catoptra_protocol.calibration", "catoptra_protocol.optics.lenses.equidistant"),
+        *("catoptra_protocol.optics.mirrors.conical", "catoptra_server.effects.sensor"),
+        *("catoptra_server.effects.scene.fog", "catoptra_server.simulation.sensors.sonar"),
+        *("catoptra_server.render.raster", "catoptra_server.serve.stream", "zmq", "cv2"),
+        *("catoptra_server.serve.web", "aiohttp"),
+    )
+    assert [name for name in unnamed if name in loaded] == []
+    assert len(loaded) <= MAX_MODULES

@@ -154,7 +154,7 @@ def test_server_ends_while_a_frame_takes_long_and_leaves_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A frame of 6 s on one processor.
-    effects = "\n".join(f"{kind.name}=always" for kind in EFFECT_TYPES)
+    effects = "\n".join(f"{name}=always" for name in EFFECT_TYPES)
     slow = Edit("Samples=2", f"Samples=8\n{effects}")
     robot = write_edited_copy(OMNI_ROBOT, tmp_path, slow)
     with use_own_temporary_folder(monkeypatch) as folder, start_process(robot, FIELD) as process:

@@ -4,7 +4,9 @@ The parent holds the other end of standard input, a pipe, and writes nothing to 
 when the parent closes it or ends, by whatever signal, and the server then ends at once. No timer is
 involved: a slow machine cannot end a healthy server, and a killed test run leaves none behind.
 
-With `--report-modules FILE` before the server's arguments, the server writes at its end the names
+With `--report-first-frame FILE` before the server's arguments, the server waits for a client of the
+stream before it loads what it defers, and writes then the names of all loaded modules. With
+`--report-modules FILE` before the server's arguments, the server writes at its end the names
 of the modules that it loaded after those that it defers until its ports listen, as a JSON list.
 """
 
@@ -20,6 +22,7 @@ from catoptra_server.__main__ import main
 
 EXIT_PARENT_GONE = 70
 REPORT_OPTION = "--report-modules"
+REPORT_FIRST_FRAME_OPTION = "--report-first-frame"
 
 
 def _exit_with_parent() -> None:
@@ -58,10 +61,26 @@ def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
     return status
 
 
+def _serve_and_report_first_frame(report: Path, arguments: list[str]) -> int:
+    from catoptra_server.commands import server as app
+
+    load_deferred_modules = app.load_deferred_modules
+
+    def report_and_load(renderer: str) -> None:
+        report.write_text(json.dumps(sorted(sys.modules)))
+        load_deferred_modules(renderer)
+
+    app.load_deferred_modules = report_and_load
+    app._FIRST_FRAME_TIME_S = 60.0
+    return main(arguments)
+
+
 def _serve(arguments: list[str]) -> int:
     match arguments:
         case [option, report, *rest] if option == REPORT_OPTION:
             return _serve_and_report_modules(Path(report), rest)
+        case [option, report, *rest] if option == REPORT_FIRST_FRAME_OPTION:
+            return _serve_and_report_first_frame(Path(report), rest)
         case _:
             return main(arguments)
 

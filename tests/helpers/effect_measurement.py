@@ -58,7 +58,7 @@ CAPTURE_CONTEXT = CaptureContext(NOISE_SEED, RANGES)
 
 def make_any_effect(name: str, changes: Mapping[str, float] | None = None) -> Effect:
     """Effect with the defaults of its keys; `changes` by field."""
-    effect_type = next(effect_type for effect_type in EFFECT_TYPES if effect_type.name == name)
+    effect_type = EFFECT_TYPES[name]
     fields = {p.field: p.default for p in effect_type.parameters} | dict(changes or {})
     return effect_type.factory(**fields)
 
@@ -66,7 +66,7 @@ def make_any_effect(name: str, changes: Mapping[str, float] | None = None) -> Ef
 # Names of the effects that change the image; the others change the scene.
 IMAGE_EFFECTS = [
     effect_type.name
-    for effect_type in EFFECT_TYPES
+    for effect_type in EFFECT_TYPES.values()
     if is_image_effect(make_any_effect(effect_type.name))
 ]
 

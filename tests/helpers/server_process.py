@@ -79,6 +79,7 @@ def start_server(
     robot: Path | None = None,
     world: Path = FIELD,
     report_modules: Path | None = None,
+    report_first_frame: Path | None = None,
 ) -> Iterator[RunningServer]:
     """Serve with a small camera for the length of a block.
 
@@ -89,10 +90,13 @@ def start_server(
         world: the world file.
         report_modules: receives a JSON list of the modules that the server loads once it serves
             the stream, at its end.
+        report_first_frame: receives a JSON list of the modules that are loaded when the first
+            client of the stream connects; what the server defers is loaded after that.
     """
     command = [
         *(sys.executable, "-P", str(CHILD_SERVER)),
         *(("--report-modules", str(report_modules)) if report_modules else ()),
+        *(("--report-first-frame", str(report_first_frame)) if report_first_frame else ()),
         *("--world", str(world)),
         *("--robot", str(robot or write_small_robot(folder))),
         *("--control-port", "0", "--image-port", "0"),

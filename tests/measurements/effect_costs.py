@@ -60,7 +60,8 @@ NEGLIGIBLE_PARAMETERS = {
 def default_settings(mode: EffectMode) -> EffectSettings:
     """All effects with default parameters."""
     effects = (
-        kind.factory(**{p.field: p.default for p in kind.parameters}) for kind in EFFECT_TYPES
+        kind.factory(**{p.field: p.default for p in kind.parameters})
+        for kind in EFFECT_TYPES.values()
     )
     return EffectSettings(tuple(EffectSetting(effect, mode) for effect in effects))
 
@@ -75,7 +76,10 @@ def negligible_setting(kind: EffectType, mode: EffectMode) -> EffectSetting:
 
 def negligible_settings(required: frozenset[str]) -> EffectSettings:
     """All effects in mode auto, without those that are enabled whatever their parameters."""
-    modes = ((k, EffectMode.NEVER if k.name in required else EffectMode.AUTO) for k in EFFECT_TYPES)
+    modes = (
+        (k, EffectMode.NEVER if k.name in required else EffectMode.AUTO)
+        for k in EFFECT_TYPES.values()
+    )
     return EffectSettings(tuple(negligible_setting(kind, mode) for kind, mode in modes))
 
 

@@ -68,7 +68,7 @@ UNNEEDED_PARAMETERS = NEGLIGIBLE_PARAMETERS | {
 def make_settings(names: tuple[str, ...], mode: EffectMode = EffectMode.AUTO) -> EffectSettings:
     """Named effects with the parameters of this comparison."""
     settings = []
-    for kind in EFFECT_TYPES:
+    for kind in EFFECT_TYPES.values():
         values = {p.field: p.default for p in kind.parameters}
         values |= {k: v for k, v in PARAMETERS.get(kind.name, {}).items() if k in values}
         if kind.name in names:
@@ -79,7 +79,7 @@ def make_settings(names: tuple[str, ...], mode: EffectMode = EffectMode.AUTO) ->
 def make_unneeded_settings(summary_names: frozenset[str]) -> EffectSettings:
     """All effects in mode auto with negligible parameters, without those that a scene needs."""
     settings = []
-    for kind in EFFECT_TYPES:
+    for kind in EFFECT_TYPES.values():
         own = UNNEEDED_PARAMETERS["*"] | UNNEEDED_PARAMETERS.get(kind.name, {})
         effect = kind.factory(**{p.field: own.get(p.field, p.default) for p in kind.parameters})
         mode = EffectMode.NEVER if kind.name in summary_names else EffectMode.AUTO

@@ -15,10 +15,11 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 from catoptra_protocol.errors import DomainError, RemoteProtocolError
+from catoptra_protocol.lazy_table import LazyTable
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
-from catoptra_protocol.optics.mirrors import MIRRORS
+from catoptra_protocol.optics.mirrors import MIRRORS, Mirror
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -86,12 +87,8 @@ class _Kind:
 
     key: str
     """Name of the pair that names the projection."""
-    types: Mapping[str, type[RadialProjection]]
+    types: LazyTable[type[Mirror]] | LazyTable[type[RadialProjection]]
     parameters: Mapping[str, _Parameters]
-
-    def find_name(self, projection: RadialProjection) -> str | None:
-        # By exact type: the projection classes know no names of the wire.
-        return next((name for name, kind in self.types.items() if type(projection) is kind), None)
 
 
 _KINDS = (
@@ -203,7 +200,8 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
 
 def _pairs_from_projection(projection: RadialProjection) -> Pairs:
     for kind in _KINDS:
-        name = kind.find_name(projection)
+        # By exact type: the projection classes know no names of the wire.
+        name = kind.types.find_name(type(projection))
         if name is not None:
             parameters = (
                 (key, _format_numbers(getattr(projection, attribute)))

@@ -46,7 +46,7 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     head, _, *rows, cost = printed
     assert head.startswith("USARBot.OmniP2AT OmniCamPillar_Link4: trace")
     names = [row.split()[0] for row in rows]
-    assert names == [kind.name for kind in EFFECT_TYPES if kind.name in names], "in optical order"
+    assert names == [name for name in EFFECT_TYPES if name in names], "in optical order"
     assert {"Fog", "Vignetting", "ShotNoise"} <= set(names)
     assert any("a converter of 12 bits" in row and " off " in row for row in rows)
     # Names, states and milliseconds stand in columns; what is left out has no time.

@@ -108,7 +108,7 @@ def test_bundled_omnidirectional_robot_sees_itself(name: str) -> None:
 
 def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
     found = read_settings(REAL).settings
-    assert [setting.effect.name for setting in found] == [kind.name for kind in EFFECT_TYPES]
+    assert [setting.effect.name for setting in found] == [*EFFECT_TYPES]
     modes = {setting.effect.name: setting.mode for setting in found}
     assert modes.pop("AutoExposure") is EffectMode.NEVER
     assert set(modes.values()) == {EffectMode.AUTO}
@@ -162,7 +162,7 @@ def test_diffraction_when_too_wide_to_be_drawn_is_rejected_by_its_reason() -> No
     assert read_effects(*lens, "PixelPitch=4.01e-6").settings
 
 
-@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", EFFECT_TYPES.values(), ids=lambda kind: kind.name)
 def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType) -> None:
     page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{kind.name}` |"))
@@ -175,4 +175,4 @@ def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType
 def test_page_of_effects_names_every_one_in_order() -> None:
     page = (OMNI_ROBOT.parents[2] / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
     table = page[page.index("## The effects") : page.index("## Add an effect")]
-    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECT_TYPES]
+    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [*EFFECT_TYPES]

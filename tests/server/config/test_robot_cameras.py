@@ -198,7 +198,7 @@ def test_camera_with_effects_has_them_by_the_keys_of_a_capture_camera(tmp_path: 
     assert found.threshold_grey_levels == 2.0
 
 
-@pytest.mark.parametrize("kind", [kind.name for kind in EFFECT_TYPES if kind.needs_mirror])
+@pytest.mark.parametrize("kind", [kind.name for kind in EFFECT_TYPES.values() if kind.needs_mirror])
 def test_camera_with_an_effect_of_mirrors_is_rejected_at_its_line(
     tmp_path: Path, kind: str
 ) -> None:
@@ -210,5 +210,5 @@ def test_camera_with_an_effect_of_mirrors_is_rejected_at_its_line(
 
 
 def test_effects_of_mirrors_are_the_four_that_a_lens_cannot_have() -> None:
-    names = {kind.name for kind in EFFECT_TYPES if kind.needs_mirror}
+    names = {kind.name for kind in EFFECT_TYPES.values() if kind.needs_mirror}
     assert names == {"MirrorDust", "MirrorReflectance", "Misalignment", "SelfView"}

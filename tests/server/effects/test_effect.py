@@ -36,21 +36,20 @@ from helpers.effect_measurement import (
 NAMES = IMAGE_EFFECTS
 
 
-def test_table_names_each_effect_once_as_it_names_itself() -> None:
-    names = [kind.name for kind in EFFECT_TYPES]
-    assert len(set(names)) == len(names)
-    for kind in EFFECT_TYPES:
-        assert kind.factory(**{p.field: p.default for p in kind.parameters}).name == kind.name
+def test_table_names_each_effect_as_it_names_itself() -> None:
+    for name, kind in EFFECT_TYPES.items():
+        assert kind.name == name
+        assert kind.factory(**{p.field: p.default for p in kind.parameters}).name == name
 
 
 def test_table_when_read_has_what_changes_the_scene_before_what_changes_its_image() -> None:
-    names = [kind.name for kind in EFFECT_TYPES]
+    names = [*EFFECT_TYPES]
     assert names[len(names) - len(IMAGE_EFFECTS) :] == IMAGE_EFFECTS
 
 
-@pytest.mark.parametrize("name", [kind.name for kind in EFFECT_TYPES])
+@pytest.mark.parametrize("name", [*EFFECT_TYPES])
 def test_default_when_checked_lies_within_its_range(name: str) -> None:
-    kind = next(kind for kind in EFFECT_TYPES if kind.name == name)
+    kind = EFFECT_TYPES[name]
     assert all(p.min_value <= p.default <= p.max_value for p in kind.parameters)
 
 
@@ -123,12 +122,12 @@ def test_page_of_effects_has_the_folder_of_each() -> None:
     page = (REPOSITORY / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \|", page, re.MULTILINE)
     folder_of = {name: folder for folder, names in rows for name in re.findall(r"`(\w+)`", names)}
-    for effect_type in EFFECT_TYPES:
+    for effect_type in EFFECT_TYPES.values():
         module = type(make_any_effect(effect_type.name)).__module__
         assert module.split(".")[-2] == folder_of[effect_type.name]
 
 
-@pytest.mark.parametrize("name", [effect_type.name for effect_type in EFFECT_TYPES])
+@pytest.mark.parametrize("name", [*EFFECT_TYPES])
 def test_effect_when_in_the_folder_scene_changes_the_scene(name: str) -> None:
     effect = make_any_effect(name)
     assert effect.changes_scene == (".effects.scene." in type(effect).__module__)

@@ -265,7 +265,7 @@ def test_depth_without_the_fixed_disc_counts_all_of_the_blur(
     assert [one.enabled for one in decided] == [True, *(False for _ in named)]
 
 
-NAMES = [effect_type.name for effect_type in EFFECT_TYPES]
+NAMES = [*EFFECT_TYPES]
 # Effects that read nothing with the defaults of their keys, since they then do nothing.
 ACTIVE_PARAMETERS = {
     "RollingShutter": {"readout_s": 0.03},

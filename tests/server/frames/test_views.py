@@ -628,7 +628,7 @@ def test_view_prepared_ahead_is_prepared_by_a_new_renderer_after_a_fault() -> No
     assert len(fakes.views) == 1
 
 
-@pytest.mark.parametrize("type_", EFFECT_TYPES, ids=lambda type_: type_.name)
+@pytest.mark.parametrize("type_", EFFECT_TYPES.values(), ids=lambda type_: type_.name)
 @pytest.mark.parametrize("place", ["bound", "apply"])
 def test_effect_that_raises_refuses_its_view_and_no_other(
     type_: EffectType, place: str, monkeypatch: pytest.MonkeyPatch

@@ -43,7 +43,7 @@ STRONG: dict[str, dict[str, float]] = {
     "WhiteBalance": {"red_gain": 1.3, "blue_gain": 0.8},
 }
 # The fixed part of the blur is in that by depth: never both.
-NAMES = [k.name for k in EFFECT_TYPES if k.name not in (*SCENE_EFFECTS, "Defocus")]
+NAMES = [name for name in EFFECT_TYPES if name not in (*SCENE_EFFECTS, "Defocus")]
 CHAIN = tuple(make_effect(name, STRONG.get(name, {})) for name in NAMES)
 CAMERA_STATE_WITH_ALL = replace(
     DRIVING_STATE,

@@ -44,7 +44,7 @@ from helpers.renderers import RendererFactory
 from helpers.worlds import CAMERA_STATE, make_test_world
 
 CAMERA = PerspectiveCamera(160, 120, math.radians(90.0))
-NAMES = [kind.name for kind in EFFECT_TYPES if not kind.needs_mirror]
+NAMES = [kind.name for kind in EFFECT_TYPES.values() if not kind.needs_mirror]
 # So strong that pixels change, where the defaults change few or none.
 WIDE_OPEN = {"f_number": 1.4, "pixel_pitch_m": 3e-5, "focus_distance_m": 0.4}
 STRONG = {
@@ -209,7 +209,7 @@ def test_defocus_of_a_point_on_a_wall_is_the_disc_of_the_thin_lens(
     mark = Item("mark", Box((1e-4, pixel_m, pixel_m)), Pose.from_rpy((depth_m, 0.0, 0.0)), WHITE)
     world = World("point", (wall, mark), background=(0.0, 0.0, 0.0))
     parameters = dict(f_number=f_number, pixel_pitch_m=pitch_m, focus_distance_m=focus_m)
-    kind = next(kind for kind in EFFECT_TYPES if kind.name == "DefocusByDepth")
+    kind = EFFECT_TYPES["DefocusByDepth"]
     effect = kind.factory(**parameters)
     view = make_renderer(world).prepare_perspective(camera, 4)
     sharp = view.render_linear(STILL)[..., 1].astype(np.float64)

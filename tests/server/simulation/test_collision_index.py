@@ -223,7 +223,8 @@ def test_newcomer_among_sixty_two_robots_finds_a_place() -> None:
 
 
 def test_robot_without_a_free_place_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spawning, "_SEARCH_OFFSETS_M", spawning._SEARCH_OFFSETS_M[:1000])
+    offsets_m = spawning._search_offsets_m()[:1000]
+    monkeypatch.setattr(spawning, "_search_offsets_m", lambda: offsets_m)
     fleet = make_fleet()
     clients = [spawn(fleet, "P2AT", 0.0) for _ in range(60)]
     refused = [client for client in clients if client.rejections]

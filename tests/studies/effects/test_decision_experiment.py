@@ -83,7 +83,7 @@ def test_place_has_all_motions_and_all_effects_that_are_not_switched_off() -> No
     decisions = run_decision_study(study)
     assert list(dict.fromkeys(one.motion for one in decisions)) == list(MOTIONS)
     names = [one.effect for one in decisions if one.motion == "driving"]
-    in_order = [kind.name for kind in EFFECT_TYPES if kind.name in names]
+    in_order = [name for name in EFFECT_TYPES if name in names]
     assert names == in_order
     # Automatic exposure is never on in the shipped camera; one of the two defocus effects acts.
     assert len(names) >= 20

@@ -11,7 +11,7 @@ from catoptra_studies.effects.effect_pages import write_effect_pages
 
 
 def test_cases_when_listed_have_one_of_every_effect_in_optical_order() -> None:
-    assert [case.effect.name for case in EFFECT_CASES] == [kind.name for kind in EFFECT_TYPES]
+    assert [case.effect.name for case in EFFECT_CASES] == [*EFFECT_TYPES]
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-@pytest.mark.parametrize("name", [kind.name for kind in EFFECT_TYPES])
+@pytest.mark.parametrize("name", [*EFFECT_TYPES])
 def test_page_shows_an_image_without_and_another_with_the_effect(folder: Path, name: str) -> None:
     page = cv2.imread(str(folder / f"{name}.png"))
     assert page.shape == (660, 1520, 3)

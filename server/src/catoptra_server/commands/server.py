@@ -4,14 +4,16 @@ Three threads: one owns the simulation's clock and robots, one the renderers; th
 asyncio loop owns all sockets. Mailboxes and event queues connect the threads. Rendering has
 niceness 5, so that reports and sockets come first.
 
-**A start loads what the first frame needs**, since loading takes two thirds: first frame 0.64 s
-after the start, 1.16 before (`tests/cost/serving.py`). The stream, the live page and the second
-renderer are loaded in a thread once the ports listen, at the first client of the stream or after
-0.25 s; clients wait in the backlog. No request loads anything: such a request would be slow, and
-would fail where connections have taken all descriptors of open files, since an import opens files.
-The modules that use these import inside a function, with a reference to this head;
-`tests/end_to_end/test_loaded_modules.py` finds a missing one. To load OpenCV in a thread beside the
-renderer gained nothing.
+**A start loads what the first frame needs**, since loading takes two thirds (the time to the first
+frame: `tests/cost/serving.py`). Lenses, mirrors, effects and sensors are loaded where a file names
+them (`catoptra_protocol.lazy_table`), when the files are read. The stream, the live page, the
+second renderer and, where the image port sends RAW, OpenCV are loaded in a thread once the ports
+listen, at the first client of the stream or after 0.25 s; clients wait in the backlog. No request
+loads anything: such a request would be slow, and would fail where connections have taken all
+descriptors of open files, since an import opens files. The modules that use these import inside a
+function, with a reference to this head; `tests/end_to_end/test_loaded_modules.py` finds a missing
+one, and counts the modules of a first frame. To load OpenCV in a thread beside the renderer gained
+nothing.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.grammar import Dialect
+from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import (
     ServerOptions,
@@ -39,6 +42,8 @@ from catoptra_server.config.server_file import (
 )
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import is_image_effect
+from catoptra_server.frames.encode import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
@@ -52,6 +57,7 @@ from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.serve.limits import (
+    DESCRIPTORS_PER_CONNECTION,
     MAX_PAGE_CONNECTIONS,
     MAX_STREAM_CONNECTIONS,
     LoopShare,
@@ -64,16 +70,9 @@ from catoptra_server.serve.port import (
     wait_for_connection,
     warn_of_exposure,
 )
-from catoptra_server.serve.stream.guard import (
-    DESCRIPTORS_PER_CONNECTION,
-)
 from catoptra_server.serve.tcp_control import serve_control
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import TcpServer
-from catoptra_server.serve.web.web_access import (
-    WebAccess,
-    create_web_access,
-)
 from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
@@ -83,6 +82,7 @@ from catoptra_server.world.camera_state import CameraState
 if TYPE_CHECKING:
     # Loaded late: see the head of this module.
     from catoptra_server.serve.stream.replies import StreamContext
+    from catoptra_server.serve.web.web_access import WebAccess
     from catoptra_server.serve.web.web_server import WebServer
 
 log = logging.getLogger(__name__)
@@ -117,8 +117,13 @@ _RAY_MODULES = (
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
 )
+# Image effects by the kernel: for the raster renderer, and for cameras with such effects.
+_STAGE_MODULE = "catoptra_server.render.trace.kernel.image"
 # The raster renderer, and what moderngl imports with the first context.
-_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
+_RASTER_MODULES = (
+    _STAGE_MODULE,
+    *("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,6 +325,8 @@ class ServerThreads:
             is_reproducible=not is_realtime,
         )
         log.info("%s", choice.renderer.describe())
+        if _has_image_effects(startup):
+            importlib.import_module(_STAGE_MODULE)
         views = ViewCache(
             RenderPlanner(
                 RendererPool(choice, may_replace=is_realtime),
@@ -346,6 +353,15 @@ class ServerThreads:
             multi_view=self.settings.multi_view,
             error_bound_of=self.error_bounds.get,
         )
+
+
+def _has_image_effects(startup: StartupConfig) -> bool:
+    """Whether any robot's file gives a camera an effect of the image."""
+    settings = [
+        *(one.effects for robot in startup.robots for one in robot.omni_cameras),
+        *(one.effects for robot in startup.robots for one in robot.perspective_cameras),
+    ]
+    return any(is_image_effect(one.effect) for each in settings for one in each.settings)
 
 
 def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
@@ -381,6 +397,8 @@ async def _open_ports(
         view = _create_view_listener(server)
         access = None
         if view is not None:
+            from catoptra_server.serve.web.web_access import create_web_access
+
             open_ports.enter_context(view)
             access = create_web_access(host, view)
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
@@ -429,6 +447,7 @@ def load_deferred_modules(renderer: str) -> None:
     Args:
         renderer: requested renderer; `auto` may change to another one later.
     """
+    load_opencv()
     for name in _MODULES:
         importlib.import_module(name)
     for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
@@ -478,6 +497,9 @@ def _serve_image_port(
     server: ServerThreads, limits: ConnectionLimits
 ) -> AbstractAsyncContextManager[TcpServer]:
     settings = server.settings
+    # Of other types the first frame needs it.
+    if settings.image_type is not ImageType.RAW:
+        load_opencv()
     return serve_images(
         server.options.host,
         settings.image_port,

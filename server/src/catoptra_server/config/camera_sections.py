@@ -166,11 +166,11 @@ def read_effect_settings(
         ConfigError: for an effect that such a camera cannot have, a parameter outside its range or
             an unknown mode.
     """
-    kinds = [kind for kind in EFFECT_TYPES if has_mirror or not kind.needs_mirror]
-    for kind in EFFECT_TYPES:
-        if kind not in kinds:
-            known = ", ".join(one.name for one in kinds)
-            expected = f"an effect of a lens, which has no mirror: {known}"
+    named = [EFFECT_TYPES[name] for name in EFFECT_TYPES if section.has_key(name)]
+    for kind in named:
+        if kind.needs_mirror and not has_mirror:
+            known = [one.name for one in EFFECT_TYPES.values() if not one.needs_mirror]
+            expected = f"an effect of a lens, which has no mirror: {', '.join(known)}"
         elif has_mirror and kind.needs_viewpoint and not has_viewpoint:
             expected = (
                 "no such effect of a mirror without a single viewpoint: its virtual image is "
@@ -178,10 +178,9 @@ def read_effect_settings(
             )
         else:
             continue
-        if section.has_key(kind.name):
-            raise section.make_error(kind.name, expected=expected)
-    settings = [_read_effect_setting(section, kind) for kind in kinds]
-    return EffectSettings(
+        raise section.make_error(kind.name, expected=expected)
+    settings = [_read_effect_setting(section, kind) for kind in named]
+    found = EffectSettings(
         tuple(setting for setting in settings if setting is not None),
         threshold_grey_levels=section.get_float(
             "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
@@ -189,12 +188,17 @@ def read_effect_settings(
         basis=DecisionBasis(section.get_choice("EffectDecision", _BASES, _DEFAULT_BASIS)),
         threshold_px=_read_threshold_px(section),
     )
+    # Other keys may be parameters of effects without a mode. These are checked, too: a typing error
+    # is found before the effect is switched on.
+    if section.has_unread_keys:
+        for kind in EFFECT_TYPES.values():
+            if has_mirror or not kind.needs_mirror:
+                _read_effect_setting(section, kind)
+    return found
 
 
 def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
     """Setting of one effect; None without a mode."""
-    # Read even without a mode: a typing error is found before the effect is switched on, and a
-    # parameter of an effect that is off does not count as an unknown key.
     values = {
         p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
         for p in kind.parameters

@@ -11,7 +11,6 @@ that one copy exists, and a folder of real files in a wheel. `p2at_omni` is robo
 
 from __future__ import annotations
 
-import difflib
 import logging
 import os
 from collections.abc import Iterable
@@ -102,6 +101,8 @@ def is_own_section(name: str) -> bool:
 
 def suggest_name(name: str, known: Iterable[str], min_similarity: float = _MIN_SIMILARITY) -> str:
     """Known name that is most similar to a misspelt one, regardless of case; empty for none."""
+    import difflib  # for a misspelt name alone
+
     by_lower_case = {one.lower(): one for one in known}
     found = difflib.get_close_matches(name.lower(), by_lower_case, 1, min_similarity)
     return by_lower_case[found[0]] if found else ""

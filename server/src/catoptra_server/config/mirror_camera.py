@@ -18,18 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics import mirrors
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, near_limit_m
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.mirrors import (
-    ConicalMirror,
-    EquiangularMirror,
-    HyperbolicMirror,
-    Mirror,
-    ParabolicMirror,
-    ProfileMirror,
-    RadialTableMirror,
-    SphericalMirror,
-)
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
@@ -227,7 +219,7 @@ def _read_hyperbolic(settings: SectionReader) -> Mirror:
 
 def _read_parabolic(settings: SectionReader) -> Mirror:
     radius = settings.get_float("HorizonRadius", min_value=1e-9)
-    return ParabolicMirror(radius * _read_unit_m(settings, 0.1))
+    return mirrors.ParabolicMirror(radius * _read_unit_m(settings, 0.1))
 
 
 def _read_spherical(settings: SectionReader) -> Mirror:
@@ -235,20 +227,24 @@ def _read_spherical(settings: SectionReader) -> Mirror:
     radius_m = settings.get_float("Radius", min_value=1e-9) * metres
     distance_m = settings.get_float("CentreDistance", min_value=1e-9) * metres
     return _make_mirror(
-        settings, "CentreDistance", lambda rim: SphericalMirror(radius_m, distance_m, rim)
+        settings, "CentreDistance", lambda rim: mirrors.SphericalMirror(radius_m, distance_m, rim)
     )
 
 
 def _read_conical(settings: SectionReader) -> Mirror:
     half_rad = math.radians(settings.get_float("HalfAngle", min_value=0.1, max_value=89.9))
     distance_m = settings.get_float("ApexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
-    return _make_mirror(settings, "HalfAngle", lambda rim: ConicalMirror(half_rad, distance_m, rim))
+    return _make_mirror(
+        settings, "HalfAngle", lambda rim: mirrors.ConicalMirror(half_rad, distance_m, rim)
+    )
 
 
 def _read_equiangular(settings: SectionReader) -> Mirror:
     gain = settings.get_float("Gain", min_value=1.0, max_value=1000.0)
     distance_m = settings.get_float("VertexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
-    return _make_mirror(settings, "Gain", lambda rim: EquiangularMirror(gain, distance_m, rim))
+    return _make_mirror(
+        settings, "Gain", lambda rim: mirrors.EquiangularMirror(gain, distance_m, rim)
+    )
 
 
 def _read_profile(settings: SectionReader) -> Mirror:
@@ -259,7 +255,9 @@ def _read_profile(settings: SectionReader) -> Mirror:
     sags_m = tuple((sag - sags[0]) * metres for sag in sags)
     distance_m = settings.get_float("VertexDistance", min_value=1e-9) * metres
     key = "Profile" if settings.has_key("Profile") else "Sags"
-    return _make_mirror(settings, key, lambda rim: ProfileMirror(radii_m, sags_m, distance_m, rim))
+    return _make_mirror(
+        settings, key, lambda rim: mirrors.ProfileMirror(radii_m, sags_m, distance_m, rim)
+    )
 
 
 def _read_radial_table(settings: SectionReader) -> Mirror:
@@ -269,7 +267,7 @@ def _read_radial_table(settings: SectionReader) -> Mirror:
     distance_m = settings.get_float("VertexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
     key = "Table" if settings.has_key("Table") else "Radii"
     return _make_mirror(
-        settings, key, lambda rim: RadialTableMirror(angles, ratios, distance_m, rim)
+        settings, key, lambda rim: mirrors.RadialTableMirror(angles, ratios, distance_m, rim)
     )
 
 

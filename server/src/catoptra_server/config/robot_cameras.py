@@ -14,7 +14,6 @@ import re
 
 import numpy as np
 
-from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.camera_conf import LENS_PARAMETERS
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
@@ -148,6 +147,9 @@ def read_perspective_camera(
 
 def _read_calibrated_camera(file: IniFile, section: SectionReader) -> OmniCamera:
     """Camera of a calibration file, in a narrower field of view if the section has one."""
+    # Not at the start: most files name none.
+    from catoptra_protocol.calibration.calibration_files import camera_from_file
+
     path = section.get_path("CalibrationFile", file.path.parent)
     name = section.get_str("CalibrationCamera", "")
     picture = read_picture(section, Picture.FLIPPED) if section.has_key("Picture") else None

@@ -42,7 +42,6 @@ from catoptra_server.simulation.sensors import SENSOR_KINDS
 log = logging.getLogger(__name__)
 # Names of classes extend each other: RangeScanner3D (0.923) is no misspelt RangeScanner.
 _MIN_SIMILARITY = 0.925
-_READERS = {name: read for kind in SENSOR_KINDS for name, read in kind.readers.items()}
 _HINGE_CLASSES = ("kdhinge", "khinge")
 # Appearance, and how the engine fastens the part: without effect here, yet correct in a real file.
 _IGNORED_KEYS = (
@@ -59,8 +58,8 @@ _IGNORED_KEYS = (
 
 
 def is_sensor(item: SectionReader) -> bool:
-    """Whether an item's class is a sensor of _READERS."""
-    return item.get_class_name("ItemClass") in _READERS
+    """Whether an item's class is a sensor of SENSOR_KINDS."""
+    return item.get_class_name("ItemClass") in SENSOR_KINDS
 
 
 def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> SensorDescription:
@@ -71,12 +70,13 @@ def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> S
         mount=read_mount(robot, struct),
         section=file.get_section(struct.get_str("ItemClass")),
     )
-    return _READERS[struct.get_class_name("ItemClass")](item)
+    name = struct.get_class_name("ItemClass")
+    return SENSOR_KINDS[name].readers[name](item)
 
 
 def report_unknown_class(item: SectionReader) -> None:
     """Log a warning for an item of an unknown class, but none for each key."""
-    suggestion = suggest_name(item.get_class_name("ItemClass"), _READERS, _MIN_SIMILARITY)
+    suggestion = suggest_name(item.get_class_name("ItemClass"), SENSOR_KINDS, _MIN_SIMILARITY)
     log.warning(
         "%s: class %s is unknown: item %s has no effect%s",
         item.where,

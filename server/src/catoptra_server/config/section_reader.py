@@ -103,6 +103,11 @@ class SectionReader:
         """Whether any key was read."""
         return bool(self._used_keys)
 
+    @property
+    def has_unread_keys(self) -> bool:
+        """Whether any key was not read so far."""
+        return bool(self._unused_keys())
+
     def ignore_all(self) -> None:
         """Count every key as read, for a section that has no effect or was reported as a whole."""
         self._used_keys.update({key: key for key in self._entries})

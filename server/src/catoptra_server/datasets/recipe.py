@@ -226,7 +226,7 @@ def draw_effects(
     drawn = {key: values.draw(generator) for key, values in overrides.values}
     wanted = _read_settings(overrides, drawn, has_mirror=has_mirror, has_viewpoint=has_viewpoint)
     by_name = {one.effect.name: one for one in (*own.settings, *wanted.settings)}
-    ordered = tuple(by_name[kind.name] for kind in EFFECT_TYPES if kind.name in by_name)
+    ordered = tuple(by_name[name] for name in EFFECT_TYPES if name in by_name)
     return EffectSettings(
         ordered,
         threshold_grey_levels=own.threshold_grey_levels,
@@ -243,11 +243,10 @@ def _read_settings(
     has_viewpoint: bool,
 ) -> EffectSettings:
     """Settings of drawn parameters, by the readers of robot files: one place has all checks."""
-    kinds = {kind.name: kind for kind in EFFECT_TYPES}
     modes = [
         (name, mode)
         for name, mode in overrides.modes
-        if _is_possible(kinds[name], has_mirror=has_mirror, has_viewpoint=has_viewpoint)
+        if _is_possible(EFFECT_TYPES[name], has_mirror=has_mirror, has_viewpoint=has_viewpoint)
     ]
     texts = (*modes, *((key, repr(value)) for key, value in drawn.items()))
     entries = [Entry(key, text, "", overrides.where) for key, text in texts]
@@ -269,10 +268,10 @@ def read_effects(file: IniFile) -> EffectOverrides:
     """
     section = file.get_section(_EFFECTS_SECTION)
     modes, values = [], []
-    for kind in EFFECT_TYPES:
-        mode = section.get_choice(kind.name, [mode.value for mode in EffectMode], "")
+    for name in EFFECT_TYPES:
+        mode = section.get_choice(name, [mode.value for mode in EffectMode], "")
         if mode:
-            modes.append((kind.name, mode))
+            modes.append((name, mode))
     for parameter in _parameters():
         low, high = parameter.min_value, parameter.max_value
         if section.get_str(parameter.key, ""):
@@ -292,7 +291,7 @@ def read_effects(file: IniFile) -> EffectOverrides:
 def _parameters() -> Iterator[EffectParameter]:
     """Yield the parameters of all effects, one that several share once."""
     seen: set[str] = set()
-    for kind in EFFECT_TYPES:
+    for kind in EFFECT_TYPES.values():
         for parameter in kind.parameters:
             if parameter.key not in seen:
                 seen.add(parameter.key)

@@ -12,7 +12,8 @@ To add an image effect:
    and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
    `sensor`. Mathematics that several effects need goes to `kernels`.
 2. A stage of the kernel: `render/trace/kernel/image.py:STAGE_MAKERS`.
-3. A line in EFFECT_TYPES, at the effect's position in optical order.
+3. A line in EFFECT_TYPES, at the effect's position in optical order; its name is the one of the
+   effect's EFFECT_TYPE.
 
 To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, and the line.
 Keys of the capture camera's section, both renderers, `explain` and the frame header follow from the
@@ -21,56 +22,39 @@ table. Effects that no robot file names cost nothing: no pass, no program, no bu
 
 from __future__ import annotations
 
+from catoptra_protocol.lazy_table import LazyTable
 from catoptra_server.effects.effect import EffectType
-from catoptra_server.effects.medium import (
-    chromatic_aberration,
-    defocus,
-    defocus_by_depth,
-    diffraction,
-    misalignment,
-    vignetting,
-)
-from catoptra_server.effects.mirror import mirror_dust, mirror_reflectance
-from catoptra_server.effects.scene import fog, motion_blur, rolling_shutter, self_view, shadows
-from catoptra_server.effects.sensor import (
-    auto_exposure,
-    bayer,
-    blooming,
-    exposure,
-    fixed_pattern,
-    quantisation,
-    read_noise,
-    shot_noise,
-    white_balance,
-)
 
-EFFECT_TYPES: tuple[EffectType, ...] = (
-    self_view.EFFECT_TYPE,
-    shadows.EFFECT_TYPE,
-    fog.EFFECT_TYPE,
-    rolling_shutter.EFFECT_TYPE,
-    motion_blur.EFFECT_TYPE,
-    # Supersedes Defocus where both are named, so this criterion decides first.
-    defocus_by_depth.EFFECT_TYPE,
-    defocus.EFFECT_TYPE,
-    misalignment.EFFECT_TYPE,
-    chromatic_aberration.EFFECT_TYPE,
-    diffraction.EFFECT_TYPE,
-    mirror_dust.EFFECT_TYPE,
-    mirror_reflectance.EFFECT_TYPE,
-    vignetting.EFFECT_TYPE,
-    # From here on radiance 1 fills a pixel's well.
-    exposure.EFFECT_TYPE,
-    auto_exposure.EFFECT_TYPE,
-    blooming.EFFECT_TYPE,
-    fixed_pattern.EFFECT_TYPE,
-    shot_noise.EFFECT_TYPE,
-    read_noise.EFFECT_TYPE,
-    quantisation.EFFECT_TYPE,
-    # Noise before the mosaic: the three colours of a pixel have independent noise, so the mosaic
-    # keeps one measurement of each pixel.
-    bayer.EFFECT_TYPE,
-    white_balance.EFFECT_TYPE,
+EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
+    __name__,
+    {
+        "SelfView": "scene.self_view.EFFECT_TYPE",
+        "Shadows": "scene.shadows.EFFECT_TYPE",
+        "Fog": "scene.fog.EFFECT_TYPE",
+        "RollingShutter": "scene.rolling_shutter.EFFECT_TYPE",
+        "MotionBlur": "scene.motion_blur.EFFECT_TYPE",
+        # Supersedes Defocus where both are named, so this criterion decides first.
+        "DefocusByDepth": "medium.defocus_by_depth.EFFECT_TYPE",
+        "Defocus": "medium.defocus.EFFECT_TYPE",
+        "Misalignment": "medium.misalignment.EFFECT_TYPE",
+        "ChromaticAberration": "medium.chromatic_aberration.EFFECT_TYPE",
+        "Diffraction": "medium.diffraction.EFFECT_TYPE",
+        "MirrorDust": "mirror.mirror_dust.EFFECT_TYPE",
+        "MirrorReflectance": "mirror.mirror_reflectance.EFFECT_TYPE",
+        "Vignetting": "medium.vignetting.EFFECT_TYPE",
+        # From here on radiance 1 fills a pixel's well.
+        "Exposure": "sensor.exposure.EFFECT_TYPE",
+        "AutoExposure": "sensor.auto_exposure.EFFECT_TYPE",
+        "Blooming": "sensor.blooming.EFFECT_TYPE",
+        "FixedPattern": "sensor.fixed_pattern.EFFECT_TYPE",
+        "ShotNoise": "sensor.shot_noise.EFFECT_TYPE",
+        "ReadNoise": "sensor.read_noise.EFFECT_TYPE",
+        "Quantisation": "sensor.quantisation.EFFECT_TYPE",
+        # Noise before the mosaic: the three colours of a pixel have independent noise, so the
+        # mosaic keeps one measurement of each pixel.
+        "Bayer": "sensor.bayer.EFFECT_TYPE",
+        "WhiteBalance": "sensor.white_balance.EFFECT_TYPE",
+    },
 )
 
 __all__ = ["EFFECT_TYPES"]

@@ -35,9 +35,10 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
-from catoptra_server.effects.medium.defocus import Defocus
-from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.world.camera_state import CameraState
+
+# Effects by name: their modules are loaded for the files that name them.
+_DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +93,10 @@ class EffectPlan:
         """
         if not changes:
             return self.decisions
-        if DefocusByDepth.name in changes and not any(one.included_in for one in self.decisions):
+        if _DEFOCUS_BY_DEPTH in changes and not any(one.included_in for one in self.decisions):
             # As in its bound, with no `Defocus` to count from.
             changes = dict(changes)
-            changes[DefocusByDepth.name] = changes.pop(Defocus.name, changes[DefocusByDepth.name])
+            changes[_DEFOCUS_BY_DEPTH] = changes.pop(_DEFOCUS, changes[_DEFOCUS_BY_DEPTH])
         decided = [_decide_by_change(one, changes.get(one.effect)) for one in self.decisions]
         enabled = {one.effect for one in decided if one.enabled}
         # What an effect includes stays off only as long as that effect is on.
@@ -128,7 +129,7 @@ def plan_effects(
     scene_effects: list[SceneEffect] = []
     image_effects: list[ImageEffect] = []
     allowed = {one.effect.name for one in settings.settings if one.mode is not EffectMode.NEVER}
-    summary = replace(summary, has_defocus=Defocus.name in allowed)
+    summary = replace(summary, has_defocus=_DEFOCUS in allowed)
     for entry in _effect_entries(settings, camera):
         effect = entry.setting.effect
         decisions.append(_find_decision(entry, summary, settings))

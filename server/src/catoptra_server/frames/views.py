@@ -30,7 +30,6 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.frame import Channel, FrameLabels, ViewRequest
 from catoptra_server.frames.frame_plan import (
     DEFAULT_CALIBRATION_STATES,
@@ -454,7 +453,7 @@ class _FrameLabeller:
         return FrameLabels(
             truth,
             has_row_times=image.ray_source.readout_s > 0.0,
-            is_displaced=any(isinstance(one, Misalignment) for one in image.image_effects),
+            is_displaced=any(one.name == "Misalignment" for one in image.image_effects),
             flow_to_time_s=None if last is None else last.time_s,
         )
 

@@ -36,6 +36,8 @@ log = logging.getLogger(__name__)
 MAX_CONNECTIONS = 64
 MAX_PER_ADDRESS = 16
 MAX_STREAM_CONNECTIONS = 288
+# Of the stream: the client's socket, and two ends of the local one.
+DESCRIPTORS_PER_CONNECTION = 3
 MAX_PAGE_CONNECTIONS = 128
 # Each client of the stream may have a robot.
 MAX_PEERS = 256

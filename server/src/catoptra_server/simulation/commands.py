@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TypeVar, assert_never
+from typing import Any, assert_never
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -46,11 +46,7 @@ from catoptra_server.frames.plan.error_bound import ErrorBound
 from catoptra_server.simulation.events import Client, RejectedError
 from catoptra_server.simulation.robot import EnvironmentProvider, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors.encoder import EncoderBank
-from catoptra_server.simulation.sensors.ins import InsSensor
-from catoptra_server.simulation.sensors.odometry import OdometrySensor
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
 from catoptra_server.simulation.sensors.sensor import Part, SensorContext
 
 ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
@@ -218,35 +214,30 @@ def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-_InstrumentT = TypeVar("_InstrumentT", OdometrySensor, InsSensor, RangeScannerSensor)
-
-
-def _find_instruments(
-    robot: Robot, command: SetCommand, kind: type[_InstrumentT]
-) -> list[_InstrumentT]:
-    """Instruments of a kind: that of the command's name, or all."""
-    return [
-        sensor.instrument
-        for sensor in robot.sensors
-        if isinstance(sensor.instrument, kind) and _matches_name(command, sensor.name)
-    ]
+# Any: the type of the command says which class the instruments have.
+def _find_instruments(robot: Robot, command: SetCommand) -> list[Any]:
+    """Instruments of the command's type: that of the command's name, or all."""
+    type_ = command.type.lower()
+    alike = [sensor for sensor in robot.sensors if sensor.type.lower() == type_]
+    return [sensor.instrument for sensor in alike if _matches_name(command, sensor.name)]
 
 
 def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = _find_instruments(robot, command, OdometrySensor)
+    found = _find_instruments(robot, command)
     for sensor in found:
         sensor.reset()
     return [] if found else None
 
 
 def _reset_encoder(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    banks = [s.instrument for s in robot.sensors if isinstance(s.instrument, EncoderBank)]
+    # One bank has the robot's encoders, whose names it knows.
+    banks: list[Any] = [s.instrument for s in robot.sensors if s.type.lower() == "encoder"]
     # A list inside any(): every bank is reset, not only the first that has the name.
     return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
 def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
-    found = _find_instruments(robot, command, InsSensor)
+    found = _find_instruments(robot, command)
     numbers = command.numeric_params
     # x, y, z, roll, pitch, yaw; a part of a pose is no pose.
     if len(numbers) != 6:
@@ -259,7 +250,7 @@ def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> 
 
 def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     # Beside the periodic scans, whose schedule does not change.
-    found = _find_instruments(robot, command, RangeScannerSensor)
+    found = _find_instruments(robot, command)
     return [sensor.read(context) for sensor in found] or None
 
 

@@ -54,7 +54,7 @@ def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     assert summary.scene_twist == round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
-@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", EFFECT_TYPES.values(), ids=lambda kind: kind.name)
 def test_summary_for_a_criterion_has_what_the_criterion_reads(kind: EffectType) -> None:
     # Also after the robot itself has come into view, which moves numbers among the fields.
     effect, self_view = make_any_effect(kind.name), SelfView()

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,6 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -44,6 +44,9 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import ROBOT_CLASS
+
+if TYPE_CHECKING:
+    from catoptra_server.effects.medium.misalignment import Misalignment
 
 LabelCamera = OmniCamera | PerspectiveCamera
 
@@ -77,8 +80,9 @@ class LabelledImage:
     @property
     def ray_source(self) -> RaySource:
         """Everything that the rays depend on, but for the poses."""
-        displaced = (one for one in self.image_effects if isinstance(one, Misalignment))
-        misalignment, shutter = next(displaced, None), self.camera_state.shutter
+        displaced = (one for one in self.image_effects if one.name == "Misalignment")
+        misalignment = cast("Misalignment | None", next(displaced, None))
+        shutter = self.camera_state.shutter
         if shutter is None or shutter.readout_s == 0.0:
             return RaySource(self.camera, misalignment)
         return RaySource(self.camera, misalignment, shutter.exposure_s, shutter.readout_s)
@@ -216,6 +220,9 @@ def _misaligned_rays(
     camera: OmniCamera, misalignment: Misalignment, u: Floats, v: Floats
 ) -> tuple[Floats | None, Floats, Bools]:
     """Rays of a grid of a displaced camera: of the points that the pixels look up."""
+    # Loaded with the misalignment itself.
+    from catoptra_server.effects.medium.misalignment import lookup_offset_map
+
     lookup = lookup_offset_map(misalignment, camera)
     # Offsets vary by hundredths of a pixel from one pixel to the next: samples have their pixel's.
     # Tiles of the last row and column may reach beyond the image.

@@ -33,8 +33,6 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.effects.scene.motion_blur import MotionBlur
-from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
 from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
@@ -364,7 +362,7 @@ _RAYS_PER_TRIANGLE = 40
 
 
 # Effects whose time samples are limited.
-_SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
+_SHUTTER_EFFECTS = frozenset(("MotionBlur", "RollingShutter"))
 
 
 def limit_time_samples(

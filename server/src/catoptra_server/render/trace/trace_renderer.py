@@ -17,7 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import CaptureContext, ImageEffect
-from catoptra_server.render.image_changer import ExposedImage, ImageChanger
+from catoptra_server.render.image_changer import ExposedImage
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
     FaceCamera,
@@ -110,7 +110,7 @@ class TraceRenderer:
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceView:
         """View of a camera's rays."""
-        return TraceView(camera, self._engine.prepare(table), self._engine.image_changer)
+        return TraceView(camera, self._engine.prepare(table), self._engine)
 
     def close(self) -> None:
         """Free the engine."""
@@ -167,17 +167,17 @@ def create_engine(
 class TraceView:
     """The rays of one camera."""
 
-    def __init__(self, camera: RadialCamera, rays: TracedRays, image_changer: ImageChanger) -> None:
+    def __init__(self, camera: RadialCamera, rays: TracedRays, engine: TraceEngine) -> None:
         """Keep the prepared rays.
 
         Args:
             camera: Camera model, for the effects.
             rays: Rays of the image.
-            image_changer: Applies image effects.
+            engine: Engine of the rays, whose image changer applies image effects.
         """
         self._camera = camera
         self._rays = rays
-        self._image_changer = image_changer
+        self._engine = engine
 
     @property
     def memory_bytes(self) -> int:
@@ -210,7 +210,7 @@ class TraceView:
         if not effects:
             return RenderedImage(frame.image, stage_ms, frame.changes), frame.labels
         exposed = self._expose_image(camera_state, frame)
-        encoded = self._image_changer.encode(exposed, effects, thresholds)
+        encoded = self._engine.image_changer.encode(exposed, effects, thresholds)
         changes = {**frame.changes, **encoded.changes}
         return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, changes), frame.labels
 
@@ -220,7 +220,7 @@ class TraceView:
         """Render one exposure in linear light, after all effects and before the encoding."""
         frame, _ = self._trace(camera_state, effects, NO_THRESHOLDS, None, is_linear=True)
         exposed = self._expose_image(camera_state, frame)
-        return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
+        return self._engine.image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""

@@ -43,8 +43,6 @@ from catoptra_server.serve.port import (
 )
 
 log = logging.getLogger(__name__)
-# The client's socket, and two ends of the local one.
-DESCRIPTORS_PER_CONNECTION = 3
 _GREETING_BYTES = 64
 _SIGNATURE = re.compile(rb"\xff\0{0,7}\Z|\xff\0{7}[\0\1](\x7f|\Z)")
 _LONG, _COMMAND = 2, 4

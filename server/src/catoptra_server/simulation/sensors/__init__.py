@@ -1,58 +1,66 @@
 """All sensors that a robot can carry, in the order of UT2004's cycle.
 
 To add a sensor: write `<name>.py` beside the others, with description, reader, instrument and a
-`SensorKind`, and add the kind to the table below. The report belongs to the protocol, in the module
-`usarsim/readings_*` of the most similar reports.
+`SensorKind`, and add a line for each of its classes to the table below. The report belongs to the
+protocol, in the module `usarsim/readings_*` of the most similar reports.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from catoptra_protocol.lazy_table import LazyTable
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, SensorDescription
-from catoptra_server.simulation.sensors.encoder import ENCODER
-from catoptra_server.simulation.sensors.gps import GPS
-from catoptra_server.simulation.sensors.ground_truth import GROUND_TRUTH
-from catoptra_server.simulation.sensors.ins import INS
-from catoptra_server.simulation.sensors.odometry import ODOMETRY
-from catoptra_server.simulation.sensors.range_scanner import RANGE_SCANNER
-from catoptra_server.simulation.sensors.rfid import RFID
 from catoptra_server.simulation.sensors.sensor import Sensor, SensorKind
-from catoptra_server.simulation.sensors.sonar import SONAR
-from catoptra_server.simulation.sensors.tachometer import TACHOMETER
-from catoptra_server.simulation.sensors.touch import TOUCH
-from catoptra_server.simulation.sensors.victim_sensor import VICTIM_SENSOR
 
-SENSOR_KINDS: tuple[SensorKind, ...] = (
-    SONAR,
-    RANGE_SCANNER,
-    INS,
-    ODOMETRY,
-    ENCODER,
-    TACHOMETER,
-    TOUCH,
-    RFID,
-    VICTIM_SENSOR,
-    GROUND_TRUTH,
-    GPS,
+SENSOR_KINDS: LazyTable[SensorKind] = LazyTable(
+    __name__,
+    {
+        "sonarsensor": "sonar.SONAR",
+        "sonar": "sonar.SONAR",
+        "rangescanner": "range_scanner.RANGE_SCANNER",
+        "sicklms": "range_scanner.RANGE_SCANNER",
+        "sicklms200": "range_scanner.RANGE_SCANNER",
+        "sick": "range_scanner.RANGE_SCANNER",
+        "hokuyourg04lx": "range_scanner.RANGE_SCANNER",
+        "inssensor": "ins.INS",
+        "ins": "ins.INS",
+        "odometrysensor": "odometry.ODOMETRY",
+        "odometry": "odometry.ODOMETRY",
+        "encodersensor": "encoder.ENCODER",
+        "encoder": "encoder.ENCODER",
+        "tachometer": "tachometer.TACHOMETER",
+        "touchsensor": "touch.TOUCH",
+        "touch": "touch.TOUCH",
+        "rfidsensor": "rfid.RFID",
+        "rfid": "rfid.RFID",
+        "victsensor": "victim_sensor.VICTIM_SENSOR",
+        "victimsensor": "victim_sensor.VICTIM_SENSOR",
+        "groundtruthsensor": "ground_truth.GROUND_TRUTH",
+        "groundtruth": "ground_truth.GROUND_TRUTH",
+        "gpssensor": "gps.GPS",
+        "gps": "gps.GPS",
+    },
 )
+"""Kinds by the name of a class in robot files, in lower case."""
 
 
 def build_sensors(
     descriptions: Sequence[SensorDescription],
     base: DriveBase,
     random_source_of: Callable[[str], RandomSource],
-    kinds: Sequence[SensorKind] = SENSOR_KINDS,
+    kinds: Sequence[SensorKind] = (),
 ) -> list[Sensor]:
     """Build the sensors of a robot, in the order of the table.
 
     Args:
         base: Base whose wheels the sensors measure.
         random_source_of: Random numbers by the name of a sensor or a shared stream.
+        kinds: Kinds besides those of the table.
     """
     sensors: list[Sensor] = []
-    for kind in kinds:
+    for kind in (*SENSOR_KINDS.find_present(), *kinds):
         # By exact class, in the order of the robot file: the order of the items in a shared line.
         alike = [each for each in descriptions if type(each) is kind.description]
         if alike and kind.shared_stream is not None:
@@ -67,4 +75,5 @@ def build_sensors(
 
 def casts_rays(description: SensorDescription) -> bool:
     """Whether readings of a sensor measure the scene."""
-    return any(kind.casts_rays for kind in SENSOR_KINDS if type(description) is kind.description)
+    loaded = SENSOR_KINDS.find_present()
+    return any(kind.casts_rays for kind in loaded if type(description) is kind.description)

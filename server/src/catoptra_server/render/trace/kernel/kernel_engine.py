@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +28,6 @@ from catoptra_server.render.trace.kernel.exposure_arrays import (
     match_centres,
     ray_table_struct,
 )
-from catoptra_server.render.trace.kernel.image import KernelImageChanger
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_FLOW,
     OUTPUT_HITS,
@@ -71,6 +71,9 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import Light, World
+
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.kernel.image import KernelImageChanger
 
 # Fewer rays take less time than proofs of what fills parts of the image, in all bundled worlds:
 # 0.08 instead of 0.35 ms at 16 px in the field.
@@ -258,7 +261,6 @@ class KernelEngine:
         """
         name = choose_instruction_set(instruction_set)
         self._device = KernelDevice(name, threads, packet_width=packet_width)
-        self.image_changer = KernelImageChanger(self._device)
         width = self._device.packet_width
         self.description = f"kernel (Embree {name}, packets of {width}), {threads} threads"
         self._mesh = scene
@@ -281,6 +283,14 @@ class KernelEngine:
     def num_object_meshes(self) -> int:
         """Number of object meshes committed so far."""
         return len(self._objects)
+
+    @cached_property
+    def image_changer(self) -> KernelImageChanger:
+        """Stages of image effects on the engine's device."""
+        # Not at the start of a server whose cameras have none: `commands/server.py`.
+        from catoptra_server.render.trace.kernel.image import KernelImageChanger
+
+        return KernelImageChanger(self._device)
 
     def _make_scene(self) -> SceneStruct:
         """Scene without what only shadows need."""
