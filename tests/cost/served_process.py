@@ -164,7 +164,7 @@ class StreamWatcher(Watcher):
         while flags & MORE:
             flags, short = struct.unpack("BB", self._receive(2))
             rest = bytes(self._receive(7)) if flags & LONG else b""
-            self._receive(int.from_bytes(bytes((short,)) + rest, "big"))
+            self.payload = self._receive(int.from_bytes(bytes((short,)) + rest, "big"))
             num_parts += 1
         return num_parts
 
