@@ -37,7 +37,7 @@ def make_composition() -> FrameComposition:
     state = replace(
         VIEW.camera_state, world_from_mirror=AFTER @ MOUNT, objects=(other,), ego_body=other
     )
-    view = replace(VIEW, camera_state=state, carrier=Carrier(AFTER, TWIST))
+    view = replace(VIEW, camera_state=state, carrier=Carrier(AFTER, TWIST, MOUNT))
     return FrameComposition(SINGLE, (view, None), FrameMetadata("R", world_from_robot=AFTER))
 
 
@@ -78,9 +78,20 @@ def test_composition_halfway_has_turned_by_half() -> None:
 
 
 def test_composition_of_what_stands_stays_the_same_object() -> None:
-    standing = FrameComposition(SINGLE, (replace(VIEW, carrier=Carrier(AFTER, Twist())), None))
+    standing = FrameComposition(
+        SINGLE, (replace(VIEW, carrier=Carrier(AFTER, Twist(), MOUNT)), None)
+    )
     assert rewind(standing, TICK_S) is standing
     assert rewind(make_composition(), 0.0).metadata.world_from_robot is AFTER
+
+
+def test_body_in_several_views_stays_one_object() -> None:
+    (view, _) = make_composition().views
+    assert view is not None
+    earlier = rewind(FrameComposition(SINGLE, (view, replace(view))), TICK_S)
+    first, second = (one.camera_state for one in earlier.views if one)
+    assert first.objects[0] is second.objects[0] is first.ego_body
+    assert first.world_from_mirror is not view.camera_state.world_from_mirror
 
 
 def test_reference_of_a_variant_is_of_the_same_instant() -> None:

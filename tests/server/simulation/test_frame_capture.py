@@ -34,7 +34,7 @@ class Captures:
         self, *, is_realtime: bool = True, interval_s: float = 0.0, twist: Twist = FORWARD
     ) -> None:
         self.now_s = 7.0
-        self.view = replace(VIEW, carrier=Carrier(Pose.identity(), twist))
+        self.view = replace(VIEW, carrier=Carrier(Pose.identity(), twist, Pose.identity()))
         self.composed: list[Channel] = []
         self.frames: list[FrameRequest] = []
         self.rejected: list[tuple[Channel, str]] = []

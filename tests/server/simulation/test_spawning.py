@@ -26,6 +26,7 @@ from catoptra_server.simulation.spawning import (
     place_robot,
     unique_name,
 )
+from catoptra_server.world.world_description import Twist
 from helpers.robots import make_p2at, make_walled_world
 
 CLASSES = (make_p2at(class_name="USARBot.P2AT"), make_p2at(class_name="USARBot.P2DX"))
@@ -166,6 +167,18 @@ def test_dynamic_objects_have_the_poses_of_the_robots():
         np.testing.assert_array_equal(
             body.world_from_object.translation, standing.world_from_robot.translation
         )
+
+
+def test_object_of_a_robot_is_the_same_until_its_pose_or_motion_changes() -> None:
+    meshes, one = RobotMeshes([make_p2at()]), robot(0.0)
+    (standing,) = meshes.dynamic_objects([one])
+    assert meshes.dynamic_objects([robot(2.0), one])[1] is standing
+    one.twist = Twist((1.0, 0.0, 0.0))
+    (moving,) = meshes.dynamic_objects([one])
+    assert moving.twist is one.twist
+    one.world_from_robot = one.world_from_robot @ one.world_from_robot
+    (moved,) = meshes.dynamic_objects([one])
+    assert moved.world_from_object is one.world_from_robot
 
 
 def test_robots_of_a_class_share_one_mesh_for_ever():

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
@@ -19,6 +21,7 @@ from catoptra_server.world.world_description import (
     PointLight,
     SceneObject,
     Twist,
+    integrate_poses,
     linear_from_srgb,
     srgb_from_linear,
 )
@@ -71,6 +74,37 @@ def test_integrated_pose_is_the_limit_of_small_steps() -> None:
 def test_pose_at_rest_stays_the_same_object() -> None:
     pose = Pose.from_rpy((1, 2, 3))
     assert AT_REST.integrate_pose(pose, 9.0) is pose
+
+
+def rotate_about(vector: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula for a single vector, term by term."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    skew = np.cross(np.eye(3), vector / angle)
+    return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+
+
+# Zero, what vanishes when squared, and turns by many revolutions.
+SPEEDS = st.one_of(st.sampled_from((0.0, -0.0, 1e-300, -1e-160, 1e6)), st.floats(-40.0, 40.0))
+VECTORS = st.tuples(SPEEDS, SPEEDS, SPEEDS)
+
+
+@given(st.lists(st.builds(Twist, VECTORS, VECTORS), max_size=9), st.floats(-0.1, 0.1))
+def test_poses_integrated_together_have_the_bits_of_each_alone(
+    twists: list[Twist], time_s: float
+) -> None:
+    poses = [Pose.from_rpy((k, 2.0, 0.1), (0.1, -k, 3.0 * k)) for k in range(len(twists))]
+    moved = integrate_poses([*zip(poses, twists, strict=True)], time_s)
+    for pose, twist, together in zip(poses, twists, moved, strict=True):
+        assert (together is pose) == (twist == AT_REST)
+        alone = twist.integrate_pose(pose, time_s)
+        turn = rotate_about(np.asarray(twist.angular_rad_s) * time_s)
+        for one in (together, alone):
+            np.testing.assert_array_equal(one.rotation, turn @ pose.rotation)
+            np.testing.assert_array_equal(
+                one.translation, pose.translation + np.asarray(twist.linear_m_s) * time_s
+            )
 
 
 def test_twist_at_another_origin_is_of_the_same_rigid_motion() -> None:

@@ -80,6 +80,8 @@ class Carrier:
     world_from_robot: Pose
     twist: Twist
     """Mean motion in the last tick, referred to the robot's origin, in world axes."""
+    robot_from_camera: Pose
+    """Pose of the effective viewpoint or pinhole on the robot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -257,7 +257,8 @@ class FramePlanner:
         if (errors := camera_plan.coordinate_errors) is not None:
             camera_plan.bound_frame(self._summarizer.max_rounding_angle_rad(limited, errors))
         # Planned, so that its bound is removed with its plan.
-        if camera_plan.choice is not None and self.plan_camera(camera).choice is not None:
+        own_plan = camera_plan if drawn is camera else self.plan_camera(camera)
+        if camera_plan.choice is not None and own_plan.choice is not None:
             self._error_bounds[camera] = camera_plan.choice.bound
         return FramePlan(
             drawn,

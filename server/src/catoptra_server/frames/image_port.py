@@ -271,16 +271,17 @@ class _MountedCamera:
         # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
         robot, visible = self.robot, visible_objects_of(self.robot)
         spec = self.camera.camera_spec(tile)
+        robot_from_camera = self.camera.robot_from_camera(robot.joint_angles_rad)
         state = mounted_camera_state(
             robot.world_from_robot,
-            self.camera.robot_from_camera(robot.joint_angles_rad),
+            robot_from_camera,
             twist=robot.twist,
             objects=visible.objects,
             # No effect of a camera without a mirror shows the robot itself.
             ego_body=visible.ego_body if isinstance(spec, OmniCameraSpec) else None,
             noise_seed=robot.noise_seed_for(self.camera.name),
         )
-        carrier = Carrier(robot.world_from_robot, robot.twist)
+        carrier = Carrier(robot.world_from_robot, robot.twist, robot_from_camera)
         return ViewRequest(spec, state, carrier=carrier)
 
 
@@ -296,11 +297,13 @@ def _compose(
     )
     # The fastest camera sets the pace of a frame of several.
     intervals = [mounted.camera.min_frame_interval_s for mounted in cameras if mounted]
-    metadata = _frame_metadata(cameras, tile)
+    metadata = _frame_metadata(cameras, views, tile)
     return FrameComposition(layout, views, metadata, min(intervals, default=0.0))
 
 
-def _frame_metadata(cameras: Sequence[_MountedCamera | None], tile: Tile) -> FrameMetadata:
+def _frame_metadata(
+    cameras: Sequence[_MountedCamera | None], views: Sequence[ViewRequest | None], tile: Tile
+) -> FrameMetadata:
     """Metadata of a frame: of its camera, else of its robot, else empty."""
     mounted_cameras = [mounted for mounted in cameras if mounted]
     robots = {mounted.robot for mounted in mounted_cameras}
@@ -310,12 +313,13 @@ def _frame_metadata(cameras: Sequence[_MountedCamera | None], tile: Tile) -> Fra
     if len(cameras) > 1:  # four viewports: one robot, no camera model for the whole image
         return FrameMetadata(robot.name, robot.class_name, world_from_robot=robot.world_from_robot)
     camera = mounted_cameras[0].camera
+    carrier = next(view.carrier for view in views if view)
     return FrameMetadata(
         robot.name,
         robot.class_name,
         camera.name,
         robot.world_from_robot,
-        camera.robot_from_camera(robot.joint_angles_rad),
+        carrier.robot_from_camera if carrier else None,
         camera.camera_model(tile),
     )
 

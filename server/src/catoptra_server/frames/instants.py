@@ -8,34 +8,44 @@ it has not been, such as in a wall. Joints move with the tick. Under lockstep fr
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.kernels.grey_levels import FRAME_NOISE_EFFECTS
 from catoptra_server.frames.frame import Carrier, FrameComposition, ViewRequest
+from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
-from catoptra_server.world.world_description import AT_REST
+from catoptra_server.world.world_description import integrate_poses
 
 
 def rewind(composition: FrameComposition, lag_s: float) -> FrameComposition:
     """The composition some seconds earlier within the tick; the same object where nothing moves."""
     if not lag_s:
         return composition
-    views = tuple(view and _rewind_view(view, lag_s) for view in composition.views)
-    if _are_ones(views, composition.views):
-        return composition
     reference, metadata = composition.reference, composition.metadata
-    carrier = next((view.carrier for view in composition.views if view), None)
+    views = [view for view in (*composition.views, reference) if view]
+    # Each body once, in however many views, and all at once.
+    objects = list({one for view in views for one in _list_objects(view.camera_state)})
+    carriers = list({view.carrier for view in views if view.carrier})
+    motions = [(one.world_from_object, one.twist) for one in objects]
+    motions += [(one.world_from_robot, one.twist) for one in carriers]
+    poses = integrate_poses(motions, -lag_s)
+    if all(pose is before for pose, (before, _) in zip(poses, motions, strict=True)):
+        return composition
+    moved = dict(zip(objects, map(DynamicObject.with_pose, objects, poses), strict=True))
+    carried = dict(zip(carriers, poses[len(objects) :], strict=True))
+    rewind_view = partial(_rewind_view, objects=moved, carriers=carried)
+    carrier = next((view.carrier for view in views), None)
     if metadata.robot and carrier is not None:
-        metadata = replace(metadata, world_from_robot=_rewind_carrier(carrier, lag_s))
+        metadata = replace(metadata, world_from_robot=carried[carrier])
     return replace(
         composition,
-        views=views,
-        reference=reference and _rewind_view(reference, lag_s),
+        views=tuple(view and rewind_view(view) for view in composition.views),
+        reference=reference and rewind_view(reference),
         metadata=metadata,
     )
 
@@ -51,33 +61,27 @@ def show_same(first: FrameComposition, second: FrameComposition) -> bool:
     )
 
 
-def _rewind_view(view: ViewRequest, lag_s: float) -> ViewRequest:
+def _list_objects(state: CameraState) -> tuple[DynamicObject, ...]:
+    return (*state.objects, state.ego_body) if state.ego_body else state.objects
+
+
+def _rewind_view(
+    view: ViewRequest,
+    objects: Mapping[DynamicObject, DynamicObject],
+    carriers: Mapping[Carrier, Pose],
+) -> ViewRequest:
     state, carrier = view.camera_state, view.carrier
     pose = state.world_from_mirror
-    if carrier is not None and carrier.twist != AT_REST:
-        # With the robot: the camera's own twist is the tangent of its path.
-        moved = _rewind_carrier(carrier, lag_s) @ carrier.world_from_robot.inverse()
-        pose = moved @ pose
-    objects = tuple(_rewind_object(one, lag_s) for one in state.objects)
-    if pose is state.world_from_mirror and _are_ones(objects, state.objects):
-        return view
-    ego_body = state.ego_body and _rewind_object(state.ego_body, lag_s)
-    state = replace(state, world_from_mirror=pose, objects=objects, ego_body=ego_body)
+    # With the robot: the camera's own twist is the tangent of its path.
+    if carrier is not None and carriers[carrier] is not carrier.world_from_robot:
+        pose = carriers[carrier] @ carrier.robot_from_camera
+    state = replace(
+        state,
+        world_from_mirror=pose,
+        objects=tuple(objects[one] for one in state.objects),
+        ego_body=state.ego_body and objects[state.ego_body],
+    )
     return replace(view, camera_state=state)
-
-
-def _rewind_carrier(carrier: Carrier, lag_s: float) -> Pose:
-    return carrier.twist.integrate_pose(carrier.world_from_robot, -lag_s)
-
-
-def _rewind_object(moving: DynamicObject, lag_s: float) -> DynamicObject:
-    pose = moving.twist.integrate_pose(moving.world_from_object, -lag_s)
-    return moving if pose is moving.world_from_object else replace(moving, world_from_object=pose)
-
-
-def _are_ones(first: Sequence[object], second: Sequence[object]) -> bool:
-    """Whether two sequences of one length have the same objects."""
-    return all(map(operator.is_, first, second))
 
 
 def _views_show_same(first: ViewRequest | None, second: ViewRequest | None) -> bool:
@@ -100,7 +104,7 @@ def _views_show_same(first: ViewRequest | None, second: ViewRequest | None) -> b
 
 
 def _objects_show_same(one: DynamicObject | None, other: DynamicObject | None) -> bool:
-    if one is None or other is None:
+    if one is None or other is None or one is other:
         return one is other
     return (
         one.mesh is other.mesh

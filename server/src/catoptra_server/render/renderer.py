@@ -38,6 +38,8 @@ from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState, RowWeights
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import integrate_poses
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
@@ -276,20 +278,16 @@ def sample_shutter(
 
 def advance(camera_state: CameraState, time_s: float) -> CameraState:
     """Camera state at a later time, with camera and objects carried on by their own twists."""
-    objects = (
-        replace(
-            dynamic_object,
-            world_from_object=dynamic_object.twist.integrate_pose(
-                dynamic_object.world_from_object, time_s
-            ),
-        )
-        for dynamic_object in camera_state.objects
+    objects = camera_state.objects
+    motions = [(one.world_from_object, one.twist) for one in objects]
+    pose, *poses = integrate_poses(
+        [(camera_state.world_from_mirror, camera_state.twist), *motions], time_s
     )
     # The noise seed stays: all samples belong to one exposure, which draws its noise once at the
     # end.
     return replace(
         camera_state,
-        world_from_mirror=camera_state.twist.integrate_pose(camera_state.world_from_mirror, time_s),
-        objects=tuple(objects),
+        world_from_mirror=pose,
+        objects=tuple(map(DynamicObject.with_pose, objects, poses)),
         shutter=None,
     )

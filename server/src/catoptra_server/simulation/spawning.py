@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -90,10 +91,22 @@ class RobotMeshes:
             d.class_name: build_robot_mesh(_dimensions(d), _tower(d)) for d in descriptions
         }
         self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
+        # Forgotten with its robot.
+        self._objects: WeakKeyDictionary[CameraRobot, DynamicObject] = WeakKeyDictionary()
 
     def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
-        """Robots as dynamic objects, at their present poses."""
-        return tuple(_place_mesh(self._meshes[robot.class_name], robot) for robot in robots)
+        """Robots as dynamic objects, at their present poses; the same in all views of a tick."""
+        return tuple(map(self._find_object, robots))
+
+    def _find_object(self, robot: CameraRobot) -> DynamicObject:
+        found = self._objects.get(robot)
+        if (
+            found is None
+            or found.world_from_object is not robot.world_from_robot
+            or found.twist is not robot.twist
+        ):
+            found = self._objects[robot] = _place_mesh(self._meshes[robot.class_name], robot)
+        return found
 
     def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
         """Parts of a robot that its own mirror may show; None unless the effect is configured."""

@@ -9,6 +9,7 @@ cycle of the P2AT among seven others (tests/measurements/sensor_times.py).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -63,10 +64,16 @@ class DynamicObject:
         """Centre of the bounding sphere, (3,) metres, world frame."""
         return self.world_from_object.transform_points(self.mesh.centre)
 
+    def with_pose(self, world_from_object: Pose) -> DynamicObject:
+        """The same object at another pose; itself at the pose that it has."""
+        if world_from_object is self.world_from_object:
+            return self
+        return DynamicObject(self.mesh, world_from_object, self.twist, self.name, self.number)
+
     def encloses(self, point: Floats) -> bool:
         """Whether a (3,) point of the world lies in the box around the object, in its own axes."""
         # The sphere first: most objects are far from most points.
-        if float(np.linalg.norm(point - self.centre)) > self.mesh.radius_m:
+        if math.dist(point.tolist(), self.centre.tolist()) > self.mesh.radius_m:
             return False
         offset = self.world_from_object.inverse().transform_points(point) - self.mesh.centre
         return bool((np.abs(offset) <= self.mesh.half_size_m).all())

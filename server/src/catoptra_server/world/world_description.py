@@ -11,6 +11,7 @@ node's name without a trailing number, as modelling programs count copies (chair
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 
@@ -279,14 +280,7 @@ class Twist:
 
     def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
         """Pose after some seconds of this motion; both in the axes of the pose's parent."""
-        # The same object, bit for bit: a standing robot's frames are then the same bytes.
-        if self == AT_REST:
-            return pose
-        # Rotation and translation separately rather than along a screw: the origin keeps its
-        # velocity in the world, which is the meaning of a twist here.
-        rotation = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
-        displacement = np.asarray(self.linear_m_s) * time_s
-        return Pose(rotation @ pose.rotation, pose.translation + displacement)
+        return integrate_poses([(pose, self)], time_s)[0]
 
     @property
     def speed_m_s(self) -> float:
@@ -302,14 +296,42 @@ def _vector3(values: Floats) -> Vector3:
     return x, y, z
 
 
-def _rotation_from_vector(vector: Floats) -> Floats:
-    """(3, 3) rotation about a vector by the vector's length in radians: Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    skew = np.cross(np.eye(3), vector / angle)
-    rotation: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
-    return rotation
+def integrate_poses(motions: Sequence[tuple[Pose, Twist]], time_s: float) -> list[Pose]:
+    """Poses after some seconds of a motion each, in any number at once.
+
+    Args:
+        motions: Pose and motion of each body, in the axes of the pose's parent.
+        time_s: Time of the motions, of either sign.
+    """
+    poses = [pose for pose, _ in motions]
+    # A pose at rest stays the same object: a standing robot's frames are then the same bytes.
+    moving = [(index, twist) for index, (_, twist) in enumerate(motions) if twist != AT_REST]
+    if not moving:
+        return poses
+    linear = np.array([twist.linear_m_s for _, twist in moving]) * time_s
+    angular = np.array([twist.angular_rad_s for _, twist in moving]) * time_s
+    # Rotation and translation separately rather than along a screw: the origin keeps its velocity
+    # in the world, which is the meaning of a twist here.
+    rotations = np.array([poses[index].rotation for index, _ in moving])
+    translations = np.array([poses[index].translation for index, _ in moving])
+    moved = zip(_rotations_from_vectors(angular) @ rotations, translations + linear, strict=True)
+    for (index, _), (rotation, translation) in zip(moving, moved, strict=True):
+        poses[index] = Pose(rotation, translation)
+    return poses
+
+
+# Of each axis k the matrix of rows e_i x e_k.
+_SKEW_OF_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
+
+
+def _rotations_from_vectors(vectors: Floats) -> Floats:
+    """(n, 3, 3) rotations about (n, 3) vectors by their lengths in radians: Rodrigues' formula."""
+    # Products of matrices throughout: a body's pose has the same bits alone and among others.
+    angle = np.sqrt(vectors[:, None, :] @ vectors[:, :, None])
+    axes = vectors / np.where(angle == 0.0, 1.0, angle)[..., 0]
+    skew = (axes @ _SKEW_OF_AXES).reshape(-1, 3, 3)
+    rotations: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return rotations
 
 
 def linear_from_srgb(encoded: Floats) -> Floats:

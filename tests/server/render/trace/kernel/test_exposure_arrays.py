@@ -146,6 +146,17 @@ def test_poses_of_a_moving_exposure_are_state_by_state(table: ObjectTable) -> No
     np.testing.assert_allclose(poses[:, :, 10], [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
 
 
+def test_boxes_of_the_same_meshes_are_gathered_once(table: ObjectTable) -> None:
+    moved = tuple(replace(one, world_from_object=MIRROR) for one in TWO_ROBOTS)
+    frames = [
+        make_frame(CameraState(MIRROR, objects), table, np.zeros(3))
+        for objects in (TWO_ROBOTS, TWO_ROBOTS[:1], moved)
+    ]
+    first, fewer, later = ((f.num_boxes, f.boxes, f.box_object, f.objects) for f in frames)
+    assert later == first
+    assert fewer[0] == first[0] // 2
+
+
 def test_mesh_is_committed_once_and_freed_with_the_table(
     table: ObjectTable, device: FakeDevice
 ) -> None:

@@ -36,11 +36,14 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     camera_states,
 )
+from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8
+# Sets of objects with arrays of their own: each tile of a multi-view may leave out others.
+_MAX_TUPLES = 64
 # A division that saves less of the boxes' surface does not pay for the sides that are added.
 _LEAST_SAVING = 0.05
 _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
@@ -73,36 +76,25 @@ def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable
     """Frame without outputs: poses relative to the (3,) centre of the static scene."""
     states = camera_states(exposure)
     exposure_fraction, readout_fraction, max_instants = _shutter_fractions(exposure)
-    objects = states[0].objects
-    camera = _pose_array([state.world_from_mirror for state in states], centre)
-    meshes = [table.find_mesh(placed.mesh) for placed in objects]
-    addresses = (ctypes.c_void_p * max(1, len(meshes)))(*(mesh.address for mesh in meshes))
-    poses = _pose_array(
-        [placed.world_from_object for state in states for placed in state.objects], centre
-    )
-    boxes = np.concatenate([_NO_BOXES, *(mesh.boxes for mesh in meshes)])
-    counts = [len(mesh.boxes) for mesh in meshes]
-    box_object = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
-    struct = FrameStruct(
-        num_poses=len(states),
-        camera=camera.ctypes.data,
-        num_objects=len(objects),
-        objects=ctypes.addressof(addresses),
-        object_poses=poses.ctypes.data,
-        num_boxes=len(boxes),
-        boxes=boxes.ctypes.data,
-        box_object=box_object.ctypes.data,
-        has_shadows=states[0].has_shadows,
-        exposure=exposure_fraction,
-        readout=readout_fraction,
-        max_instants=max_instants,
-        blur_threshold=-1.0,
-    )
+    objects = table.find_objects(tuple(placed.mesh for placed in states[0].objects))
+    # Of the camera, then of the objects, each state by state.
+    poses = [state.world_from_mirror for state in states]
+    poses += [placed.world_from_object for state in states for placed in state.objects]
+    array = _pose_array(poses, centre)
+    struct = FrameStruct.from_buffer_copy(objects.struct)
+    struct.num_poses = len(states)
+    struct.camera = array.ctypes.data
+    struct.object_poses = struct.camera + len(states) * array.strides[0]
+    struct.has_shadows = states[0].has_shadows
+    struct.exposure = exposure_fraction
+    struct.readout = readout_fraction
+    struct.max_instants = max_instants
+    struct.blur_threshold = -1.0
     fog = states[0].fog
     if fog is not None:
         struct.fog_density = fog.density_per_m
         struct.airlight[:] = fog.airlight
-    return OwningStruct(struct, (camera, addresses, poses, boxes, box_object))
+    return OwningStruct(struct, (array, objects))
 
 
 def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:
@@ -118,10 +110,9 @@ def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:
 def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32]:
     """(n, 12) rotations, row by row, and translations relative to a centre."""
     array = np.zeros((len(poses), 12), dtype=np.float32)
-    for row, pose in zip(array, poses, strict=True):
-        row[:9] = pose.rotation.reshape(-1)
-        # Subtracted in float64: both positions may be far from the world's origin.
-        row[9:] = pose.translation - centre
+    array[:, :9] = np.array([pose.rotation for pose in poses]).reshape(-1, 9)
+    # Subtracted in float64: both positions may be far from the world's origin.
+    array[:, 9:] = np.array([pose.translation for pose in poses]) - centre
     return array
 
 
@@ -139,6 +130,7 @@ class ObjectTable:
         self._centre = centre
         # By identity: robots of one class share a mesh.
         self._meshes: dict[ObjectMesh, _CommittedMesh] = {}
+        self._objects: LruDict[tuple[ObjectMesh, ...], OwningStruct] = LruDict(_MAX_TUPLES)
 
     def __len__(self) -> int:
         """Number of meshes."""
@@ -154,8 +146,28 @@ class ObjectTable:
             )
         return self._meshes[mesh]
 
+    def find_objects(self, meshes: tuple[ObjectMesh, ...]) -> OwningStruct:
+        """Frame with objects of these meshes, without poses: made once for all frames."""
+        return self._objects.get_or_make(meshes, lambda: self._object_arrays(meshes))
+
+    def _object_arrays(self, meshes: tuple[ObjectMesh, ...]) -> OwningStruct:
+        committed = [self.find_mesh(mesh) for mesh in meshes]
+        addresses = (ctypes.c_void_p * max(1, len(meshes)))(*(mesh.address for mesh in committed))
+        boxes = np.concatenate([_NO_BOXES, *(mesh.boxes for mesh in committed)])
+        counts = [len(mesh.boxes) for mesh in committed]
+        box_object = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
+        struct = FrameStruct(
+            num_objects=len(meshes),
+            objects=ctypes.addressof(addresses),
+            num_boxes=len(boxes),
+            boxes=boxes.ctypes.data,
+            box_object=box_object.ctypes.data,
+        )
+        return OwningStruct(struct, (addresses, boxes, box_object))
+
     def close(self) -> None:
         """Free the meshes."""
+        self._objects.clear()
         while self._meshes:
             self._device.release_mesh(self._meshes.popitem()[1].address)
 
