@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,16 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.plan.camera import hide_unseen
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Renderer
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
+from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import level_differences
 from helpers.markers import marker_centroid, marker_world
 from helpers.opengl import make_raster
@@ -114,3 +119,31 @@ def test_image_beyond_the_device_is_rejected(device: GlDevice) -> None:
     renderer = make_raster(device)
     with pytest.raises(DomainError, match="too many"):
         renderer.prepare_perspective(PerspectiveCamera(100_000, 10, 1.0), 4)
+
+
+@pytest.mark.parametrize("kind", ["trace", "raster"])
+def test_objects_beside_the_image_change_no_pixel(device: GlDevice, kind: str) -> None:
+    camera = PerspectiveCamera(64, 48, math.radians(60.0))
+    view = renderers(device, make_test_world())[kind].prepare_perspective(camera, 1)
+    random = np.random.default_rng(35)
+    num_hidden = 0
+    for _ in range(40):
+        places = random.normal(0.0, 1.5, (6, 3)) + CAMERA_STATE.world_from_mirror.translation
+        objects = tuple(place_cube(*place, size_m=random.uniform(0.1, 1.0)) for place in places)
+        pose = Pose.from_rpy(CAMERA_STATE.world_from_mirror.translation, random.normal(size=3))
+        state = CameraState(pose, objects)
+        shown = hide_unseen(state, camera)
+        num_hidden += len(objects) - len(shown.objects)
+        assert np.array_equal(view.render(shown).rgb, view.render(state).rgb)
+    assert 80 < num_hidden < 200
+
+
+def test_object_is_hidden_only_where_all_of_it_is_behind() -> None:
+    x, y, z = CAMERA_STATE.world_from_mirror.translation
+    pose = Pose.from_rpy((x, y, z))
+    behind, around = place_cube(x - 1.0, y, z), place_cube(x - 0.1, y, z)
+    state = CameraState(pose, (behind, behind, around, behind))
+    assert hide_unseen(state, CAMERA).objects == (around,)
+    # Shadows fall into the image, and an exposure may turn it.
+    for lit in (replace(state, has_shadows=True), replace(state, shutter=INSTANTANEOUS)):
+        assert hide_unseen(lit, CAMERA) is lit

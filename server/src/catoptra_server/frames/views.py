@@ -41,7 +41,12 @@ from catoptra_server.frames.frame_plan import (
     ViewState,
 )
 from catoptra_server.frames.labels.labels import LabelledImage
-from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
+from catoptra_server.frames.plan.camera import (
+    CameraSpec,
+    OmniCameraSpec,
+    PerspectiveCameraSpec,
+    hide_unseen,
+)
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan
 from catoptra_server.frames.renderers import RendererPool
@@ -169,8 +174,10 @@ class ViewCache:
         # Prepared ahead of the clock: the first frame would take longer than later ones.
         view = self._views.get(frame_plan.view_key)
         begin_s = self._clock()
-        effects, labels = frame_plan.effects, None
-        arguments = frame_plan.camera_state, effects.image_effects, effects.thresholds
+        effects, labels, state = frame_plan.effects, None, frame_plan.camera_state
+        if isinstance(request.camera, PerspectiveCameraSpec) and not request.label_channels:
+            state = hide_unseen(state, request.camera.camera)
+        arguments = state, effects.image_effects, effects.thresholds
         if (
             request.label_channels
             # Else picture and labels have different rays.

@@ -11,10 +11,13 @@ image errs by at most the allowed pixels.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
 from typing import TypeVar
+
+import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
@@ -32,6 +35,7 @@ from catoptra_server.render.render_settings import (
     require_mesh_viewpoint,
 )
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 
 
@@ -272,3 +276,35 @@ def explain_viewpoint(spec: OmniCameraSpec, nearest_m: float) -> str:
 def _find_near_limit_m(camera: OmniCamera, error_px: float) -> float:
     """Near limit, which every frame compares with: 257 rings take a millisecond."""
     return near_limit_m(camera, error_px)
+
+
+# Of float32, in which rays are traced: a thousandth of a degree.
+_CONE_MARGIN_RAD = 2e-5
+# To draw fewer takes less time than to look where they are.
+_MIN_OBJECTS = 4
+
+
+def hide_unseen(state: CameraState, camera: PerspectiveCamera) -> CameraState:
+    """State without the objects beside the image, which is the same picture.
+
+    Domain: where objects throw shadows, and in an exposure in time, all objects stay.
+    """
+    objects = state.objects
+    if len(objects) < _MIN_OBJECTS or state.has_shadows or state.shutter is not None:
+        return state
+    pose, corner_px = state.world_from_mirror, np.array(camera.rim_radius_px)
+    cone_rad = 2.0 * math.atan(float(camera.t_from_radius_px(corner_px))) + _CONE_MARGIN_RAD
+    # Spheres about the objects' origins: their centres would take longer than all the rest.
+    offsets = np.array([one.world_from_object.translation for one in objects]) - pose.translation
+    radii_m = np.linalg.norm(np.array([one.mesh.centre for one in objects]), axis=-1)
+    radii_m += [one.mesh.radius_m for one in objects]
+    distances_m = np.linalg.norm(offsets, axis=-1)
+    # From within its sphere an object may be seen in any direction.
+    shares = radii_m / np.maximum(distances_m, radii_m)
+    along_m = offsets @ pose.rotate_directions(np.array(camera.optical_axis))
+    angles = np.arccos(np.clip(along_m / np.maximum(distances_m, radii_m), -1.0, 1.0))
+    is_beside = (shares < 1.0) & (angles - np.arcsin(shares) > cone_rad)
+    if not is_beside.any():
+        return state
+    seen = tuple(one for one, is_unseen in zip(objects, is_beside, strict=True) if not is_unseen)
+    return replace(state, objects=seen)
