@@ -137,14 +137,17 @@ class Watcher:
         return view
 
 
+def make_stream_request(id_: int, encoding: ImageEncoding = ImageEncoding.RAW) -> bytes:
+    """Bytes of a DEALER that requests the image port's picture."""
+    return zmtp_frame(bytes_from_message(GetFrameRequest(id_, "", "", encoding)), LONG)
+
+
 class StreamWatcher(Watcher):
     """The same of the stream: a DEALER without ZeroMQ, which would take a processor of its own."""
 
     def _make_request(self) -> bytes:
-        # The image port's picture; the server takes a second request of one id for a repeat.
-        encoding = ImageEncoding(self._request.decode())
-        request = GetFrameRequest(self.num_frames + 1, "", "", encoding)
-        return zmtp_frame(bytes_from_message(request), LONG)
+        # The server takes a second request of one id for a repeat.
+        return make_stream_request(self.num_frames + 1, ImageEncoding(self._request.decode()))
 
     def _connect(self, port: int) -> socket.socket:
         connected = connect_with_handshake(port)
@@ -175,6 +178,12 @@ class CountedServer:
     def __init__(self, process: subprocess.Popen[str], ports: Sequence[int]) -> None:
         self._process = process
         self.control_port, self.image_port, self.stream_port = ports
+
+    @property
+    def resident_mb(self) -> float:
+        """Resident memory."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text()
+        return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) / 1000.0
 
     def read_counters(self) -> Counters:
         """Read the present counts."""

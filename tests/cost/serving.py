@@ -42,17 +42,20 @@ from cost.served_process import (
     CountedServer,
     Window,
     connect_watchers,
+    make_stream_request,
     read_ports,
     spawn_robots,
     start_process,
     start_server,
 )
 from cost.trace_scenes import write_million_world
+from helpers.zmtp import connect_with_handshake
 
 OUTPUT = ROOT / "out/bench"
 STREAM_REQUEST = ImageEncoding.RAW.value.encode()
 TRANSPORTS = {"TCP": FULL_REQUEST, "ZeroMQ": STREAM_REQUEST}
 SIZE_PX = 640
+IMAGE_BYTES = 3 * SIZE_PX**2
 ROUNDS, WINDOW_S = 5, 1.0
 STAND_IN_MS = 5.0
 CLIENTS, CAMERAS = 8, 16
@@ -66,6 +69,7 @@ MAX_COST_MS = {360: 0.3, 640: 0.5, 1024: 0.9}
 MAX_STREAM_RATIO, MAX_CLIENTS_RATIO = 1.25, 1.15
 MIN_DELIVERED_SHARE, MIN_LIMITED_SHARE, MIN_CAMERAS_SHARE = 0.97, 0.95, 0.95
 SMALL_PX, MAX_SMALL_MS = 16, 0.25
+SILENT_VIEWERS, MIN_KEPT_SHARE = 256, 0.9
 MAX_STANDING_CORES, MIN_DISTINCT_SHARE = 0.15, 0.95
 FIRST_FRAMES = {
     "field": (ROBOT, WORLD, 0.35),
@@ -110,6 +114,7 @@ def main() -> int:
         partial(_measure_cameras, stand_in_ms=STAND_IN_MS),
         _measure_standing_robot,
         _measure_distinct_frames,
+        _measure_silent_viewers,
         *(partial(_measure_first_frame, world) for world in FIRST_FRAMES),
         _measure_first_frame_of_million,
     ]
@@ -127,7 +132,7 @@ def main() -> int:
 
 def _measure_slowness() -> float:
     """Time of bare sockets here, over that on the machine of the limits."""
-    times_s = [measure_bare_sockets(3 * SIZE_PX**2) for _ in range(ROUNDS)]
+    times_s = [measure_bare_sockets(IMAGE_BYTES) for _ in range(ROUNDS)]
     return max(1.0, 1e3 * statistics.median(times_s) / BARE_MS)
 
 
@@ -342,6 +347,26 @@ def _measure_distinct_frames() -> Iterable[ServingRow]:
         f"{len(seen) / elapsed_s:.0f} distinct frames/s, "
         f"{1e3 * (after.process_s - before.process_s) / len(seen):.2f} ms of processor time each",
     )
+
+
+def _measure_silent_viewers() -> Iterable[ServingRow]:
+    """Memory of viewers that request a frame and never read it, and what is left to others."""
+    with ExitStack() as stack:
+        server = stack.enter_context(start_server("--renderer", "trace"))
+        stack.enter_context(spawn_robots(server, 1))
+        watchers = stack.enter_context(connect_watchers(server, *TRANSPORTS.values()))
+        server.warm_up(watchers)
+        before, before_mb = server.measure(watchers, ROUNDS * WINDOW_S), server.resident_mb
+        for _ in range(SILENT_VIEWERS):
+            viewer = stack.enter_context(connect_with_handshake(server.stream_port))
+            viewer.sendall(make_stream_request(1))
+        after = server.measure(watchers, ROUNDS * WINDOW_S)
+        grown_mb = server.resident_mb - before_mb
+    silent = f"{SILENT_VIEWERS} viewers of {SIZE_PX} px that never read: "
+    frames_mb = SILENT_VIEWERS * IMAGE_BYTES / 1e6
+    yield ServingRow.at_most(f"{silent}memory, MB", grown_mb, frames_mb, "one frame each")
+    share = _rate_hz(after) / _rate_hz(before)
+    yield ServingRow.at_least(f"{silent}frames that two others keep", share, MIN_KEPT_SHARE)
 
 
 def _measure_first_frame(name: str) -> Iterable[ServingRow]:
