@@ -150,10 +150,14 @@ def test_bundled_robot_fits_its_viewports_and_the_usual_tiles(path: Path) -> Non
     require_tiles_fit(robots, multi_view_layout(2, 2, width_px=640, height_px=480))
 
 
-def test_camera_when_too_large_for_its_tile_is_rejected(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("width_px", "height_px"), [(2000, 2000), (200, 20000), (20000, 200)])
+def test_camera_when_too_large_for_its_tile_is_rejected(
+    tmp_path: Path, width_px: int, height_px: int
+) -> None:
     robots, _ = read_robots(write_edited_copy(OMNI_ROBOT, tmp_path, MANY_SAMPLES))
-    layout = multi_view_layout(1, 1, width_px=2000, height_px=2000)
-    expected = r"OmniP2AT: OmniCamPillar_Link4='a tile of 2000 x 2000 px'.*smaller tiles.* MiB"
+    layout = multi_view_layout(1, 1, width_px=width_px, height_px=height_px)
+    tile = f"a tile of {width_px} x {height_px} px"
+    expected = rf"OmniP2AT: OmniCamPillar_Link4='{tile}'.*smaller tiles.* MiB"
     with pytest.raises(ConfigError, match=expected):
         require_tiles_fit(robots, layout)
     require_tiles_fit(robots, layout, limit_bytes=2**36)

@@ -229,7 +229,8 @@ def _view_sizes(robot: RobotDescription, tile: Tile) -> Iterable[tuple[str, View
     for omni in robot.omni_cameras:
         camera = fit_omni_camera(tile, omni.camera)
         # A smaller view than the camera's own, which fits: `camera_sections.reserve_view`.
-        if camera.width_px <= omni.camera.width_px:
+        own = omni.camera
+        if camera.width_px <= own.width_px and camera.height_px <= own.height_px:
             continue
         bytes_per_px = omni.effects.bytes_per_px
         settings = omni.render_settings
