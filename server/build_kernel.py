@@ -35,7 +35,7 @@ SOURCE_FOLDER = PACKAGE_ROOT / KERNEL_PACKAGE / "src"
 # both give the same bytes.
 PROCESSOR_OF_LIBRARY = {
     "libcatoptra_trace.so": "x86_64_v2",
-    "libcatoptra_trace_avx2.so": "x86_64_v3",
+    "libcatoptra_trace_avx2.so": "x86_64_v4",
 }
 # Read by `kernel/library.py`: pip shows no output of a build that succeeds.
 REASON_NAME = "not_built.txt"
@@ -53,7 +53,7 @@ _COMPILE_FLAGS = (
 )
 # An undefined symbol fails the build instead of the server. -nostdlib leaves out zig's runtime
 # library, which takes 5 s to compile and holds nothing that the kernel calls.
-_LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-nostdlib", "-Wl,-z,defs")
+_LINK_FLAGS = ("-O3", "-flto", "-shared", "-nostdlib", "-Wl,-z,defs")
 _LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
 
 

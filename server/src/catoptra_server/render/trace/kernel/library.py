@@ -94,14 +94,10 @@ class KernelDevice:
         self._library = _load_library(kernel_library_path(instruction_set))
         self._address: int | None = None
         error = ctypes.create_string_buffer(_ERROR_BYTES)
-        path = str(embree_library_path()).encode()
-        self._address = self._library.catoptra_open(
-            path, instruction_set.encode(), threads, packet_width, error
-        )
+        self._address = self._library.catoptra_open(threads, error)
         if not self._address:
             raise KernelUnavailableError(error.value.decode(errors="replace"))
-        self.packet_width: int = self._library.catoptra_packet_width(self._address)
-        """Rays of a packet."""
+        self.packet_width = 8
 
     def commit_mesh(self, arrays: MeshArrays) -> int:
         """Commit triangles for ray queries."""
@@ -237,9 +233,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         raise KernelUnavailableError(f"{path} cannot be loaded: {error}") from None
     signatures = {
         "catoptra_abi": (c_int32, (c_int32,)),
-        "catoptra_open": (c_void_p, (c_char_p, c_char_p, c_int32, c_int32, c_void_p)),
+        "catoptra_open": (c_void_p, (c_int32, c_void_p)),
         "catoptra_close": (None, (c_void_p,)),
-        "catoptra_packet_width": (c_int32, (c_void_p,)),
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),

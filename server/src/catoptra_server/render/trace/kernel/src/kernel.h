@@ -38,7 +38,7 @@ typedef struct View View;
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
 typedef struct {
     int32_t num_triangles;
-    const float *corners;        /* (n, 3, 3), padded by 4 floats for Embree's loads */
+    const float *corners;        /* (n, 3, 3) */
     const float *normals;        /* (n, 3) unit */
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
@@ -215,12 +215,9 @@ typedef struct {
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);
 
-/* Device with a pool of threads. `packet_width` 1, 4, 8 or 16 rays, 0 for the widest that the
- * instruction set runs fast. NULL on failure, with the reason in `error` (256 bytes). */
-CATOPTRA_EXPORT Device *catoptra_open(const char *embree_path, const char *instruction_set,
-                                      int32_t threads, int32_t packet_width, char *error);
+/* Device with a pool of threads. NULL on failure, with the reason in `error` (256 bytes). */
+CATOPTRA_EXPORT Device *catoptra_open(int32_t threads, char *error);
 CATOPTRA_EXPORT void catoptra_close(Device *device);
-CATOPTRA_EXPORT int32_t catoptra_packet_width(const Device *device);
 
 /* Triangles for rays of which none slips between two that share an edge. */
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
