@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import Real
 from catoptra_server.world.camera_state import NoiseSeed
@@ -107,7 +108,20 @@ def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
 @lru_cache(maxsize=16)
 def count_valid_pixels(camera: RadialCamera) -> int:
     """Number of pixels whose centre has a direction; all others are black."""
-    return int(camera.direction_from_pixel(pixel_sample_positions(camera))[1].sum())
+    return int(valid_pixels(camera).sum())
+
+
+@lru_cache(maxsize=4)
+def valid_pixels(camera: RadialCamera) -> Bools:
+    """Pixels, (h, w), whose centre has a direction."""
+    if isinstance(camera, OmniCamera):
+        u: Floats = np.arange(camera.width_px) + 0.5
+        v: Floats = np.arange(camera.height_px) + 0.5
+        valid = direction_from_pixel_grid(camera, u, v)[1]
+    else:
+        valid = camera.direction_from_pixel(pixel_sample_positions(camera))[1][..., 0]
+    valid.setflags(write=False)
+    return valid
 
 
 UInt32Array = npt.NDArray[np.uint32]  # (3,)

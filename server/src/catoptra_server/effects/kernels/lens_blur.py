@@ -37,6 +37,7 @@ count the disc itself. Source: the thin-lens equation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TypeGuard
 
@@ -145,12 +146,16 @@ def circle_of_confusion(
 @lru_cache(maxsize=4)
 def circle_of_confusion_map(aperture: Aperture, camera: RadialCamera) -> CircleOfConfusion:
     """Circle of confusion at every pixel centre, (h, w) arrays."""
-    circle = circle_of_confusion(aperture, camera, pixel_radii_px(camera))
-    circle.infinity_diameter_px.setflags(write=False)
-    circle.near_px.setflags(write=False)
-    circle.power_per_m.setflags(write=False)
-    circle.offset.setflags(write=False)
-    return circle
+
+    def parameters(radius_px: Floats) -> Floats:
+        circle = circle_of_confusion(aperture, camera, radius_px)
+        return np.stack(
+            (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
+        )
+
+    maps = map_of_radius(camera, parameters)
+    maps.setflags(write=False)
+    return CircleOfConfusion(*maps)
 
 
 _MAX_DIAMETER_PX = 16.0
@@ -223,11 +228,24 @@ def sample_radii_px(camera: RadialCamera) -> Floats:
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
 
 
-def pixel_radii_px(camera: RadialCamera) -> Floats:
-    """Image radius of each pixel centre, (h, w)."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    return np.asarray(np.hypot(u[None, :], v[:, None]))
+def map_of_radius(camera: RadialCamera, function: Callable[[Floats], Floats]) -> Floats:
+    """Values of a function of the image radius at every pixel centre, (..., h, w).
+
+    Computed once for all pixels at the same distances from the centre in columns and rows: of a
+    centred image for a quarter.
+
+    Args:
+        camera: Camera of the image.
+        function: (..., m, n) values at (m, n) radii, px, each by its own radius alone.
+    """
+    u = np.abs(np.arange(camera.width_px) + 0.5 - camera.centre_px[0])
+    v = np.abs(np.arange(camera.height_px) + 0.5 - camera.centre_px[1])
+    distances_u, columns = np.unique(u, return_inverse=True)
+    distances_v, rows = np.unique(v, return_inverse=True)
+    quarter = function(np.hypot(distances_u, distances_v[:, None]))
+    # Columns first: rows are then copied as a whole.
+    values: Floats = quarter.take(columns, axis=-1).take(rows, axis=-2)
+    return values
 
 
 @lru_cache(maxsize=4)

@@ -159,16 +159,16 @@ def reflect_rays(
     lower, upper = 0.5 * distance, 2.0 * distance
     for _ in range(_MAX_NEWTON_STEPS):
         point = origin + distance * direction
-        above, normal, t = _height_above_mirror(camera, point)
+        above, normal, outward, t = _height_above_mirror(camera, point)
         is_hit = t <= camera.rim_t
         if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
             break
         # Heights are measured along the ray from the viewpoint: its angle with the normal turns
         # the slope along the capture ray into the slope of `above`.
-        slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
-        distance = np.clip(distance - above / slope, lower, upper)
+        step = above * _dot(normal, outward) / _dot(normal, direction)
+        distance = np.clip(distance - step, lower, upper)
     is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
-    reflected = direction - 2.0 * _dot(normal, direction) * normal
+    reflected = direction - 2.0 * _dot(normal, direction) / _dot(normal, normal) * normal
     return _ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
 
 
@@ -201,25 +201,29 @@ def _initial_mirror_height_m(camera: OmniCamera, pixels: Floats) -> Floats:
     return camera.mirror.surface_point(camera.projection.t_from_radius_ratio(within))[1]
 
 
-def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Floats, Floats]:
+def _height_above_mirror(
+    camera: OmniCamera, points: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Height of (3, ...) points above the mirror.
 
     Returns:
-        Height along the ray from the viewpoint, m; the surface normal there, (3, ...); t of the
-        direction. Beyond the rim the mirror continues for a little.
+        Height along the ray from the viewpoint, m; the surface normal there, (3, ...), of any
+        length; the ray's unit direction, (3, ...), and t. Beyond the rim the mirror continues for a
+        little.
     """
     away = np.sqrt(_dot(points, points))
     # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
     # no rim reaches.
-    t = np.hypot(points[0], points[1]) / np.maximum(away + points[2], 1e-9 * away)
+    t = np.sqrt(points[0] * points[0] + points[1] * points[1])
+    t /= np.maximum(away + points[2], 1e-9 * away)
     limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.projection.t_limit))
     r, z = camera.mirror.surface_point(np.minimum(t, limit))
-    radius = np.hypot(r, z)
+    radius = np.sqrt(r * r + z * z)
     outward = points / away
     to_focus = _column_vector((0.0, 0.0, 1.0), outward.ndim - 1)
     if math.isfinite(camera.mirror.pinhole_distance_m):
         to_focus = _unit_vectors(camera.mirror.pinhole_distance_m * to_focus - radius * outward)
-    return away - radius, _unit_vectors(outward + to_focus), t
+    return away - radius, outward + to_focus, outward, t
 
 
 def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Floats:

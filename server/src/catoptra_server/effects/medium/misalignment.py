@@ -21,8 +21,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import (
@@ -37,6 +36,7 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_exchange,
     max_change_by_shift,
+    valid_pixels,
 )
 from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
@@ -85,8 +85,7 @@ class Misalignment:
         displacement_px = math.hypot(camera.width_px, camera.height_px)
         if valid.any():
             displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1])[valid].max())
-        on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])[1]
-        turns_black = bool((on_mirror & ~valid).any())
+        turns_black = bool((valid_pixels(camera) & ~valid).any())
         offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
