@@ -115,8 +115,7 @@ def count_valid_pixels(camera: RadialCamera) -> int:
 def valid_pixels(camera: RadialCamera) -> Bools:
     """Pixels, (h, w), whose centre has a direction."""
     if isinstance(camera, OmniCamera):
-        u: Floats = np.arange(camera.width_px) + 0.5
-        v: Floats = np.arange(camera.height_px) + 0.5
+        u, v = np.arange(0.5, camera.width_px), np.arange(0.5, camera.height_px)
         valid = direction_from_pixel_grid(camera, u, v)[1]
     else:
         valid = camera.direction_from_pixel(pixel_sample_positions(camera))[1][..., 0]
