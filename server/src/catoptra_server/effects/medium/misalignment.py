@@ -76,7 +76,7 @@ class Misalignment:
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest displacement, and by pixels that turn black."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        # Decided without the map, which takes a Newton search for every pixel.
+        # Decided without the map, which takes a reflected ray for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
         lookup = lookup_offset_map(self, camera)
