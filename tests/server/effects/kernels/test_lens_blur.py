@@ -67,10 +67,10 @@ def test_map_of_radius_has_the_value_of_each_pixels_own_radius(
     centre_px: tuple[float, float],
 ) -> None:
     camera = replace(CAMERA, centre_px=centre_px)
-    got = map_of_radius(camera, lambda r: np.stack((r, np.cos(r))))
+    got = map_of_radius(camera, lambda r: np.stack((r, np.cos(r)), axis=-1))
     offset = pixel_sample_positions(camera)[:, :, 0] - centre_px
     radius_px = np.hypot(offset[..., 0], offset[..., 1])
-    np.testing.assert_array_equal(got, np.stack((radius_px, np.cos(radius_px))))
+    np.testing.assert_array_equal(got, np.stack((radius_px, np.cos(radius_px)), axis=-1))
 
 
 @pytest.mark.parametrize(("f_number", "disc_px"), [(2.0, 2.54), (4.0, 1.27), (8.0, 0.634)])

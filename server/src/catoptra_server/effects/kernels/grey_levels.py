@@ -161,13 +161,17 @@ def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np
     variates = np.zeros((height, width, 3), dtype=np.float32)
     # One float32 addition and one product per variate: operations that IEEE 754 rounds alike here
     # and in C, which Box-Muller's logarithm and cosine are not.
-    for channel, word in enumerate(pcg3d(x, y, key[2:])):
-        low = table.take(word & np.uint32(0xFFFF))
-        variates[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
+    for first in range(0, height, _BAND_ROWS):
+        band = slice(first, first + _BAND_ROWS)
+        for channel, word in enumerate(pcg3d(x, y[band], key[2:])):
+            low = table.take(word & np.uint32(0xFFFF))
+            variates[band, :, channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
     return variates
 
 
 _SQRT_HALF = np.float32(np.sqrt(0.5))
+# Rows whose arrays stay in the processor's cache: 0.6 of the time of 640 x 480 px at once.
+_BAND_ROWS = 32
 
 _NUM_QUANTILES = 2**16
 
