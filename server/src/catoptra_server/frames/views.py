@@ -20,7 +20,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -30,8 +29,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import SceneSummary
-from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
+from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Channel, FrameLabels, ViewRequest
 from catoptra_server.frames.frame_plan import (
     DEFAULT_CALIBRATION_STATES,
@@ -160,12 +158,7 @@ class ViewCache:
             self._views.trim()
             return camera_plan.plan_text
 
-        # The maps of its effects meanwhile: most of the first frame otherwise. NumPy works on both
-        # without Python's lock.
-        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="effects") as pool:
-            # An error is not lost: the frame that needs the map computes it again, and fails.
-            pool.submit(plan_effects, camera.effect_settings, SceneSummary(1.0), camera.camera)
-            return self._work(partial(self._frames.plan_camera, camera), prepare_view)
+        return self._work(partial(self._frames.plan_camera, camera), prepare_view)
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view; the first frame of a camera includes the preparation.

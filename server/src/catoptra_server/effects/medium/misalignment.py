@@ -84,7 +84,8 @@ class Misalignment:
         # The map itself is bounded, not the optics: its rounding to float32 is below a part in 1e7.
         displacement_px = math.hypot(camera.width_px, camera.height_px)
         if valid.any():
-            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1])[valid].max())
+            # Invalid pixels have 0.
+            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1]).max())
         turns_black = bool((valid_pixels(camera) & ~valid).any())
         offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
@@ -117,7 +118,8 @@ def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[n
     # Offsets instead of positions: float32 keeps a displacement of a few pixels to 2e-7 px, but a
     # position at 640 px only to 3e-5 px.
     offsets, valid = lookup_offsets_px(camera, effect.camera_pose_offset)
-    lookup = np.concatenate((offsets, valid[..., None]), axis=-1).astype(np.float32)
+    lookup = np.zeros((*valid.shape, 3), dtype=np.float32)
+    lookup[..., :2], lookup[..., 2] = offsets, valid
     lookup.setflags(write=False)
     return lookup
 
