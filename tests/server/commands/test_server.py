@@ -23,6 +23,7 @@ from catoptra_server.commands import server as server_module
 from catoptra_server.commands.server import ListeningAddress, Options, ServerThreads, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.config.startup import read_startup_config
+from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.frames.renderers import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
@@ -73,6 +74,35 @@ async def test_plans_of_a_server_without_cameras_are_none(
             pass
     assert threads.plans == {}
     assert "no renderer is started" in caplog.text
+
+
+def make_threads_with_effect(folder: Path) -> ServerThreads:
+    robot_file = write_edited_copy(
+        write_small_robot(folder),
+        folder,
+        Edit("ResolutionX=64", "ResolutionX=64\nMisalignment=auto\nMisalignmentX=0.0003"),
+    )
+    return make_threads(robot_file, folder, ClockMode.LOCKSTEP)
+
+
+async def test_maps_of_effects_are_kept_before_the_start_ends(tmp_path: Path) -> None:
+    lookup_offset_map.cache_clear()
+    threads = make_threads_with_effect(tmp_path)
+    async with threads.run():
+        assert lookup_offset_map.cache_info().currsize == 1
+        assert not any(thread.name.startswith("effects") for thread in threading.enumerate())
+
+
+async def test_fault_of_a_map_at_the_start_is_left_to_the_frames_that_need_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise DomainError("injected")
+
+    monkeypatch.setattr(server_module, "plan_effects", fail)
+    threads = make_threads_with_effect(tmp_path)
+    async with threads.run():
+        assert threads.plans
 
 
 def make_options(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Options:

@@ -22,7 +22,8 @@ import asyncio
 import gc
 import importlib
 import logging
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import field, replace
 from functools import partial
@@ -42,7 +43,8 @@ from catoptra_server.config.server_file import (
 )
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import is_image_effect
+from catoptra_server.effects.effect import SceneSummary, is_image_effect
+from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.frames.encode import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
@@ -76,7 +78,7 @@ from catoptra_server.serve.tcp_server import TcpServer
 from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
-from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
 from catoptra_server.world.camera_state import CameraState
 
 if TYPE_CHECKING:
@@ -306,7 +308,7 @@ class ServerThreads:
 
         Runs in the render thread, which owns the OpenGL context. None without any camera.
         """
-        startup, options = self.startup, self.options
+        startup = self.startup
         if not any(robot.omni_cameras or robot.perspective_cameras for robot in startup.robots):
             log.info("no robot has a camera: no renderer is started")
             return None
@@ -315,6 +317,16 @@ class ServerThreads:
             for robot in startup.robots
             for omni in robot.omni_cameras
         }
+        # Bounds of effects keep maps of the camera, which are most of its first frame otherwise:
+        # made beside the rays, since NumPy works on both without Python's lock.
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="effects") as pool:
+            for omni in omnis.values():
+                # An error is not lost: the frame that needs the map fails, too.
+                pool.submit(plan_effects, omni.effects, SceneSummary(1.0), omni.camera)
+            return self._prepare_views(omnis)
+
+    def _prepare_views(self, omnis: Mapping[tuple[str, str], OmniCameraDescription]) -> ViewCache:
+        startup, options = self.startup, self.options
         is_realtime = options.clock is ClockMode.REALTIME
         choice = choose_renderer(
             options.renderer,

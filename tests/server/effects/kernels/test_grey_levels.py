@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
@@ -21,6 +25,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     normal_quantile_table,
     normal_variates,
     pcg3d,
+    valid_pixels,
 )
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
@@ -94,6 +99,14 @@ def test_mean_of_one_colour_has_the_weight_of_rec_709(channel: int, weight: floa
 def test_count_when_the_image_is_lit_everywhere_covers_all_lit_pixels() -> None:
     lit = make_test_pattern().any(axis=-1)
     assert lit.sum() <= count_valid_pixels(CAMERA)
+
+
+@pytest.mark.parametrize(
+    "camera", [replace(CAMERA, centre_px=(40.3, 51.0)), PerspectiveCamera(20, 10, 1.0)]
+)
+def test_valid_pixels_are_those_whose_centre_has_a_direction(camera: RadialCamera) -> None:
+    expected = camera.direction_from_pixel(pixel_sample_positions(camera))[1][..., 0]
+    np.testing.assert_array_equal(valid_pixels(camera), expected)
 
 
 def test_mean_of_a_float32_image_is_that_of_float64() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -20,6 +21,7 @@ from catoptra_server.effects.kernels.lens_blur import (
     circle_of_confusion_map,
     describe_lens,
     interior_mask,
+    map_of_radius,
     max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
@@ -58,6 +60,17 @@ def test_focal_length_when_focused_is_that_of_the_lens_which_makes_the_image() -
         + lens(4.0).focus_coordinate(EIGHT_MM_LENS_CAMERA)
     )
     assert focal_m == pytest.approx(8e-3, rel=1e-4)
+
+
+@pytest.mark.parametrize("centre_px", [(180.0, 180.0), (170.25, 193.0)])
+def test_map_of_radius_has_the_value_of_each_pixels_own_radius(
+    centre_px: tuple[float, float],
+) -> None:
+    camera = replace(CAMERA, centre_px=centre_px)
+    got = map_of_radius(camera, lambda r: np.stack((r, np.cos(r)), axis=-1))
+    offset = pixel_sample_positions(camera)[:, :, 0] - centre_px
+    radius_px = np.hypot(offset[..., 0], offset[..., 1])
+    np.testing.assert_array_equal(got, np.stack((radius_px, np.cos(radius_px)), axis=-1))
 
 
 @pytest.mark.parametrize(("f_number", "disc_px"), [(2.0, 2.54), (4.0, 1.27), (8.0, 0.634)])

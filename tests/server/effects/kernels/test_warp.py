@@ -219,7 +219,11 @@ def test_rays_when_the_pinhole_is_a_millimetre_off_pass_the_viewpoint_within_a_f
     assert miss_m * compute_image_scale(PAPER).max_px_per_rad == pytest.approx(0.04, abs=5e-4)
 
 
-@pytest.mark.parametrize("mirror", [HyperbolicMirror(11.546, PINHOLE_M), ParabolicMirror(0.03)])
+@pytest.mark.parametrize(
+    "mirror",
+    [*(HyperbolicMirror(k, PINHOLE_M) for k in (3.0, 11.546, 1e3)), ParabolicMirror(0.03)],
+    ids=["nearly flat", "of the paper", "far from its pinhole", "paraboloid"],
+)
 def test_camera_where_it_belongs_reads_every_pixel_where_it_is(
     mirror: HyperbolicMirror | ParabolicMirror,
 ) -> None:

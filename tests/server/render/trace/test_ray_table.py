@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,12 +37,19 @@ def sample_grid(camera: OmniCamera | PerspectiveCamera, samples: int) -> Floats:
     return split.swapaxes(1, 2).reshape(camera.height_px * samples, -1, 2)
 
 
-@pytest.mark.parametrize("width_px", [3, 40, 41])
+CAMERAS = {
+    **{str(width_px): make_omni_camera(width_px=width_px) for width_px in (3, 40, 41)},
+    "in a wide picture": replace(CAMERA, width_px=90, centre_px=(51.3, 12.6)),
+    "in a corner": replace(CAMERA, centre_px=(47.0, -9.5)),
+    "in the next picture": replace(CAMERA, centre_px=(-30.0, 20.0)),
+}
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("samples", [1, 2, 3])
 def test_rays_of_the_camera_model_are_at_their_places_in_the_grid(
-    samples: int, width_px: int
+    samples: int, camera: OmniCamera
 ) -> None:
-    camera = make_omni_camera(width_px=width_px)
     rays = omni_ray_table(camera, make_plan(camera, samples=samples))
     expected, valid = direction_from_pixel(camera, sample_grid(camera, samples))
     np.testing.assert_array_equal(grid_validity(rays), valid)

@@ -34,7 +34,7 @@ _KernelRowWeights = Callable[[slice], npt.NDArray[Real]]
 def convolve_symmetric(
     image: npt.NDArray[Real], half_width_px: int, kernel_row_weights: _KernelRowWeights[Real]
 ) -> npt.NDArray[Real]:
-    """Convolve a (h, w, 3) image.
+    """Convolve a (h, w, c) image.
 
     Args:
         image: Linear radiance.

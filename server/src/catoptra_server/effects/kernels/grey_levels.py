@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import Real
 from catoptra_server.world.camera_state import NoiseSeed
@@ -107,7 +108,19 @@ def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
 @lru_cache(maxsize=16)
 def count_valid_pixels(camera: RadialCamera) -> int:
     """Number of pixels whose centre has a direction; all others are black."""
-    return int(camera.direction_from_pixel(pixel_sample_positions(camera))[1].sum())
+    return int(valid_pixels(camera).sum())
+
+
+@lru_cache(maxsize=4)
+def valid_pixels(camera: RadialCamera) -> Bools:
+    """Pixels, (h, w), whose centre has a direction."""
+    if isinstance(camera, OmniCamera):
+        u, v = np.arange(0.5, camera.width_px), np.arange(0.5, camera.height_px)
+        valid = direction_from_pixel_grid(camera, u, v)[1]
+    else:
+        valid = camera.direction_from_pixel(pixel_sample_positions(camera))[1][..., 0]
+    valid.setflags(write=False)
+    return valid
 
 
 UInt32Array = npt.NDArray[np.uint32]  # (3,)
@@ -148,13 +161,17 @@ def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np
     variates = np.zeros((height, width, 3), dtype=np.float32)
     # One float32 addition and one product per variate: operations that IEEE 754 rounds alike here
     # and in C, which Box-Muller's logarithm and cosine are not.
-    for channel, word in enumerate(pcg3d(x, y, key[2:])):
-        low = table.take(word & np.uint32(0xFFFF))
-        variates[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
+    for first in range(0, height, _BAND_ROWS):
+        band = slice(first, first + _BAND_ROWS)
+        for channel, word in enumerate(pcg3d(x, y[band], key[2:])):
+            low = table.take(word & np.uint32(0xFFFF))
+            variates[band, :, channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
     return variates
 
 
 _SQRT_HALF = np.float32(np.sqrt(0.5))
+# Rows whose arrays stay in the processor's cache: 0.6 of the time of 640 x 480 px at once.
+_BAND_ROWS = 32
 
 _NUM_QUANTILES = 2**16
 

@@ -37,10 +37,12 @@ count the disc itself. Source: the thin-lens equation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TypeGuard
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
@@ -48,7 +50,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects.effect import NUM_RINGS, Real, SceneSummary
 
 # Guards the division for objects that reach into the mirror; no visible point comes so near. The
 # kernel's stage has the same constant.
@@ -91,6 +93,12 @@ class CircleOfConfusion:
     near_px: Floats
     power_per_m: Floats
     offset: Floats
+
+    @property
+    def parameters(self) -> Floats:
+        """The four in their order, along a last axis."""
+        fields = (self.infinity_diameter_px, self.near_px, self.power_per_m, self.offset)
+        return np.stack(fields, axis=-1)
 
     def near_term_px(self, range_m: Floats) -> Floats:
         """Difference of the signed diameter from that at infinity, 0 or more, px."""
@@ -145,12 +153,10 @@ def circle_of_confusion(
 @lru_cache(maxsize=4)
 def circle_of_confusion_map(aperture: Aperture, camera: RadialCamera) -> CircleOfConfusion:
     """Circle of confusion at every pixel centre, (h, w) arrays."""
-    circle = circle_of_confusion(aperture, camera, pixel_radii_px(camera))
-    circle.infinity_diameter_px.setflags(write=False)
-    circle.near_px.setflags(write=False)
-    circle.power_per_m.setflags(write=False)
-    circle.offset.setflags(write=False)
-    return circle
+
+    maps = map_of_radius(camera, lambda r: circle_of_confusion(aperture, camera, r).parameters)
+    maps.setflags(write=False)
+    return CircleOfConfusion(*np.moveaxis(maps, -1, 0))
 
 
 _MAX_DIAMETER_PX = 16.0
@@ -223,11 +229,25 @@ def sample_radii_px(camera: RadialCamera) -> Floats:
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
 
 
-def pixel_radii_px(camera: RadialCamera) -> Floats:
-    """Image radius of each pixel centre, (h, w)."""
-    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
-    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    return np.asarray(np.hypot(u[None, :], v[:, None]))
+def map_of_radius(
+    camera: RadialCamera, function: Callable[[Floats], npt.NDArray[Real]]
+) -> npt.NDArray[Real]:
+    """Values of a function of the image radius at every pixel centre, (h, w, ...).
+
+    Computed once for all pixels at the same distances from the centre in columns and rows: of a
+    centred image for a quarter.
+
+    Args:
+        camera: Camera of the image.
+        function: (m, n, ...) values at (m, n) radii, px, each by its own radius alone.
+    """
+    u = np.abs(np.arange(camera.width_px) + 0.5 - camera.centre_px[0])
+    v = np.abs(np.arange(camera.height_px) + 0.5 - camera.centre_px[1])
+    distances_u, columns = np.unique(u, return_inverse=True)
+    distances_v, rows = np.unique(v, return_inverse=True)
+    quarter = function(np.hypot(distances_u, distances_v[:, None]))
+    # Columns first: rows are then copied as a whole.
+    return quarter.take(columns, axis=1).take(rows, axis=0)
 
 
 @lru_cache(maxsize=4)

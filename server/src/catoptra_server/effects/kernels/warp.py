@@ -6,9 +6,9 @@ a whole number of pixels is copied bit by bit.
 
 A capture camera may be displaced from the mirror's second focus. A pixel's ray leaves the displaced
 pinhole, meets the mirror and is reflected; the pixel of the aligned camera with the same direction
-is the one to read. The normal of a central mirror needs no derivative: the normal bisects the angle
-between the outward direction from the viewpoint and the direction to the second focus. Domain: any
-central mirror; distant scenes, since the reflected rays no longer meet in one viewpoint.
+is the one to read. A central mirror is a conic of revolution with a focus in the viewpoint (Baker &
+Nayar 1999), which a ray meets at a root of a quadratic. Domain: any central mirror; distant scenes,
+since the reflected rays no longer meet in one viewpoint.
 
 Motion displaces light by at most its largest speed, ring by ring. A speed v past the nearest
 distance D turns directions by |v| / D, times px per radian; dynamic objects pass at the rates of
@@ -102,10 +102,10 @@ class CameraPoseOffset:
     """Turn about y through the same point."""
 
 
-# Offsets are rounded to a nanopixel: the search's residue would otherwise mix neighbours where a
+# Offsets are rounded to a nanopixel: the root's rounding would otherwise mix neighbours where a
 # pixel is to be copied.
 _DECIMALS = 9
-# Rows of an image that are searched together: their arrays stay in the processor's cache, 0.7 of
+# Rows of an image that are looked up together: their arrays stay in the processor's cache, 0.7 of
 # the time of 640 x 480 px at once.
 _BAND_ROWS = 32
 
@@ -141,12 +141,6 @@ class _ReflectedRays:
     """(...) whether the ray meets the mirror within its rim."""
 
 
-# Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
-# are enough. Rays that have not converged by then count as missing the mirror.
-_MAX_NEWTON_STEPS = 12
-_CONVERGENCE_TOLERANCE = 1e-12
-
-
 def reflect_rays(
     camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
 ) -> _ReflectedRays:
@@ -154,22 +148,44 @@ def reflect_rays(
     # Vectors lie along the first axis here: three planes with one number per ray, which NumPy
     # works through faster than triples.
     origin, direction = _camera_rays(camera, pose_offset, pixels)
-    distance = (origin[2] - _initial_mirror_height_m(camera, pixels)) / -direction[2]
-    # Rays that miss the mirror have no root: the bounds keep them finite until they are dropped.
-    lower, upper = 0.5 * distance, 2.0 * distance
-    for _ in range(_MAX_NEWTON_STEPS):
-        point = origin + distance * direction
-        above, normal, t = _height_above_mirror(camera, point)
-        is_hit = t <= camera.rim_t
-        if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
-            break
-        # Heights are measured along the ray from the viewpoint: its angle with the normal turns
-        # the slope along the capture ray into the slope of `above`.
-        slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
-        distance = np.clip(distance - above / slope, lower, upper)
-    is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
-    reflected = direction - 2.0 * _dot(normal, direction) * normal
-    return _ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
+    point, has_met = _meet_mirror(camera, origin, direction)
+    away = np.sqrt(_dot(point, point))
+    # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
+    # no rim reaches.
+    t = np.sqrt(point[0] * point[0] + point[1] * point[1])
+    t /= np.maximum(away + point[2], 1e-9 * away)
+    # The gradient of the surface's equation, of any length.
+    normal = _inverse_eccentricity(camera) / away * point
+    normal[2] += 1.0
+    reflected = direction - 2.0 * _dot(normal, direction) / _dot(normal, normal) * normal
+    return _ReflectedRays(
+        np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), has_met & (t <= camera.rim_t)
+    )
+
+
+def _meet_mirror(camera: OmniCamera, origin: Floats, direction: Floats) -> tuple[Floats, Bools]:
+    """Points, (3, ...), where rays meet the mirror or its continuation, and whether they do.
+
+    Along a ray from the plane of the vertex, C + 2 B s + A s^2 is the difference of the squares of
+    both sides of the conic's equation: see `_inverse_eccentricity`. A ray that does not meet the
+    mirror has any finite point.
+    """
+    inverse, vertex_m = _inverse_eccentricity(camera), _vertex_height_m(camera)
+    falls = direction[2] < 0.0
+    # From there all numbers are of the mirror's size, however far the pinhole is.
+    to_plane = (origin[2] - vertex_m) / np.where(falls, -direction[2], 1.0)
+    start = origin + to_plane * direction
+    dx, dy, dz = direction
+    a = inverse**2 * (dx * dx + dy * dy) - (1.0 - inverse) * (1.0 + inverse) * dz * dz
+    b = inverse**2 * (start[0] * dx + start[1] * dy) + inverse * (1.0 + inverse) * vertex_m * dz
+    c = inverse**2 * (start[0] * start[0] + start[1] * start[1])
+    discriminant = b * b - a * c
+    root = np.sqrt(np.maximum(discriminant, 0.0))
+    # Two forms of the root where the ray enters: the one for the sign of b does not cancel.
+    numerator, denominator = np.where(b > 0.0, b + root, c), np.where(b > 0.0, -a, root - b)
+    has_root = falls & (discriminant >= 0.0) & (denominator > 0.0)
+    beyond = np.where(has_root, numerator, 0.0) / np.where(has_root, denominator, 1.0)
+    return start + beyond * direction, has_root & (to_plane + beyond > 0.0)
 
 
 def _camera_rays(
@@ -194,32 +210,15 @@ def _camera_rays(
     return origin, _rotate(rotation, np.stack((scale * x, scale * y, zero - 1.0)))
 
 
-def _initial_mirror_height_m(camera: OmniCamera, pixels: Floats) -> Floats:
-    """Height of the mirror at the aligned camera's pixels: the start of Newton's method."""
-    radius_px = np.hypot(*np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0))
-    within = np.minimum(radius_px, camera.rim_radius_px) / camera.scale_px
-    return camera.mirror.surface_point(camera.projection.t_from_radius_ratio(within))[1]
-
-
-def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Floats, Floats]:
-    """Height of (3, ...) points above the mirror.
-
-    Returns:
-        Height along the ray from the viewpoint, m; the surface normal there, (3, ...); t of the
-        direction. Beyond the rim the mirror continues for a little.
+def _inverse_eccentricity(camera: OmniCamera) -> float:
+    """1 / e of a central mirror: a point at the distance rho from the viewpoint and the height z
+    has rho / e = (1 + 1 / e) z_vertex - z. A plane has 0, a paraboloid 1.
     """
-    away = np.sqrt(_dot(points, points))
-    # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
-    # no rim reaches.
-    t = np.hypot(points[0], points[1]) / np.maximum(away + points[2], 1e-9 * away)
-    limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.projection.t_limit))
-    r, z = camera.mirror.surface_point(np.minimum(t, limit))
-    radius = np.hypot(r, z)
-    outward = points / away
-    to_focus = _column_vector((0.0, 0.0, 1.0), outward.ndim - 1)
-    if math.isfinite(camera.mirror.pinhole_distance_m):
-        to_focus = _unit_vectors(camera.mirror.pinhole_distance_m * to_focus - radius * outward)
-    return away - radius, _unit_vectors(outward + to_focus), t
+    return 1.0 - 2.0 * _vertex_height_m(camera) / camera.mirror.pinhole_distance_m
+
+
+def _vertex_height_m(camera: OmniCamera) -> float:
+    return float(camera.mirror.surface_point(np.array(0.0))[1])
 
 
 def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Floats:
@@ -230,11 +229,6 @@ def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Float
 def _rotate(rotation: Floats, vectors: Floats) -> Floats:
     rotated: Floats = np.tensordot(rotation, vectors, axes=1)
     return rotated
-
-
-def _unit_vectors(vectors: Floats) -> Floats:
-    unit: Floats = vectors / np.sqrt(_dot(vectors, vectors))
-    return unit
 
 
 def _dot(one: Floats, other: Floats) -> Floats:

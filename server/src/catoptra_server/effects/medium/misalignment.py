@@ -21,8 +21,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import (
@@ -37,6 +36,7 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_exchange,
     max_change_by_shift,
+    valid_pixels,
 )
 from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
@@ -76,7 +76,7 @@ class Misalignment:
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest displacement, and by pixels that turn black."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        # Decided without the map, which takes a Newton search for every pixel.
+        # Decided without the map, which takes a reflected ray for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
         lookup = lookup_offset_map(self, camera)
@@ -84,9 +84,9 @@ class Misalignment:
         # The map itself is bounded, not the optics: its rounding to float32 is below a part in 1e7.
         displacement_px = math.hypot(camera.width_px, camera.height_px)
         if valid.any():
-            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1])[valid].max())
-        on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])[1]
-        turns_black = bool((on_mirror & ~valid).any())
+            # Invalid pixels have 0.
+            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1]).max())
+        turns_black = bool((valid_pixels(camera) & ~valid).any())
         offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
@@ -118,7 +118,8 @@ def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[n
     # Offsets instead of positions: float32 keeps a displacement of a few pixels to 2e-7 px, but a
     # position at 640 px only to 3e-5 px.
     offsets, valid = lookup_offsets_px(camera, effect.camera_pose_offset)
-    lookup = np.concatenate((offsets, valid[..., None]), axis=-1).astype(np.float32)
+    lookup = np.zeros((*valid.shape, 3), dtype=np.float32)
+    lookup[..., :2], lookup[..., 2] = offsets, valid
     lookup.setflags(write=False)
     return lookup
 

@@ -26,7 +26,7 @@ from catoptra_server.effects.effect import (
     SceneSummary,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
-from catoptra_server.effects.kernels.lens_blur import pixel_radii_px
+from catoptra_server.effects.kernels.lens_blur import map_of_radius
 
 # Radii of the bound: between them the gain of 60 degrees off the axis bends by 1e-5.
 _NUM_RADII = 201
@@ -64,8 +64,9 @@ class Vignetting:
 @lru_cache(maxsize=4)
 def vignetting_map(camera: RadialCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
-    radius_px = np.minimum(pixel_radii_px(camera), camera.rim_radius_px)
-    factor = camera.relative_illumination(radius_px)[..., None]
+    factor = map_of_radius(
+        camera, lambda r: camera.relative_illumination(np.minimum(r, camera.rim_radius_px))
+    )[..., None]
     factor.setflags(write=False)
     return factor
 

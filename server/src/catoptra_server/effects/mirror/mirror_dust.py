@@ -21,9 +21,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import (
@@ -46,11 +45,12 @@ from catoptra_server.effects.kernels.grey_levels import (
     grey_level,
     max_change_by_gain,
     mean_luminance,
+    valid_pixels,
 )
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
-    circle_of_confusion_map,
-    pixel_radii_px,
+    circle_of_confusion,
+    map_of_radius,
 )
 from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,
@@ -125,8 +125,7 @@ def coverage_map(
     sharp = np.minimum(pixel_coverage(particles, camera) + pixel_coverage(scratches, camera), 1.0)
     # Cut at the bound, so the criterion holds even for the one pixel in 1e12.
     soft = np.minimum(blur.blur(sharp), max_coverage(effect, camera))
-    on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
-    coverage = np.where(on_mirror, soft[..., None], 0.0).astype(np.float32)
+    coverage = np.where(valid_pixels(camera), soft, 0.0).astype(np.float32)[..., None]
     coverage.setflags(write=False)
     return coverage
 
@@ -175,10 +174,8 @@ class _SurfaceBlur:
     def blur(self, image: Floats) -> Floats:
         """Blur a (h, w) image."""
         table, row = self.kernel_table, self.table_row
-        # The convolution takes three planes; computed once per camera, so two are waste.
-        planes = np.repeat(image[..., None], 3, axis=-1)
         return convolve_symmetric(
-            planes,
+            image[..., None],
             table.half_width_px,
             lambda rows: table.interpolate(row[rows], table.half_width_px),
         )[..., 0]
@@ -187,12 +184,16 @@ class _SurfaceBlur:
 @lru_cache(maxsize=4)
 def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
     """Blur of the mirror's own surface by the lens."""
-    radius_px = np.minimum(pixel_radii_px(camera), camera.rim_radius_px)
-    t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
-    # A point on the mirror has the range of its own distance from the viewpoint.
-    rho_m = np.hypot(*camera.mirror.surface_point(t))
-    diameter_px = circle_of_confusion_map(effect.aperture, camera).diameter_px(rho_m)
-    return _SurfaceBlur(disc_kernel_table(float(diameter_px.max())), table_row(diameter_px))
+
+    def diameter_px(radius_px: Floats) -> Floats:
+        within_px = np.minimum(radius_px, camera.rim_radius_px)
+        t = camera.projection.t_from_radius_ratio(within_px / camera.scale_px)
+        # A point on the mirror has the range of its own distance from the viewpoint.
+        rho_m = np.hypot(*camera.mirror.surface_point(t))
+        return circle_of_confusion(effect.aperture, camera, radius_px).diameter_px(rho_m)
+
+    diameters_px = map_of_radius(camera, diameter_px)
+    return _SurfaceBlur(disc_kernel_table(float(diameters_px.max())), table_row(diameters_px))
 
 
 def _create_effect(

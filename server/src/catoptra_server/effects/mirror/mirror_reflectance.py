@@ -32,7 +32,7 @@ from catoptra_server.effects.effect import (
     SceneSummary,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
-from catoptra_server.effects.kernels.lens_blur import pixel_radii_px
+from catoptra_server.effects.kernels.lens_blur import map_of_radius
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201
@@ -103,8 +103,10 @@ def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats
 @lru_cache(maxsize=4)
 def reflectance_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
-    fraction = np.minimum(pixel_radii_px(camera) / camera.rim_radius_px, 1.0)
-    gains = effect._relative_reflectance(fraction, camera)[..., None]
+    rim_px = camera.rim_radius_px
+    gains = map_of_radius(
+        camera, lambda r: effect._relative_reflectance(np.minimum(r / rim_px, 1.0), camera)
+    )[..., None]
     gains.setflags(write=False)
     return gains
 

@@ -11,6 +11,7 @@ A mirror without a viewpoint has an origin for each ray besides its direction; a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TypeVar
@@ -45,6 +46,7 @@ Element = TypeVar("Element", bound=np.generic)
 _GridLookup = Callable[[Floats, Floats], tuple[Floats | None, Floats, Bools]]
 # The same of (..., 2) pixel positions.
 _PixelLookup = Callable[[Floats], tuple[Floats, Bools]]
+_Circle = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +88,15 @@ class RayTable:
 def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
     """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
     if isinstance(plan.surface, PerPixel):
-        return build_ray_table(camera, plan.samples, partial(rays_from_pixel_grid, camera))
+        # A plane without a radial law is not bounded so closely.
+        radius_px = camera.rim_radius_px if camera.plane.is_radial else math.inf
+        look_up = partial(rays_from_pixel_grid, camera)
+        return build_ray_table(camera, plan.samples, look_up, (*camera.centre_px, radius_px))
     # Loaded with embreex where a plan has a mesh: see `commands/server.py`.
     from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 
-    look_up = partial(mirror_mesh_directions, camera, plan.surface)
-    return build_ray_table(camera, plan.samples, _grid_lookup(look_up))
+    of_mesh = partial(mirror_mesh_directions, camera, plan.surface)
+    return build_ray_table(camera, plan.samples, _grid_lookup(of_mesh))
 
 
 def lens_ray_table(
@@ -120,13 +125,16 @@ def _grid_lookup(look_up: _PixelLookup) -> _GridLookup:
     return lambda u, v: (None, *look_up(np.stack(np.meshgrid(u, v), axis=-1)))
 
 
-def build_ray_table(camera: ImageSize, samples: int, look_up: _GridLookup) -> RayTable:
+def build_ray_table(
+    camera: ImageSize, samples: int, look_up: _GridLookup, circle_px: _Circle = (0.0, 0.0, math.inf)
+) -> RayTable:
     """Rays of an image, computed in batches of rows of tiles.
 
     Args:
         camera: Size of the image.
         samples: Samples along a pixel's side.
         look_up: Directions of a grid of positions, and their validity.
+        circle_px: Circle outside which no ray is valid: u and v of its centre, and radius.
 
     Raises:
         DomainError: A number of samples that no pixel can have.
@@ -134,7 +142,8 @@ def build_ray_table(camera: ImageSize, samples: int, look_up: _GridLookup) -> Ra
     if not 1 <= samples <= MAX_SAMPLES:
         raise DomainError(f"{samples} samples along a pixel's side: from 1 to {MAX_SAMPLES}")
     batches = [
-        _build_tile_rows(camera, samples, look_up, rows) for rows in _split_rows(camera, samples)
+        _build_tile_rows(camera, samples, look_up, (rows, _find_columns(camera, circle_px, rows)))
+        for rows in _split_rows(camera, samples)
     ]
     tiles, directions, valid = (
         np.concatenate(parts) for parts in zip(*(batch[:3] for batch in batches), strict=True)
@@ -153,13 +162,26 @@ def _split_rows(camera: ImageSize, samples: int) -> Iterator[range]:
         yield range(first, min(first + step, num_rows))
 
 
+def _find_columns(camera: ImageSize, circle_px: _Circle, rows: range) -> range:
+    """Columns of tiles with all pixels of some rows of tiles that lie in a circle; at least one."""
+    count = -(-camera.width_px // TILE_PX)
+    u, v, radius = circle_px
+    # A pixel more than the circle: nothing here is rounded as in the camera model.
+    nearest = min(max(v, rows.start * TILE_PX), rows.stop * TILE_PX)
+    half = math.sqrt(max(0.0, (radius + 1.0) ** 2 - (nearest - v) ** 2))
+    if math.isinf(half):
+        return range(count)
+    first = min(max(math.floor((u - half) / TILE_PX), 0), count - 1)
+    return range(first, min(max(math.ceil((u + half) / TILE_PX), first + 1), count))
+
+
 def _build_tile_rows(
-    camera: ImageSize, samples: int, look_up: _GridLookup, rows: range
+    camera: ImageSize, samples: int, look_up: _GridLookup, block: tuple[range, range]
 ) -> tuple[npt.NDArray[np.int32], Float32s, npt.NDArray[np.uint16], Float32s | None]:
-    """Tiles, directions, validity and origins of some rows of tiles."""
-    columns = -(-camera.width_px // TILE_PX)
+    """Tiles, directions, validity and origins of some rows and columns of tiles."""
+    rows, columns = block
     v = _grid_positions(rows.start * TILE_PX, rows.stop * TILE_PX, samples)
-    u = _grid_positions(0, columns * TILE_PX, samples)
+    u = _grid_positions(columns.start * TILE_PX, columns.stop * TILE_PX, samples)
     # Tiles of the last column and row may reach beyond the image: those rays are invalid.
     within = (v < camera.height_px)[:, None] & (u < camera.width_px)
     origins, directions, valid = look_up(u, v)
@@ -172,7 +194,9 @@ def _build_tile_rows(
     # Tiles off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
     shown = np.flatnonzero(bits.any(axis=-1))
     starts = None if origins is None else _blocks_of_vectors(origins, samples)[shown]
-    return (shown + rows.start * columns).astype(np.int32), blocks[shown], bits[shown], starts
+    row, column = np.divmod(shown, len(columns))
+    numbers = (rows.start + row) * -(-camera.width_px // TILE_PX) + columns.start + column
+    return numbers.astype(np.int32), blocks[shown], bits[shown], starts
 
 
 def _grid_positions(first_px: int, stop_px: int, samples: int) -> Floats:

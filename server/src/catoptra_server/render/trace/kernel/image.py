@@ -30,7 +30,12 @@ from catoptra_server.effects.kernels.grey_levels import (
     frame_noise_key,
     normal_quantile_table,
 )
-from catoptra_server.effects.kernels.lens_blur import circle_of_confusion_map, interior_mask
+from catoptra_server.effects.kernels.lens_blur import (
+    circle_of_confusion,
+    circle_of_confusion_map,
+    interior_mask,
+    map_of_radius,
+)
 from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -267,9 +272,12 @@ def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _St
 @lru_cache(maxsize=4)
 def _disc_parameters(effect: DefocusByDepth, camera: RadialCamera) -> _Float32s:
     """Map, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
-    circle = circle_of_confusion_map(effect.aperture, camera)
-    channels = (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
-    return np.stack(channels, axis=-1).astype(np.float32)
+
+    def discs(radius_px: npt.NDArray[np.float64]) -> _Float32s:
+        circle = circle_of_confusion(effect.aperture, camera, radius_px)
+        return circle.parameters.astype(np.float32)
+
+    return map_of_radius(camera, discs)
 
 
 def _make_disc_blur(
