@@ -82,35 +82,78 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
     return is_nearer;
 }
 
+/* The test of rays with triangles, for one ray and eight triangles or for one triangle and sixteen
+ * rays: `start`, `shear` and `corner` are coordinates across, across and along the rays' axis. Masks
+ * what is met into `is_met`, and gives its depth along the axis. */
+#define DEFINE_TEST(N)                                                                             \
+    static inline __attribute__((always_inline)) Floats##N subtract_product##N(                    \
+        Floats##N a, Floats##N b, Floats##N c, Floats##N d) {                                      \
+        return a * b - c * d;                                                                      \
+    }                                                                                              \
+    static inline __attribute__((always_inline)) Ints##N pass_inside##N(                           \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N x[3], y[3];                                                                      \
+        for (int i = 0; i < 3; i++) {                                                              \
+            Floats##N along = corner[i][2] - start[2];                                             \
+            x[i] = corner[i][0] - start[0] - shear[0] * along;                                     \
+            y[i] = corner[i][1] - start[1] - shear[1] * along;                                     \
+        }                                                                                          \
+        /* On which side of each edge the ray passes. A difference of rounded products has the     \
+         * sign of the exact one, or is 0: then the ray is inside of both of the edge's            \
+         * triangles. */                                                                           \
+        Floats##N u = subtract_product##N(x[2], y[1], y[2], x[1]);                                 \
+        Floats##N v = subtract_product##N(x[0], y[2], y[0], x[2]);                                 \
+        Floats##N w = subtract_product##N(x[1], y[0], y[1], x[0]);                                 \
+        return (least##N(least##N(u, v), w) >= 0.0f) | (most##N(most##N(u, v), w) <= 0.0f);        \
+    }                                                                                              \
+    /* Depth at which the ray meets the plane, by the normal; never beyond the corners, however    \
+     * flat the triangle lies. */                                                                  \
+    static inline __attribute__((always_inline)) Floats##N find_depth##N(                          \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N to[3], first[3], second[3];                                                      \
+        for (int axis = 0; axis < 3; axis++) {                                                     \
+            to[axis] = corner[0][axis] - start[axis];                                              \
+            first[axis] = corner[1][axis] - corner[0][axis];                                       \
+            second[axis] = corner[2][axis] - corner[0][axis];                                      \
+        }                                                                                          \
+        Floats##N x = subtract_product##N(first[1], second[2], first[2], second[1]);               \
+        Floats##N y = subtract_product##N(first[2], second[0], first[0], second[2]);               \
+        Floats##N z = subtract_product##N(first[0], second[1], first[1], second[0]);               \
+        Floats##N depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z); \
+        Floats##N other = corner[1][2] - start[2], last = corner[2][2] - start[2];                 \
+        depth = most##N(depth, least##N(least##N(to[2], other), last));                            \
+        return least##N(depth, most##N(most##N(to[2], other), last));                              \
+    }
+
+DEFINE_TEST(8)
+DEFINE_TEST(16)
+
 /* Test a ray against the triangles of a leaf; whether one is nearer than all so far. */
 static inline __attribute__((always_inline)) int test_leaf(Query *query, const BvhLeaf *leaf,
                                                            int lane) {
-    const RayBlock *rays = query->rays;
-    int axis[3] = {query->axis[0][lane], query->axis[1][lane], query->axis[2][lane]};
-    Floats8 start[3], point[3][3];
-    for (int i = 0; i < 3; i++)
-        start[i] = splat8(rays->origin[axis[i]][lane]);
-    Floats8 shear_x = splat8(query->shear[0][lane]), shear_y = splat8(query->shear[1][lane]);
-    for (int corner = 0; corner < 3; corner++) {
-        Floats8 along = leaf->corner[3 * corner + axis[2]] - start[2];
-        point[corner][0] = leaf->corner[3 * corner + axis[0]] - start[0] - shear_x * along;
-        point[corner][1] = leaf->corner[3 * corner + axis[1]] - start[1] - shear_y * along;
-        point[corner][2] = along;
+    Floats8 start[3], corner[3][3];
+    Floats8 shear[2] = {splat8(query->shear[0][lane]), splat8(query->shear[1][lane])};
+    for (int i = 0; i < 3; i++) {
+        int axis = query->axis[i][lane];
+        start[i] = splat8(query->rays->origin[axis][lane]);
+        for (int number = 0; number < 3; number++)
+            corner[number][i] = leaf->corner[3 * number + axis];
     }
-    /* On which side of each edge the ray passes. A difference of rounded products has the sign of
-     * the exact one, or is 0: then the ray is inside of both of the edge's triangles. */
-    Floats8 u = point[2][0] * point[1][1] - point[2][1] * point[1][0];
-    Floats8 v = point[0][0] * point[2][1] - point[0][1] * point[2][0];
-    Floats8 w = point[1][0] * point[0][1] - point[1][1] * point[0][0];
-    Ints8 is_inside = (least8(least8(u, v), w) >= 0.0f) | (most8(most8(u, v), w) <= 0.0f);
-    uint32_t hits = bits8(is_inside);
+    uint32_t hits = bits8(pass_inside8(start, shear, corner));
     if (!hits)
         return 0;
-    /* A mean of the corners: never beyond them, however flat the triangle lies. */
-    Floats8 inverse = 1.0f / (u + v + w);
-    Floats8 along = u * inverse * point[0][2] + v * inverse * point[1][2] + w * inverse * point[2][2];
+    Floats8 depth = find_depth8(start, shear, corner);
     return note_hits(query, leaf, lane, hits,
-                     along * query->inverse[axis[2]][lane]);
+                     depth * query->inverse[query->axis[2][lane]][lane]);
+}
+
+static inline void prefetch(const Query *query, int32_t child) {
+    const char *at = child < 0 ? (const char *)(query->leaves + ~child)
+                               : (const char *)(query->nodes + child);
+    __builtin_prefetch(at);
+    __builtin_prefetch(at + 64);
+    __builtin_prefetch(at + 128);
+    __builtin_prefetch(at + 192);
 }
 
 typedef struct {
@@ -159,8 +202,7 @@ static inline int push_children(const Query *query, const BvhNode *node, uint32_
         int slot = __builtin_ctz(met), at = height++;
         met &= met - 1;
         int32_t child = node->child[slot];
-        __builtin_prefetch(child < 0 ? (const void *)(query->leaves + ~child)
-                                     : (const void *)(query->nodes + child));
+        prefetch(query, child);
         for (; at > bottom && stack[at - 1].near < nears[slot]; at--)
             stack[at] = stack[at - 1];
         stack[at] = (Visit){nears[slot], child};
@@ -180,20 +222,23 @@ static inline __attribute__((always_inline)) int descend_ray(Query *query, int l
         Visit visit = stack[--height];
         if (visit.near > limit)
             continue;
-        if (visit.child < 0) {
-            if (test_leaf(query, query->leaves + ~visit.child, lane)) {
-                has_hit = 1;
-                if (ends_at_first)
-                    break;
-                limit = query->limit[lane] * LIMIT_RESERVE;
-            }
-            continue;
+        int32_t at = visit.child;
+        while (at >= 0) {
+            const BvhNode *node = query->nodes + at;
+            Floats8 near;
+            uint32_t met = meet_boxes(&slabs, node, limit, &near);
+            at = NO_CHILD;
+            if (met & (met - 1))
+                height = push_children(query, node, met, near, stack, height);
+            else if (met)
+                at = node->child[__builtin_ctz(met)];
         }
-        const BvhNode *node = query->nodes + visit.child;
-        Floats8 near;
-        uint32_t met = meet_boxes(&slabs, node, limit, &near);
-        if (met)
-            height = push_children(query, node, met, near, stack, height);
+        if (at != NO_CHILD && test_leaf(query, query->leaves + ~at, lane)) {
+            has_hit = 1;
+            if (ends_at_first)
+                break;
+            limit = query->limit[lane] * LIMIT_RESERVE;
+        }
     }
     return has_hit;
 }
@@ -328,8 +373,7 @@ static int push_parts(const Query *query, int32_t parent, uint32_t met, Floats8 
         int slot = __builtin_ctz(met), at = height++;
         met &= met - 1;
         int32_t child = node->child[slot];
-        __builtin_prefetch(child < 0 ? (const void *)(query->leaves + ~child)
-                                     : (const void *)(query->nodes + child));
+        prefetch(query, child);
         for (; at > bottom && stack[at - 1].near < nears[slot]; at--)
             stack[at] = stack[at - 1];
         stack[at] = (BeamVisit){nears[slot], child, parent, slot};
@@ -350,57 +394,42 @@ static int descend_rays(Query *query, uint32_t lanes, int32_t child, int ends_at
     return has_hit;
 }
 
-/* Triangles of a leaf that are not wholly beyond a side of a beam. */
+/* Triangles of a leaf that are not wholly beyond a side of a beam, wherever its rays begin. */
 static uint32_t meet_triangles(const Beam *beam, const BvhLeaf *leaf) {
     Ints8 is_outside = (Ints8){0};
-    Floats8 depth[3];
-    for (int corner = 0; corner < 3; corner++)
-        depth[corner] = leaf->corner[3 * corner + beam->axis[2]];
     for (int i = 0; i < 2; i++) {
-        float low = (beam->sign > 0.0f) == (beam->least[i] > 0.0f) ? beam->first[2] : beam->last[2];
-        float high = (beam->sign > 0.0f) == (beam->most[i] > 0.0f) ? beam->last[2] : beam->first[2];
-        (void)low;
-        (void)high;
-        Floats8 below = splat8(-INFINITY), above = splat8(INFINITY);
+        float least = beam->least[i] * beam->sign, most = beam->most[i] * beam->sign;
+        float least_start = least > 0.0f ? beam->last[2] : beam->first[2];
+        float most_start = most > 0.0f ? beam->first[2] : beam->last[2];
+        Floats8 above_least = splat8(-INFINITY), above_most = splat8(INFINITY);
         for (int corner = 0; corner < 3; corner++) {
             Floats8 across = leaf->corner[3 * corner + beam->axis[i]];
-            Floats8 from_first = (depth[corner] - low) * beam->sign;
-            Floats8 from_last = (depth[corner] - high) * beam->sign;
-            below = most8(below, across - beam->first[i] - beam->least[i] * from_first);
-            above = least8(above, across - beam->last[i] - beam->most[i] * from_last);
+            Floats8 along = leaf->corner[3 * corner + beam->axis[2]];
+            above_least = most8(above_least, across - beam->first[i] - least * (along - least_start));
+            above_most = least8(above_most, across - beam->last[i] - most * (along - most_start));
         }
-        is_outside |= (below < 0.0f) | (above > 0.0f);
+        is_outside |= (above_least < 0.0f) | (above_most > 0.0f);
     }
     return bits8(~is_outside & (load_ints8(leaf->triangle) != NO_TRIANGLE));
 }
 
-/* Test rays that go farthest along the same axis against a triangle of a leaf: as test_leaf,
- * operation by operation. Those for which it is nearer than all so far. */
+/* Test rays that go farthest along the same axis against a triangle of a leaf; those for which it
+ * is nearer than all so far. */
 static inline uint32_t test_rays(Query *query, const BvhLeaf *leaf, int slot, uint32_t lanes) {
-    const RayBlock *rays = query->rays;
-    int axis[3];
-    Floats16 start[3], point[3][3];
+    Floats16 start[3], corner[3][3];
+    Floats16 shear[2] = {load16(query->shear[0]), load16(query->shear[1])};
     for (int i = 0; i < 3; i++) {
-        axis[i] = query->axis[i][query->first];
-        start[i] = load16(rays->origin[axis[i]]);
+        int axis = query->axis[i][query->first];
+        start[i] = load16(query->rays->origin[axis]);
+        for (int number = 0; number < 3; number++)
+            corner[number][i] = splat16(leaf->corner[3 * number + axis][slot]);
     }
-    Floats16 shear_x = load16(query->shear[0]), shear_y = load16(query->shear[1]);
-    for (int corner = 0; corner < 3; corner++) {
-        Floats16 along = leaf->corner[3 * corner + axis[2]][slot] - start[2];
-        point[corner][0] = leaf->corner[3 * corner + axis[0]][slot] - start[0] - shear_x * along;
-        point[corner][1] = leaf->corner[3 * corner + axis[1]][slot] - start[1] - shear_y * along;
-        point[corner][2] = along;
-    }
-    Floats16 u = point[2][0] * point[1][1] - point[2][1] * point[1][0];
-    Floats16 v = point[0][0] * point[2][1] - point[0][1] * point[2][0];
-    Floats16 w = point[1][0] * point[0][1] - point[1][1] * point[0][0];
-    Ints16 is_inside = (least16(least16(u, v), w) >= 0.0f) | (most16(most16(u, v), w) <= 0.0f);
-    is_inside &= mask16(lanes);
+    Ints16 is_inside = pass_inside16(start, shear, corner) & mask16(lanes);
     if (!bits16(is_inside))
         return 0;
-    Floats16 inverse = 1.0f / (u + v + w);
-    Floats16 along = u * inverse * point[0][2] + v * inverse * point[1][2] + w * inverse * point[2][2];
-    Floats16 distance = along * load16(query->inverse[axis[2]]), limit = load16(query->limit);
+    Floats16 distance = find_depth16(start, shear, corner) *
+                        load16(query->inverse[query->axis[2][query->first]]);
+    Floats16 limit = load16(query->limit);
     Ints16 triangle = load_ints16(query->triangle);
     int32_t number = leaf->triangle[slot];
     Ints16 is_nearer = is_inside & (distance > 0.0f) &
@@ -443,7 +472,7 @@ static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
         BeamVisit visit = stack[--height];
         if (visit.near > depth)
             continue;
-        uint32_t lanes = visit.parent < 0
+        uint32_t lanes = visit.near <= 0.0f
                              ? query->active
                              : meet_child(query, query->nodes + visit.parent, visit.slot);
         if (!lanes)

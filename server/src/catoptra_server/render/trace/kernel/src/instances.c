@@ -14,9 +14,9 @@ struct Instances {
     BvhNode nodes[];
 };
 
-static void widen_box(ItemBox *box, const ItemBox *local, const Pose *pose, float reserve) {
+static void widen_box(ItemBox *box, const ItemBox *local, const Pose *pose) {
     for (int row = 0; row < 3; row++) {
-        float middle = pose->translation[row], half = reserve;
+        float middle = pose->translation[row], half = 0.0f;
         for (int column = 0; column < 3; column++) {
             float entry = pose->rotation[3 * row + column];
             middle += 0.5f * (local->least[column] + local->most[column]) * entry;
@@ -28,31 +28,15 @@ static void widen_box(ItemBox *box, const ItemBox *local, const Pose *pose, floa
     }
 }
 
-/* How far points of a box are from the chords between two poses, at most. */
-static float find_sagitta(const ItemBox *local, const Pose *before, const Pose *after) {
-    float squared_turn = 0.0f, squared_radius = 0.0f;
-    for (int i = 0; i < 9; i++) {
-        float turn = after->rotation[i] - before->rotation[i];
-        squared_turn += turn * turn;
-    }
-    for (int axis = 0; axis < 3; axis++) {
-        float farthest = fmaxf(fabsf(local->least[axis]), fabsf(local->most[axis]));
-        squared_radius += farthest * farthest;
-    }
-    return squared_turn * sqrtf(squared_radius);
-}
-
+/* Box around where an object is during a frame: between two poses each of its points moves on a
+ * straight line. */
 static ItemBox enclose_object(const Frame *frame, int32_t object) {
     const ItemBox *local = &frame->objects[object]->bvh.box;
     ItemBox box = {.least = {INFINITY, INFINITY, INFINITY},
                .item = object,
                .most = {-INFINITY, -INFINITY, -INFINITY}};
     for (int step = 0; step < frame->num_poses; step++) {
-        const Pose *pose = frame->object_poses + step * frame->num_objects + object;
-        const Pose *next = step + 1 < frame->num_poses ? pose + frame->num_objects : pose;
-        const Pose *before = step ? pose - frame->num_objects : pose;
-        float reserve = fmaxf(find_sagitta(local, before, pose), find_sagitta(local, pose, next));
-        widen_box(&box, local, pose, reserve);
+        widen_box(&box, local, frame->object_poses + step * frame->num_objects + object);
     }
     return box;
 }
@@ -87,35 +71,63 @@ void release_instances(Instances *instances) {
     free(instances);
 }
 
-static void move_ray(const RayBlock *rays, const Pose *pose, int lane, RayBlock *moved) {
-    Vec3 origin = subtract(get_lane(rays->origin, lane), vec3(pose->translation));
-    set_lane(moved->origin, lane, rotate_back(pose->rotation, origin));
-    set_lane(moved->direction, lane, rotate_back(pose->rotation, get_lane(rays->direction, lane)));
+/* A pose and the inverse of its matrix, transposed, at a ray's time. The entries between two
+ * rotations make no rotation. */
+typedef struct {
+    float offset[3], inverse_transposed[9];
+} Placement;
+
+static Placement place_object(const Frame *frame, int32_t object, float time) {
+    Placement placement;
+    Pose pose;
+    pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
+    memcpy(placement.offset, pose.translation, sizeof placement.offset);
+    if (frame->num_poses > 1)
+        invert_transposed(pose.rotation, placement.inverse_transposed);
+    else
+        memcpy(placement.inverse_transposed, pose.rotation, sizeof pose.rotation);
+    return placement;
 }
 
-/* Rays in the frame of an object. */
+static void move_ray(const RayBlock *rays, const Placement *placement, int lane, RayBlock *moved) {
+    Vec3 origin = subtract(get_lane(rays->origin, lane), vec3(placement->offset));
+    const float *inverse = placement->inverse_transposed;
+    set_lane(moved->origin, lane, rotate_back(inverse, origin));
+    set_lane(moved->direction, lane, rotate_back(inverse, get_lane(rays->direction, lane)));
+}
+
+/* Rays in the frame of an object, each at its time. */
 static void move_rays(const FrameState *state, int32_t object, const RayBlock *rays,
                       RayBlock *moved) {
-    const Frame *frame = state->frame;
-    const Pose *poses = frame->object_poses + object;
-    Pose pose;
     float time = rays->time[0];
-    rigid_pose_at(poses, frame->num_poses, frame->num_objects, time, &pose);
+    Placement placement = place_object(state->frame, object, time);
     *moved = *rays;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (rays->time[lane] != time) {
+        if (rays->time[lane] != time && state->frame->num_poses > 1) {
             time = rays->time[lane];
-            rigid_pose_at(poses, frame->num_poses, frame->num_objects, time, &pose);
+            placement = place_object(state->frame, object, time);
         }
-        move_ray(rays, &pose, lane, moved);
+        move_ray(rays, &placement, lane, moved);
     }
 }
 
+static void intersect_placed(const FrameState *state, int32_t object, const RayBlock *moved,
+                             RayBlock *rays, HitBlock *hits) {
+    RayBlock local = *moved;
+    intersect_bvh(&state->frame->objects[object]->bvh, object + 1, &local, hits);
+    memcpy(rays->limit, local.limit, sizeof rays->limit);
+}
+
 void intersect_object(const FrameState *state, int32_t object, RayBlock *rays, HitBlock *hits) {
-    RayBlock moved;
-    move_rays(state, object - 1, rays, &moved);
-    intersect_bvh(&state->frame->objects[object - 1]->bvh, object, &moved, hits);
-    memcpy(rays->limit, moved.limit, sizeof rays->limit);
+    Pose pose;
+    Placement placement;
+    RayBlock moved = *rays;
+    object_pose(state, object - 1, &pose);
+    memcpy(placement.offset, pose.translation, sizeof placement.offset);
+    memcpy(placement.inverse_transposed, pose.rotation, sizeof pose.rotation);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        move_ray(rays, &placement, lane, &moved);
+    intersect_placed(state, object - 1, &moved, rays, hits);
 }
 
 /* A node or ~object, and the rays that meet its box. */
@@ -151,11 +163,10 @@ static void walk_instances(const FrameState *state, RayBlock *rays, VisitObject 
 
 static int visit_nearest(const FrameState *state, int32_t object, uint32_t lanes, void *rays,
                          void *result) {
-    RayBlock *block = rays;
-    uint32_t active = block->active;
-    block->active = lanes;
-    intersect_object(state, object + 1, block, result);
-    block->active = active;
+    RayBlock moved;
+    move_rays(state, object, rays, &moved);
+    moved.active = lanes;
+    intersect_placed(state, object, &moved, rays, result);
     return 1;
 }
 
