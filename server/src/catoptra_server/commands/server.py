@@ -103,9 +103,10 @@ _TCP_DESCRIPTOR_SHARE = 0.2
 _STREAM_DESCRIPTOR_SHARE = 0.5
 _VIEW_DESCRIPTOR_SHARE = 0.1
 # In the order in which clients may need modules. NumPy imports some parts at their first use:
-# `ma` in `unique`.
+# `ma` in `unique`. `statistics` is for cameras with a budget.
 _MODULES = (
     "catoptra_server.serve.stream.peer",
+    "statistics",
     "numpy.ma",
     "numpy.polynomial",
     "numpy.random",

@@ -20,7 +20,6 @@ error bounds may be read by any thread.
 from __future__ import annotations
 
 import logging
-import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -453,16 +452,17 @@ class _BudgetMonitor:
     @property
     def median_ms(self) -> float | None:
         """Median of the last 30 frames; None before as many."""
-        return (
-            statistics.median(self._frame_times_ms)
-            if len(self._frame_times_ms) == _WINDOW_FRAMES
-            else None
-        )
+        from statistics import median
+
+        is_full = len(self._frame_times_ms) == _WINDOW_FRAMES
+        return median(self._frame_times_ms) if is_full else None
 
     @property
     def median_added_ms(self) -> float:
         """Median of the times in these frames that the cost model has not; 0 before a frame."""
-        return statistics.median(self._added_ms) if self._added_ms else 0.0
+        from statistics import median
+
+        return median(self._added_ms) if self._added_ms else 0.0
 
     def record_frame(
         self, frame_ms: float, *, better_plan_ms: float | None, added_ms: float = 0.0

@@ -16,7 +16,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 
-from catoptra_protocol.notes import check_note_count
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
@@ -164,6 +163,8 @@ class Robot:
         Raises:
             LocalProtocolError: The robot has notes of as many other names as it may.
         """
+        from catoptra_protocol.notes import check_note_count
+
         check_note_count(self._notes, note.name)
         self._notes[note.name] = (note, time_s)
 

@@ -17,7 +17,6 @@ import math
 import zlib
 from collections.abc import Callable
 from functools import cache, lru_cache
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -162,6 +161,8 @@ _NUM_QUANTILES = 2**16
 @cache
 def normal_quantile_table() -> npt.NDArray[np.float32]:
     """Quantiles (i + 1/2) / 2^16 of the normal distribution, (2^16,), scaled to unit variance."""
+    from statistics import NormalDist
+
     count = _NUM_QUANTILES
     quantile = NormalDist().inv_cdf
     # Half is computed and mirrored, so that the table's mean is exactly 0.

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -268,4 +267,6 @@ def _measure_stages(
         frames.append({**stages, OTHER_STAGES: other_ms})
         if len(frames) >= _MIN_FRAMES and end_s - begin_s > _MAX_DURATION_S:
             break
-    return {stage: statistics.median(frame[stage] for frame in frames) for stage in frames[0]}
+    from statistics import median
+
+    return {stage: median(frame[stage] for frame in frames) for stage in frames[0]}

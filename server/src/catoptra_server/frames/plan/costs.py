@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
 import logging
 import math
 import os
@@ -195,6 +194,8 @@ class CostCache:
         """Rates under a key, by renderer; None for an absent or unreadable file."""
         if self._folder is None:
             return None
+        import json  # late: cameras without an accuracy target have no costs
+
         try:
             groups = json.loads(self._path(key).read_text(encoding="utf-8"))
             return {
@@ -209,6 +210,8 @@ class CostCache:
         """Store rates under a key, atomically."""
         if self._folder is None:
             return
+        import json
+
         file = self._path(key)
         # A file of the process's own, then renamed: another server never reads half a file.
         unfinished = file.with_suffix(f".{os.getpid()}")
