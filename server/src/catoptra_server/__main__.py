@@ -86,7 +86,7 @@ def _describe_unknown(word: str) -> str:
 
 def _serve(words: Sequence[str], termination: Termination) -> int:
     # Modules and world live as long as the process: collections during the start find nothing, and
-    # take 5 ms. `serve` enables them once the ports listen.
+    # take 5 ms. `server.py` enables them once the ports listen.
     gc.disable()
     from catoptra_server.commands.serve import main as serve
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import errno
-import gc
 import logging
 import os
 import sys
@@ -118,8 +117,6 @@ async def _serve_until_signal(
     with ExitStack() as listening:
 
         def announce(address: ListeningAddress) -> None:
-            gc.freeze()
-            gc.enable()
             # Before, a signal ends the process at once: there is no connection to close.
             listening.enter_context(
                 termination.call_on_signal(stop_soon, flush=partial(_end_log, writer))

@@ -405,6 +405,8 @@ async def _open_ports(
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
+        # Off since the first import, in `__main__`.
+        gc.enable()
         # After the last port: a program that reads the line may connect to any at once.
         stream_port = stream.getsockname()[1]
         link = access.link if access is not None else None
