@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.shards import (

@@ -41,9 +41,9 @@ from catoptra_server.config.server_file import (
     resolve_settings,
 )
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.effects import is_image_effect
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import is_image_effect
-from catoptra_server.frames.encode import load_opencv
+from catoptra_server.frames.frame import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
@@ -77,7 +77,7 @@ from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 if TYPE_CHECKING:
     # Loaded late: see the head of this module.

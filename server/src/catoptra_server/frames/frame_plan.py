@@ -31,9 +31,9 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import summary_fields
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import summary_fields
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
     EffectDecision,
@@ -43,7 +43,7 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.frames.labels.labels import LabelledImage
+from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
@@ -61,7 +61,7 @@ from catoptra_server.frames.plan.plans import (
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 log = logging.getLogger(__name__)
 

@@ -28,7 +28,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world.occlusion_map import OcclusionMap
+from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
 from catoptra_server.world.textures import (
     MeshAppearance,

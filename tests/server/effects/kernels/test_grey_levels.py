@@ -22,7 +22,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     normal_variates,
     pcg3d,
 )
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, NOISE_SEED, make_test_pattern
 

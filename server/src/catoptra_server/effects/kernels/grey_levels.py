@@ -24,8 +24,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects.effect import Real
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.effects import Real
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 
 

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,

@@ -37,10 +37,9 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server import __version__
-from catoptra_server.effects.effect import EffectSettings
+from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.render.render_settings import MirrorSurface
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import MirrorSurface, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh

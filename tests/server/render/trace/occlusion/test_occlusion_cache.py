@@ -15,8 +15,8 @@ from catoptra_server.render.trace.occlusion.occlusion_cache import (
     hash_scene,
     wants_occlusion,
 )
-from catoptra_server.world.occlusion_map import OcclusionMap
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.world_description import Material, World
 from helpers.standing_things import SKY, make_box_world
 from helpers.worlds import DIRECTIONAL_LIGHT

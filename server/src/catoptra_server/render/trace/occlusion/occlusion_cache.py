@@ -20,9 +20,8 @@ from catoptra_server import __version__
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.world.occlusion_map import BLOCK, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights
+from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
 from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
