@@ -111,12 +111,14 @@ _MODULES = (
     "numpy.polynomial",
     "numpy.random",
 )
-# For the rays of GetLandmarks and of sensors, of mirror meshes, and of a kernel that cannot be
-# made anew; a server without these rays runs without embreex.
+# For the rays of GetLandmarks, of sensors and of labels, of mirror meshes, and of a kernel that
+# cannot be made anew; a server without these rays runs without embreex.
 _RAY_MODULES = (
     "catoptra_server.render.trace.ray_caster",
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
+    "catoptra_server.render.trace.kernel.kernel_engine",
+    "catoptra_server.frames.labels.label_renderer",
 )
 # Image effects by the kernel: for the raster renderer, and for cameras with such effects.
 _STAGE_MODULE = "catoptra_server.render.trace.kernel.image"

@@ -25,7 +25,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -43,7 +43,6 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
@@ -62,6 +61,10 @@ from catoptra_server.frames.plan.plans import (
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.objects import CameraState
+
+if TYPE_CHECKING:
+    # Loaded late: see `commands/server.py`.
+    from catoptra_server.frames.labels import LabelledImage
 
 log = logging.getLogger(__name__)
 
@@ -104,6 +107,8 @@ class FramePlan:
     @property
     def labelled_image(self) -> LabelledImage:
         """The image as its labels see it: by the mirror's own rays, however far its scene is."""
+        from catoptra_server.frames.labels import LabelledImage
+
         return LabelledImage(
             self.requested.camera,
             self.camera_state,

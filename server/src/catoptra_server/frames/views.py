@@ -40,7 +40,6 @@ from catoptra_server.frames.frame_plan import (
     ViewKey,
     ViewState,
 )
-from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
@@ -58,6 +57,7 @@ from catoptra_server.runtime.memory import LruDict, release_freed_memory
 from catoptra_server.world.objects import CameraState
 
 if TYPE_CHECKING:
+    from catoptra_server.frames.labels import LabelledImage
     from catoptra_server.frames.labels.label_renderer import LabelRenderer
 
 log = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ _RELEASE_BYTES = 4 * 2**20
 
 _ResultT = TypeVar("_ResultT")
 _DecidedT = TypeVar("_DecidedT", CameraPlan, FramePlan)
-_LabelRequester = Callable[[LabelledImage, tuple[str, ...]], LabelRequest | None]
+_LabelRequester = Callable[["LabelledImage", tuple[str, ...]], LabelRequest | None]
 
 
 class ViewFailedError(CatoptraError):
