@@ -6,14 +6,14 @@ niceness 5, so that reports and sockets come first.
 
 **A start loads what the first frame needs**, since loading takes two thirds (the time to the first
 frame: `tests/cost/serving.py`). Lenses, mirrors, effects and sensors are loaded where a file names
-them (`catoptra_protocol.lazy_table`), when the files are read. The stream, the live page, the
-second renderer and, where the image port sends RAW, OpenCV are loaded in a thread once the ports
-listen, at the first client of the stream or after 0.25 s; clients wait in the backlog. No request
-loads anything: such a request would be slow, and would fail where connections have taken all
-descriptors of open files, since an import opens files. The modules that use these import inside a
-function, with a reference to this head; `tests/end_to_end/test_loaded_modules.py` finds a missing
-one, and counts the modules of a first frame. To load OpenCV in a thread beside the renderer gained
-nothing.
+them (`catoptra_protocol.lazy_table`), when the files are read; so is the reader of mesh files. The
+stream, the live page, the second renderer, labels, NumPy's random numbers and, where the image port
+sends RAW, OpenCV are loaded in a thread once the ports listen, at the first client of the stream or
+after 0.25 s; clients wait in the backlog. No request loads anything: such a request would be slow,
+and would fail where connections have taken all descriptors of open files, since an import opens
+files. The modules that use these import inside a function, with a reference to this head;
+`tests/end_to_end/test_loaded_modules.py` finds a missing one, and counts the modules of a first
+frame. To load OpenCV in a thread beside the renderer gained nothing.
 """
 
 from __future__ import annotations
