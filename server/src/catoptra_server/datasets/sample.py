@@ -142,7 +142,7 @@ class RenderedSample:
     rgb: Image
     """(h, w, 3) uint8."""
     channels: Mapping[str, npt.NDArray[Any]]
-    """Channels of ground truth by name, as in `labels/channels`."""
+    """Channels of ground truth by name, as in `labels/__init__.py`."""
     metadata: Mapping[str, Any]
     """Content of the sample's JSON file: numbers, texts, lists and maps."""
     objects: tuple[LabelledObject, ...] = ()

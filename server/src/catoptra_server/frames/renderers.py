@@ -14,7 +14,7 @@ elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts a
   never run on a real GPU.
 
 To add a renderer: a member of `RendererKind`, a function here, its settings in
-`plan/candidates.py`.
+`plan/planner.py`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @cache
-def _make_zero_seed() -> np.random.SeedSequence:
+def _make_zero_entropy() -> np.random.SeedSequence:
     """Seed of a generator whose state is set afterwards.
 
     Without a seed NumPy would fetch one from the operating system: 21 instead of 6 microseconds a
@@ -53,7 +53,7 @@ class RandomSource:
 
     def generator(self, index: int) -> np.random.Generator:
         """Generator for one index (a tick, a frame), in the same state at each call."""
-        philox = np.random.Philox(_make_zero_seed())
+        philox = np.random.Philox(_make_zero_entropy())
         # The index is the counter's highest word: 2^192 numbers until the next index's begin.
         philox.state = {
             "bit_generator": "Philox",
