@@ -176,7 +176,7 @@ def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:
 # Beside the renderers themselves: their names, creation, settings, stages and checks.
 MODULES_THAT_KNOW_THE_KINDS = {
     "commands/doctor/devices.py",
-    "frames/plan/candidates.py",
+    "frames/plan/planner.py",
     "frames/plan/costs.py",
     "frames/renderers.py",
     "render/renderer_kind.py",

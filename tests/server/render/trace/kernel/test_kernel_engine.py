@@ -14,7 +14,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.frames.labels.labels import RaySource, build_label_rays
+from catoptra_server.frames.labels import RaySource, build_label_rays
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import (
@@ -24,7 +24,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     TraceRequest,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.image_comparison import level_differences

@@ -37,9 +37,10 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
+    OPEN,
+    OcclusionMap,
     hemisphere_lights,
     shadow_casting_lights,
     write_facet_radiance,

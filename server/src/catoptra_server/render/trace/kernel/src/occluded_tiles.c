@@ -1,5 +1,5 @@
 /* Provides occluded_tiles.h: tiles of one facet with a factor for each pixel.
- * Float64 twin: world/occlusion_map.py:OcclusionMap. Owns nothing: writes what its caller passes.
+ * Float64 twin: world/shading.py:OcclusionMap. Owns nothing: writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "occluded_tiles.h"
 
