@@ -47,7 +47,7 @@ class TraceEngine(Protocol):
 
     @property
     def description(self) -> str:
-        """Engine, instruction set, packet width and threads, for logs."""
+        """Engine, instruction set and threads, for logs."""
 
     @property
     def image_changer(self) -> ImageChanger:

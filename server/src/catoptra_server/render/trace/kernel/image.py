@@ -101,10 +101,10 @@ class KernelImageChanger:
 
         Args:
             threads: Threads, the calling one included.
-            instruction_set: Embree's name; "auto" for the processor's best.
+            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
 
         Raises:
-            KernelUnavailableError: The kernel's or Embree's library is missing.
+            KernelUnavailableError: The kernel's library is missing.
         """
         return cls(KernelDevice(choose_instruction_set(instruction_set), threads))
 

@@ -104,7 +104,8 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
         Floats##N u = subtract_product##N(x[2], y[1], y[2], x[1]);                                 \
         Floats##N v = subtract_product##N(x[0], y[2], y[0], x[2]);                                 \
         Floats##N w = subtract_product##N(x[1], y[0], y[1], x[0]);                                 \
-        return (least##N(least##N(u, v), w) >= 0.0f) | (most##N(most##N(u, v), w) <= 0.0f);        \
+        /* Not both: the ray lies in the triangle's plane, or the triangle is a point. */           \
+        return (least##N(least##N(u, v), w) >= 0.0f) ^ (most##N(most##N(u, v), w) <= 0.0f);        \
     }                                                                                              \
     /* Depth at which the ray meets the plane, by the normal; never beyond the corners, however    \
      * flat the triangle lies. */                                                                  \

@@ -25,7 +25,7 @@ typedef struct {
 
 /* Directions of a tile's pixels: axis + a along_a + b along_b, neither of unit length. */
 typedef struct {
-    Vec3 axis, along_a, along_b; /* Embree's axes */
+    Vec3 axis, along_a, along_b; /* the scene's axes */
     float a[TILE_PX], b[TILE_PX]; /* of rows, of columns */
 } PixelGrid;
 

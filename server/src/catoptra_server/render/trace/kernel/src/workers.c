@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <xmmintrin.h>
 
-/* Denormals flushed to zero: Embree's recommendation, and the same arithmetic in every thread,
+/* Denormals flushed to zero, which are slow, and the same arithmetic in every thread,
  * whatever the calling thread had set. */
 #define FLUSH_DENORMALS 0x8040u
 
