@@ -259,6 +259,7 @@ typedef struct {
     float sign;  /* of the rays' way along it */
     float first[3], last[3]; /* least and largest coordinates of the origins */
     float least[2], most[2]; /* slopes */
+    float width[2]; /* a narrower box, per depth, is missed by some of the rays */
     float inverse_least[2], inverse_most[2]; /* of slopes that are not 0 */
     _Alignas(64) float along[BLOCK_RAYS]; /* depth per distance */
 } Beam;
@@ -294,6 +295,7 @@ static int aim_beam(const Query *query, Beam *beam) {
         slope = select16(is_active, slope, splat16(slope[query->first]));
         beam->least[i] = least_of16(slope) - BEAM_RESERVE;
         beam->most[i] = most_of16(slope) + BEAM_RESERVE;
+        beam->width[i] = 2.0f * (beam->most[i] - beam->least[i]);
         beam->inverse_least[i] = 1.0f / beam->least[i];
         beam->inverse_most[i] = 1.0f / beam->most[i];
     }
@@ -310,13 +312,13 @@ static float find_depth(const Query *query, const Beam *beam) {
 typedef struct {
     float near;
     int32_t child;
-    int32_t parent, slot; /* whose box holds the child; no parent: -1 */
+    int32_t parent, slot; /* whose box holds the child; no slot if all rays are taken to meet it */
 } BeamVisit;
 
 /* The boxes of a node's children that a ray within the beam may meet up to a depth; depths are
  * from the ray's origin. */
 static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float depth,
-                                 Floats8 *near) {
+                                 Floats8 *near, uint32_t *narrow) {
     int along = beam->axis[2];
     Floats8 far;
     if (beam->sign > 0.0f) {
@@ -327,9 +329,11 @@ static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float de
         far = beam->last[2] - node->bounds[along];
     }
     *near = most8(*near, (Floats8){0});
+    Floats8 size[2];
     for (int i = 0; i < 2; i++) {
         Floats8 least = node->bounds[beam->axis[i]] - beam->last[i];
         Floats8 most = node->bounds[3 + beam->axis[i]] - beam->first[i];
+        size[i] = most - least;
         /* A box on the positive side is not reached before the largest slope does. */
         if (beam->most[i] > 0.0f)
             *near = most8(*near, least * beam->inverse_most[i]);
@@ -341,6 +345,7 @@ static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float de
         if (beam->most[i] < 0.0f)
             far = least8(far, most8(least * beam->inverse_least[i], least * beam->inverse_most[i]));
     }
+    *narrow = bits8((size[0] < *near * beam->width[0]) | (size[1] < *near * beam->width[1]));
     return bits8((load_ints8(node->child) != NO_CHILD) & (*near <= far * BOX_RESERVE) & (*near <= depth));
 }
 
@@ -364,8 +369,8 @@ static uint32_t meet_child(const Query *query, const BvhNode *node, int slot) {
     return meet_box(query, bounds);
 }
 
-static int push_parts(const Query *query, int32_t parent, uint32_t met, Floats8 near,
-                      BeamVisit *stack, int height) {
+static int push_parts(const Query *query, int32_t parent, uint32_t met, uint32_t narrow,
+                      Floats8 near, BeamVisit *stack, int height) {
     const BvhNode *node = query->nodes + parent;
     _Alignas(32) float nears[LANES];
     store8(near, nears);
@@ -377,7 +382,7 @@ static int push_parts(const Query *query, int32_t parent, uint32_t met, Floats8 
         prefetch(query, child);
         for (; at > bottom && stack[at - 1].near < nears[slot]; at--)
             stack[at] = stack[at - 1];
-        stack[at] = (BeamVisit){nears[slot], child, parent, slot};
+        stack[at] = (BeamVisit){nears[slot], child, parent, narrow >> slot & 1 ? slot : -1};
     } while (met);
     return height;
 }
@@ -468,12 +473,12 @@ static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
     BeamVisit stack[MAX_STACK];
     int height = 1;
     float depth = find_depth(query, beam);
-    stack[0] = (BeamVisit){0.0f, 0, -1, 0};
+    stack[0] = (BeamVisit){0.0f, 0, -1, -1};
     while (height) {
         BeamVisit visit = stack[--height];
         if (visit.near > depth)
             continue;
-        uint32_t lanes = visit.near <= 0.0f
+        uint32_t lanes = visit.slot < 0
                              ? query->active
                              : meet_child(query, query->nodes + visit.parent, visit.slot);
         if (!lanes)
@@ -486,9 +491,10 @@ static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
             has_hit = descend_rays(query, lanes, visit.child, ends_at_first);
         } else {
             Floats8 near;
-            uint32_t met = meet_beam(beam, query->nodes + visit.child, depth, &near);
+            uint32_t narrow;
+            uint32_t met = meet_beam(beam, query->nodes + visit.child, depth, &near, &narrow);
             if (met)
-                height = push_parts(query, visit.child, met, near, stack, height);
+                height = push_parts(query, visit.child, met, narrow, near, stack, height);
         }
         if (has_hit) {
             if (!query->active)
@@ -512,14 +518,10 @@ void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hit
         return;
     aim_query(&query, bvh, rays);
     run_query(&query, 0);
-    for (uint32_t left = rays->active; left; left &= left - 1) {
-        int lane = __builtin_ctz(left);
-        if (query.triangle[lane] == NO_TRIANGLE)
-            continue;
-        rays->limit[lane] = query.limit[lane];
-        hits->triangle[lane] = query.triangle[lane];
-        hits->object[lane] = object;
-    }
+    Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
+    store16(load16(query.limit), rays->limit);
+    store_ints16((is_met & triangle) | (~is_met & load_ints16(hits->triangle)), hits->triangle);
+    store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
 }
 
 uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays) {
