@@ -189,8 +189,13 @@ def _move(source: Path, target: Path) -> None:
 
 
 def main() -> None:
-    """Build the kernel in the source tree, unless it is newer than its sources."""
+    """Build the kernel in the source tree, unless it is newer than its sources.
+
+    With --is-current nothing is built: the status says whether there is nothing to do.
+    """
     folder = PACKAGE_ROOT / KERNEL_PACKAGE
+    if "--is-current" in sys.argv[1:]:
+        sys.exit(not is_current(folder))
     if not is_current(folder):
         build_or_explain(folder)
 
