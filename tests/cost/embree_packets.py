@@ -31,7 +31,13 @@ def _build_library() -> ctypes.CDLL:
     library = ctypes.CDLL(str(folder / "embree.so"))
     pointer = ctypes.c_void_p
     library.open_yardstick.restype = pointer
-    library.open_yardstick.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_int, pointer, ctypes.c_int)
+    library.open_yardstick.argtypes = (
+        ctypes.c_char_p,
+        ctypes.c_char_p,
+        ctypes.c_int,
+        pointer,
+        ctypes.c_int,
+    )
     library.trace_yardstick.restype = ctypes.c_longlong
     library.trace_yardstick.argtypes = (pointer, pointer, pointer, ctypes.c_int, pointer)
     return library
