@@ -274,10 +274,19 @@ static float meet_triangle(const float *corners, const RayBlock *rays, int lane)
         if (fminf(fminf(at[0], at[1]), at[2]) > 0 || fmaxf(fmaxf(at[0], at[1]), at[2]) < 0)
             return INFINITY;
     }
-    float first[3], second[3];
+    float first[3], second[3], length[3];
+    for (int i = 0; i < 3; i++) {
+        const float *start = corners + (i + 1) % 3 * 3, *end = corners + (i + 2) % 3 * 3;
+        float dx = end[axis[0]] - start[axis[0]], dy = end[axis[1]] - start[axis[1]];
+        float dz = end[axis[2]] - start[axis[2]];
+        length[i] = dx * dx + dy * dy + dz * dz;
+    }
+    int base = length[0] >= length[1] && length[0] >= length[2] ? 0 : length[1] >= length[2] ? 1 : 2;
+    const float *from = corners + 3 * base, *other = corners + (base ? 0 : 3);
+    const float *last = corners + (base == 2 ? 3 : 6);
     for (int k = 0; k < 3; k++) {
-        first[k] = corners[3 + axis[k]] - corners[axis[k]];
-        second[k] = corners[6 + axis[k]] - corners[axis[k]];
+        first[k] = other[axis[k]] - from[axis[k]];
+        second[k] = last[axis[k]] - from[axis[k]];
     }
     float a = first[1] * second[2] - first[2] * second[1];
     float b = first[2] * second[0] - first[0] * second[2];

@@ -131,20 +131,31 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
      * flat the triangle lies. */                                                                  \
     static inline __attribute__((always_inline)) Floats##N find_depth##N(                          \
         const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N to[3], first[3], second[3];                                                      \
+        Floats##N to[3], first[3], second[3], length[3];                                           \
+        for (int i = 0; i < 3; i++) {                                                              \
+            const Floats##N *from = corner[(i + 1) % 3], *end = corner[(i + 2) % 3];               \
+            Floats##N x = end[0] - from[0], y = end[1] - from[1], z = end[2] - from[2];            \
+            length[i] = x * x + y * y + z * z;                                                     \
+        }                                                                                          \
+        /* The normal of the two shorter edges: that of a sliver's long ones is rounding alone. */ \
+        Ints##N at_0 = (length[0] >= length[1]) & (length[0] >= length[2]);                        \
+        Ints##N at_1 = ~at_0 & (length[1] >= length[2]);                                           \
         for (int axis = 0; axis < 3; axis++) {                                                     \
-            to[axis] = corner[0][axis] - start[axis];                                              \
-            first[axis] = corner[1][axis] - corner[0][axis];                                       \
-            second[axis] = corner[2][axis] - corner[0][axis];                                      \
+            Floats##N a = corner[0][axis], b = corner[1][axis], c = corner[2][axis];               \
+            Floats##N base = select##N(at_0, a, select##N(at_1, b, c));                            \
+            to[axis] = a - start[axis];                                                            \
+            first[axis] = select##N(at_0, b, a) - base;                                            \
+            second[axis] = select##N(at_0 | at_1, c, b) - base;                                    \
         }                                                                                          \
         Floats##N x = subtract_product##N(first[1], second[2], first[2], second[1]);               \
         Floats##N y = subtract_product##N(first[2], second[0], first[0], second[2]);               \
         Floats##N z = subtract_product##N(first[0], second[1], first[1], second[0]);               \
         Floats##N depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z); \
-        Floats##N other = corner[1][2] - start[2], last = corner[2][2] - start[2];                 \
-        depth = most##N(depth, least##N(least##N(to[2], other), last));                            \
-        return least##N(depth, most##N(most##N(to[2], other), last));                              \
-    }
+        Floats##N x0 = corner[0][2] - start[2], x1 = corner[1][2] - start[2];                      \
+        Floats##N x2 = corner[2][2] - start[2];                                                    \
+        depth = most##N(depth, least##N(least##N(x0, x1), x2));                                    \
+        return least##N(depth, most##N(most##N(x0, x1), x2));                                      \
+    }                                                                                              \
 
 DEFINE_TEST(8)
 DEFINE_TEST(16)
