@@ -123,7 +123,8 @@ def test_of_triangles_in_one_place_the_first_is_met() -> None:
     origins = np.tile([0.0, -0.2, -1.0], (40, 1))
     directions = np.tile([0.0, 0.0, 1.0], (40, 1))
     distances, triangles = caster.closest_triangles(origins, directions)
-    assert (distances == 1.0).all() and (triangles == 0).all()
+    assert (distances == 1.0).all()
+    assert (triangles == 0).all()
 
 
 HOSTILE = {

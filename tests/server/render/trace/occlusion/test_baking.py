@@ -18,7 +18,7 @@ from catoptra_server.render.trace.occlusion.baking import (
     lay_out,
     occluder_weights,
 )
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import BLOCK, OPEN
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
