@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -96,6 +96,9 @@ stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references a
 	  tests/end_to_end/test_determinism.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
+
+sanitize: $(READY) $(TOOLS) ## Run the kernel's tests under sanitizers of addresses and of undefined behaviour, 4 minutes; silent when all is well
+	PYTHONPATH=tests $(BIN)/python -m helpers.kernel_programs
 
 lint: $(READY) $(TOOLS) ## Check format, style, types and import contracts
 	$(BIN)/ruff format --check $(SOURCES) $(BUILD_SCRIPTS) tests

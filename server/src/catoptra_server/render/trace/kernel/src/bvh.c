@@ -91,14 +91,20 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
         Floats##N a, Floats##N b, Floats##N c, Floats##N d) {                                      \
         return a * b - c * d;                                                                      \
     }                                                                                              \
-    static inline __attribute__((always_inline)) Ints##N pass_inside##N(                           \
-        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N x[3], y[3];                                                                      \
+    /* Corners as they lie across a ray, which is at 0. */                                         \
+    static inline __attribute__((always_inline)) void shear_corners##N(                            \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3],          \
+        Floats##N across[2][3]) {                                                                  \
         for (int i = 0; i < 3; i++) {                                                              \
             Floats##N along = corner[i][2] - start[2];                                             \
-            x[i] = corner[i][0] - start[0] - shear[0] * along;                                     \
-            y[i] = corner[i][1] - start[1] - shear[1] * along;                                     \
+            for (int axis = 0; axis < 2; axis++)                                                   \
+                across[axis][i] = corner[i][axis] - start[axis] - shear[axis] * along;             \
         }                                                                                          \
+    }                                                                                              \
+    static inline __attribute__((always_inline)) Ints##N pass_inside##N(                           \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N across[2][3], *x = across[0], *y = across[1];                                    \
+        shear_corners##N(start, shear, corner, across);                                            \
         /* On which side of each edge the ray passes. A difference of rounded products has the     \
          * sign of the exact one, or is 0: then the ray is inside of both of the edge's            \
          * triangles. */                                                                           \
@@ -108,23 +114,48 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
         /* Not both: the ray lies in the triangle's plane, or the triangle is a point. */           \
         return (least##N(least##N(u, v), w) >= 0.0f) ^ (most##N(most##N(u, v), w) <= 0.0f);        \
     }                                                                                              \
+    /* Whether the ray passes the rectangle around the corners: beside a triangle that is a millionth\
+     * of its distance from the ray, the sides of its edges are rounding alone. */                 \
+    static inline __attribute__((always_inline)) Ints##N pass_box##N(                              \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N across[2][3];                                                                    \
+        Ints##N passes = (Ints##N){0} == 0;                                                        \
+        shear_corners##N(start, shear, corner, across);                                            \
+        for (int axis = 0; axis < 2; axis++) {                                                     \
+            const Floats##N *x = across[axis];                                                     \
+            passes &= (least##N(least##N(x[0], x[1]), x[2]) <= 0.0f) &                             \
+                      (most##N(most##N(x[0], x[1]), x[2]) >= 0.0f);                                \
+        }                                                                                          \
+        return passes;                                                                             \
+    }                                                                                              \
     /* Depth at which the ray meets the plane, by the normal; never beyond the corners, however    \
      * flat the triangle lies. */                                                                  \
     static inline __attribute__((always_inline)) Floats##N find_depth##N(                          \
         const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N to[3], first[3], second[3];                                                      \
+        Floats##N to[3], first[3], second[3], length[3];                                           \
+        for (int i = 0; i < 3; i++) {                                                              \
+            const Floats##N *from = corner[(i + 1) % 3], *end = corner[(i + 2) % 3];               \
+            Floats##N x = end[0] - from[0], y = end[1] - from[1], z = end[2] - from[2];            \
+            length[i] = x * x + y * y + z * z;                                                     \
+        }                                                                                          \
+        /* The normal of the two shorter edges: that of a sliver's long ones is rounding alone. */ \
+        Ints##N at_0 = (length[0] >= length[1]) & (length[0] >= length[2]);                        \
+        Ints##N at_1 = ~at_0 & (length[1] >= length[2]);                                           \
         for (int axis = 0; axis < 3; axis++) {                                                     \
-            to[axis] = corner[0][axis] - start[axis];                                              \
-            first[axis] = corner[1][axis] - corner[0][axis];                                       \
-            second[axis] = corner[2][axis] - corner[0][axis];                                      \
+            Floats##N a = corner[0][axis], b = corner[1][axis], c = corner[2][axis];               \
+            Floats##N base = select##N(at_0, a, select##N(at_1, b, c));                            \
+            to[axis] = a - start[axis];                                                            \
+            first[axis] = select##N(at_0, b, a) - base;                                            \
+            second[axis] = select##N(at_0 | at_1, c, b) - base;                                    \
         }                                                                                          \
         Floats##N x = subtract_product##N(first[1], second[2], first[2], second[1]);               \
         Floats##N y = subtract_product##N(first[2], second[0], first[0], second[2]);               \
         Floats##N z = subtract_product##N(first[0], second[1], first[1], second[0]);               \
         Floats##N depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z); \
-        Floats##N other = corner[1][2] - start[2], last = corner[2][2] - start[2];                 \
-        depth = most##N(depth, least##N(least##N(to[2], other), last));                            \
-        return least##N(depth, most##N(most##N(to[2], other), last));                              \
+        Floats##N x0 = corner[0][2] - start[2], x1 = corner[1][2] - start[2];                      \
+        Floats##N x2 = corner[2][2] - start[2];                                                    \
+        depth = most##N(depth, least##N(least##N(x0, x1), x2));                                    \
+        return least##N(depth, most##N(most##N(x0, x1), x2));                                      \
     }
 
 DEFINE_TEST(8)
@@ -142,7 +173,7 @@ static inline __attribute__((always_inline)) int test_leaf(Query *query, const B
             corner[number][i] = leaf->corner[3 * number + axis];
     }
     uint32_t hits = bits8(pass_inside8(start, shear, corner));
-    if (!hits)
+    if (!hits || !(hits &= bits8(pass_box8(start, shear, corner))))
         return 0;
     Floats8 depth = find_depth8(start, shear, corner);
     return note_hits(query, leaf, lane, hits,
@@ -434,6 +465,7 @@ static inline uint32_t test_rays(Query *query, const BvhLeaf *leaf, int slot, ui
     Ints16 is_inside = pass_inside16(start, shear, corner) & mask16(lanes);
     if (!bits16(is_inside))
         return 0;
+    is_inside &= pass_box16(start, shear, corner);
     Floats16 distance = find_depth16(start, shear, corner) *
                         load16(query->inverse[query->axis[2][query->first]]);
     Floats16 limit = load16(query->limit);

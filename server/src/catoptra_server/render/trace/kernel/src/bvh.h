@@ -23,6 +23,9 @@ enum { LANES = 8 };
 
 enum { LEAF_TRIANGLES = LANES, NO_TRIANGLE = -1, NO_CHILD = INT32_MIN };
 
+/* Products of three coordinates stay finite below it. */
+#define MOST_COORDINATE 1e12f
+
 /* Depth of the deepest node, and what a descent keeps on its stack at most. */
 enum { MAX_DEPTH = 40, MAX_STACK = MAX_DEPTH * (LANES - 1) + 1 };
 

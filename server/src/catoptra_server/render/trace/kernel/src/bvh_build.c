@@ -3,6 +3,7 @@
  * No twin. A hierarchy owns its nodes and leaves, from build_bvh to free_bvh.
  * Threads: the pool's; each takes subtrees that nobody else has. Which node lies where in memory
  * depends on them, which boxes there are does not. */
+#define _GNU_SOURCE
 #include "bvh.h"
 
 #include <math.h>
@@ -21,8 +22,8 @@ enum { SHARED_BOXES = 4096, LEAVES_AT_ONCE = 1024 };
 /* From this depth on halves, so that no input makes the stacks of the queries overflow: 2^31
  * boxes are 11 levels more. */
 enum { DEEPEST_HEURISTIC = MAX_DEPTH - 12 };
-/* Products of three coordinates stay finite below it. */
-#define MOST_COORDINATE 1e12f
+/* Centres that lie closer are one: the bins of a shorter range have no finite number to a metre. */
+#define LEAST_SIZE 1e-36f
 
 typedef struct {
     Floats4 least, most; /* the fourth is not used */
@@ -31,6 +32,7 @@ typedef struct {
 /* Boxes that lie together, in an order that is still open. */
 typedef struct {
     int32_t first, count, depth;
+    int32_t has_no_copies; /* known so: of two equal triangles one was left out */
     Bounds bounds, centres; /* of the boxes, and of twice their centres */
 } Range;
 
@@ -90,13 +92,39 @@ static float half_area(const Bounds *bounds) {
     return size[0] < 0.0f ? 0.0f : size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
 }
 
-static void measure_range(const ItemBox *boxes, Range *range) {
+static int compare_triangles(const void *first, const void *second, void *all_corners) {
+    const ItemBox *a = first, *b = second;
+    const float *corners = all_corners;
+    int order = memcmp(corners + 9 * (size_t)a->item, corners + 9 * (size_t)b->item, 9 * sizeof *corners);
+    return order ? order : (a->item > b->item) - (a->item < b->item);
+}
+
+/* Triangles in one place cannot be divided, and a ray meets all: the first of equal ones stays. */
+static void drop_copies(const Build *build, Range *range) {
+    Floats4 size = range->centres.most - range->centres.least;
+    if (range->has_no_copies || !build->corners || range->count <= build->leaf_size ||
+        size[0] > LEAST_SIZE || size[1] > LEAST_SIZE || size[2] > LEAST_SIZE)
+        return;
+    ItemBox *boxes = build->boxes + range->first;
+    qsort_r(boxes, (size_t)range->count, sizeof *boxes, compare_triangles, (void *)build->corners);
+    int32_t kept = 1;
+    for (int32_t i = 1; i < range->count; i++)
+        if (memcmp(build->corners + 9 * (size_t)boxes[kept - 1].item,
+                   build->corners + 9 * (size_t)boxes[i].item, 9 * sizeof *build->corners))
+            boxes[kept++] = boxes[i];
+    range->count = kept;
+    range->has_no_copies = 1;
+}
+
+static void measure_range(const Build *build, Range *range) {
+    const ItemBox *boxes = build->boxes;
     range->bounds = range->centres = no_bounds();
     for (int32_t i = range->first; i < range->first + range->count; i++) {
         Floats4 centre = twice_centre(&boxes[i]);
         widen(&range->bounds, load4(boxes[i].least), load4(boxes[i].most));
         widen(&range->centres, centre, centre);
     }
+    drop_copies(build, range);
 }
 
 /* Where a range is divided: boxes up to a bin of an axis. */
@@ -168,11 +196,11 @@ static Division choose_division(const Build *build, const Range *range) {
     Division best = {.cost = INFINITY, .origin = range->centres.least};
     for (int axis = 0; axis < 3; axis++)
         /* A little less than all bins: the last centre belongs to the last bin. */
-        best.scale[axis] = size[axis] > 0.0f ? (float)num_bins * 0.9999f / size[axis] : 0.0f;
+        best.scale[axis] = size[axis] > LEAST_SIZE ? (float)num_bins * 0.9999f / size[axis] : 0.0f;
     Bins bins;
     fill_bins(build->boxes, range, &best, num_bins, &bins);
     for (int axis = 0; axis < 3; axis++)
-        if (size[axis] > 0.0f)
+        if (size[axis] > LEAST_SIZE)
             sweep_axis(&bins, axis, num_bins, build->leaf_size, &best);
     return best;
 }
@@ -204,10 +232,11 @@ static void divide_range(const Build *build, Range *range, Range *rest) {
         count = range->count / 2;
     *rest = (Range){.first = range->first + count,
                     .count = range->count - count,
-                    .depth = range->depth};
+                    .depth = range->depth,
+                    .has_no_copies = range->has_no_copies};
     range->count = count;
-    measure_range(build->boxes, range);
-    measure_range(build->boxes, rest);
+    measure_range(build, range);
+    measure_range(build, rest);
 }
 
 /* The largest part that is no leaf yet; -1 without. Where halves are taken, the fullest. */
@@ -347,9 +376,9 @@ int32_t max_nodes(int32_t count, int32_t leaf_size) {
     return leaf_size > 1 ? count / 3 + 2 : count + 1;
 }
 
-static Range whole_range(const ItemBox *boxes, int32_t count) {
+static Range whole_range(const Build *build, int32_t count) {
     Range range = {.count = count};
-    measure_range(boxes, &range);
+    measure_range(build, &range);
     return range;
 }
 
@@ -363,7 +392,7 @@ static float find_padding(const Bounds *bounds) {
 
 void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes) {
     Build build = {.boxes = boxes, .nodes = nodes, .leaf_size = 1, .num_nodes = 1};
-    Subtree root = {whole_range(boxes, count), 0};
+    Subtree root = {whole_range(&build, count), 0};
     build.padding = find_padding(&root.range.bounds);
     build_subtree(&build, &root);
 }
@@ -385,7 +414,7 @@ static void store_box(const Range *range, float padding, ItemBox *box) {
 
 static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
     int32_t used = make_boxes(build->corners, count, build->boxes);
-    Subtree root = {whole_range(build->boxes, used), 0};
+    Subtree root = {whole_range(build, used), 0};
     build->padding = find_padding(&root.range.bounds);
     store_box(&root.range, used ? build->padding : 0.0f, &bvh->box);
     if (!used)

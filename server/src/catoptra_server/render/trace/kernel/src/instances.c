@@ -41,6 +41,14 @@ static ItemBox enclose_object(const Frame *frame, int32_t object) {
     return box;
 }
 
+static int has_place(const ItemBox *box) {
+    for (int axis = 0; axis < 3; axis++)
+        if (!(box->least[axis] >= -MOST_COORDINATE && box->most[axis] <= MOST_COORDINATE &&
+              box->least[axis] <= box->most[axis]))
+            return 0;
+    return 1;
+}
+
 Instances *create_instances(const Frame *frame, int *failed) {
     int32_t count = 0;
     for (int object = 0; object < frame->num_objects; object++)
@@ -56,13 +64,20 @@ Instances *create_instances(const Frame *frame, int *failed) {
         *failed = 1;
         return NULL;
     }
-    instances->count = 0;
     instances->boxes = boxes;
-    for (int object = 0; object < frame->num_objects; object++)
-        if (frame->objects[object]->bvh.num_nodes)
-            boxes[instances->count++] = enclose_object(frame, object);
-    build_box_nodes(boxes, count, instances->nodes);
-    return instances;
+    instances->count = 0;
+    for (int object = 0; object < frame->num_objects; object++) {
+        if (!frame->objects[object]->bvh.num_nodes)
+            continue;
+        boxes[instances->count] = enclose_object(frame, object);
+        instances->count += has_place(boxes + instances->count);
+    }
+    if (instances->count) {
+        build_box_nodes(boxes, instances->count, instances->nodes);
+        return instances;
+    }
+    release_instances(instances);
+    return NULL;
 }
 
 void release_instances(Instances *instances) {

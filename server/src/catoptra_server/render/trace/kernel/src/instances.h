@@ -7,8 +7,8 @@
 
 typedef struct Instances Instances;
 
-/* Instances of a frame's objects that have triangles; *failed where memory is short. NULL then, and
- * without any. */
+/* Instances of a frame's objects that have triangles and poses of finite numbers; *failed where
+ * memory is short. NULL then, and without any. */
 Instances *create_instances(const Frame *frame, int *failed);
 
 void release_instances(Instances *instances);

@@ -12,7 +12,7 @@ typedef struct {
     float direction[3][BLOCK_RAYS];
     float time[BLOCK_RAYS];
     float limit[BLOCK_RAYS]; /* hits beyond are ignored */
-    int has_origins;         /* each ray has an origin of its own; else that of lane 0 is all rays' */
+    int has_origins;         /* of each ray's own; else origin and time of lane 0 are all rays' */
     uint32_t active;         /* bit mask of the rays that are traced */
     size_t index;            /* of the block in the camera's table of rays */
 } RayBlock;
