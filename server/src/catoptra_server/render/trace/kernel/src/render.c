@@ -133,6 +133,12 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !frame->has_shadows,
     };
+    if (has_origin(state))
+        state->scene = state->placed = place_scene(scene, frame->origin);
+    if (!state->scene) {
+        snprintf(error, ERROR_SIZE, "out of memory");
+        return 0;
+    }
     if (is_moving)
         *state = at_instant(state, 0.5f);
     state->object_radiance = light_objects(state);
@@ -153,6 +159,7 @@ static void end_frame(FrameState *state) {
     free((void *)state->object_heights);
     free(state->object_radiance);
     release_instances(state->objects);
+    free(state->placed);
 }
 
 /* Largest displacement of the viewpoint, and chord of its turns, from the state's camera. */
