@@ -50,6 +50,7 @@ class LightStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("kind", c_int32),
         ("lights_scene", c_int32),
+        ("position", c_double * 3),
         ("vector", c_float * 3),
         ("intensity", c_float * 3),
     ]
@@ -84,6 +85,7 @@ class OcclusionPatchStruct(ctypes.Structure):
         ("top", c_int32),
         ("right", c_int32),
         ("bottom", c_int32),
+        ("offset", c_double * 2),
     ]
 
 

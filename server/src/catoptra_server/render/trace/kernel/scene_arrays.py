@@ -231,9 +231,11 @@ def _light_struct(
 ) -> LightStruct:
     if isinstance(light, DirectionalLight):
         towards = -np.asarray(light.direction)
-        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, tuple(towards), tuple(light.irradiance))
-    position = np.asarray(light.position_m) - centre
-    return LightStruct(LIGHT_POINT, lights_scene, tuple(position), tuple(light.intensity))
+        nowhere = (0.0, 0.0, 0.0)
+        vectors = (nowhere, tuple(towards), tuple(light.irradiance))
+        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, *vectors)
+    position = tuple(np.asarray(light.position_m) - centre)
+    return LightStruct(LIGHT_POINT, lights_scene, position, position, tuple(light.intensity))
 
 
 def hemisphere_struct(lights: Sequence[Light]) -> HemisphereStruct:
@@ -258,6 +260,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     for struct, (column, row, bounds) in zip(structs, rows, strict=True):
         struct.column[:], struct.row[:] = column, row
         struct.left, struct.top, struct.right, struct.bottom = bounds
+        struct.offset[:] = column[3], row[3]
     height, width = occlusion.texels.shape
     sums = _sum_dark_nodes(occlusion.texels)
     struct = OcclusionStruct(

@@ -55,7 +55,7 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_beams &&
+    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_one_pose &&
            state->frame->output != OUTPUT_HITS && state->frame->output != OUTPUT_FLOW;
 }
 

@@ -109,10 +109,12 @@ static void place_grids(Occlusion *grids, OcclusionPatch *patches, size_t count,
     grids->patches = patches;
     for (size_t patch = 0; patch < count; patch++) {
         float *rows[2] = {patches[patch].column, patches[patch].row};
-        for (int row = 0; row < 2; row++)
-            rows[row][3] = (float)((double)rows[row][3] + (double)rows[row][0] * origin[0] +
-                                   (double)rows[row][1] * origin[1] +
-                                   (double)rows[row][2] * origin[2]);
+        for (int row = 0; row < 2; row++) {
+            double offset = patches[patch].offset[row];
+            for (int i = 0; i < 3; i++)
+                offset += (double)rows[row][i] * origin[i];
+            rows[row][3] = (float)offset;
+        }
     }
 }
 
@@ -120,9 +122,8 @@ static void place_lights(Light *lights, LightMaps *maps, const Scene *scene,
                          const double origin[3]) {
     memcpy(lights, scene->lights, sizeof *lights * (size_t)scene->num_lights);
     for (int light = 0; light < scene->num_lights; light++) {
-        Vec3 moved = place_point(vec3(lights[light].vector), origin);
-        if (lights[light].kind == LIGHT_POINT)
-            memcpy(lights[light].vector, &moved, sizeof moved);
+        for (int i = 0; i < 3 && lights[light].kind == LIGHT_POINT; i++)
+            lights[light].vector[i] = (float)(lights[light].position[i] - origin[i]);
     }
     for (int map = 0; maps && map < FACES * scene->num_lights; map++)
         maps->maps[map].origin = place_point(maps->maps[map].origin, origin);
@@ -133,9 +134,8 @@ Scene *place_scene(const Scene *scene, const double origin[3]) {
     size_t maps_size =
         scene->light_maps ? sizeof(LightMaps) + FACES * num_lights * sizeof(LightMap) : 0;
     size_t lights_size = sizeof(Light) * num_lights;
-    /* The map's structures need the strictest alignment, and come first. */
-    Scene *placed = malloc(sizeof *placed + maps_size + sizeof(OcclusionPatch) * num_grids +
-                           lights_size);
+    Scene *placed =
+        malloc(sizeof *placed + maps_size + lights_size + sizeof(OcclusionPatch) * num_grids);
     if (!placed)
         return NULL;
     char *end = (char *)(placed + 1);

@@ -21,7 +21,6 @@ typedef struct {
     Pose camera;        /* of all rays without times of their own */
     float time;         /* of these rays within the exposure */
     int has_one_pose;   /* all rays of a block start at one pose of the camera */
-    int has_beams;      /* the view's beams hold the rays of this frame */
     int is_rolling;     /* each row of pixels has a time of its own */
     int plan_wanted;    /* the camera or objects move during the exposure */
     /* Largest displacement of the viewpoint, and of a point a metre away by turns, while a proof

@@ -62,6 +62,7 @@ typedef struct {
 typedef struct {
     int32_t kind;
     int32_t lights_scene; /* 0: culled for the static scene, lights dynamic objects alone */
+    double position[3];   /* of a point light, scene coordinates */
     float vector[3];      /* unit direction towards a directional light; position of a point light */
     float intensity[3];   /* irradiance at normal incidence; radiant intensity of a point light */
 } Light;
@@ -87,6 +88,7 @@ typedef struct {
 typedef struct {
     float column[4], row[4];          /* scene coordinates */
     int32_t left, top, right, bottom; /* first and last nodes; two a side at least */
+    double offset[2];                 /* the last of column and of row, not rounded */
 } OcclusionPatch;
 
 /* Ambient occlusion; without it, `texels` is NULL. */

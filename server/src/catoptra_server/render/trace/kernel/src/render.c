@@ -127,7 +127,6 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .view = view,
         .camera = frame->camera[0],
         .has_one_pose = !view->rays.times,
-        .has_beams = has_beams(view, frame->camera),
         .plan_wanted = is_moving,
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
