@@ -18,7 +18,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.world.objects import FogMedium, Shutter
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Twist, World
+from catoptra_server.world.world_description import Box, Item, Material, Twist, World
 from helpers.image_comparison import level_differences
 from helpers.labelled_rooms import ROBOTS
 from helpers.standing_things import bake_scene

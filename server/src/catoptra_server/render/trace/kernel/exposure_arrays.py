@@ -83,9 +83,7 @@ def frame_origin(exposure: TracedExposure, scene: SceneMesh) -> Floats:
     return camera if is_far or scene.is_large else scene.centre
 
 
-def exposure_arrays(
-    exposure: TracedExposure, scene: SceneMesh, table: ObjectTable
-) -> OwningStruct:
+def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTable) -> OwningStruct:
     """Frame without outputs: poses relative to its origin."""
     states = camera_states(exposure)
     origin = frame_origin(exposure, scene)
