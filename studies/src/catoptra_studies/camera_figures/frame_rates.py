@@ -18,7 +18,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors.range_scanner import (
@@ -211,7 +211,7 @@ def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
 
 def _scanner_payload(subject: StudySubject, drive: DriveBase) -> _Payload:
     sensor = RangeScannerSensor(_LMS200, drive, RandomSource.from_names(0, "cost", "LMS200"))
-    environment = SensorEnvironment(EmbreeRayCaster(subject.scene))
+    environment = SensorEnvironment(ReferenceRayCaster(subject.scene))
 
     def scan(state: CameraState) -> object:
         # The mirror's pose stands for the robot's: a scan casts as many rays from any height.

@@ -10,14 +10,14 @@ import pytest
 from catoptra_server.render.trace import ray_caster
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
-Caster = EmbreeRayCaster | KernelRayCaster
+Caster = ReferenceRayCaster | KernelRayCaster
 Commit = Callable[[SceneMesh], Caster]
 
 
@@ -28,7 +28,7 @@ def commit_to_kernel(scene: SceneMesh) -> Caster:
         pytest.skip(str(error))
 
 
-@pytest.fixture(params=[EmbreeRayCaster, commit_to_kernel], ids=["embreex", "kernel"])
+@pytest.fixture(params=[ReferenceRayCaster, commit_to_kernel], ids=["embreex", "kernel"])
 def commit(request: pytest.FixtureRequest) -> Commit:
     made: Commit = request.param
     return made
@@ -88,7 +88,7 @@ def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
     commit_to_kernel(scene)  # skips where there is no kernel
     assert isinstance(commit_ray_caster(scene), KernelRayCaster)
     monkeypatch.setattr(ray_caster, "KernelRayCaster", fail)
-    assert isinstance(commit_ray_caster(scene), EmbreeRayCaster)
+    assert isinstance(commit_ray_caster(scene), ReferenceRayCaster)
 
 
 def test_closest_triangles_are_those_of_the_hits(commit: Commit) -> None:

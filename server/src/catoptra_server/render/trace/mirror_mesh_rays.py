@@ -2,8 +2,7 @@
 
 A camera ray from the pinhole hits a flat facet; the looked-up direction is interpolated between the
 facet's corners at that point. Each corner carries the direction that is looked up, and UV and
-position interpolation differ only in its length. So the paper's comparison needs no OpenGL. Embree
-finds the facet, the interpolation is done here in float64.
+position interpolation differ only in its length. So the paper's comparison needs no OpenGL.
 """
 
 from __future__ import annotations
@@ -11,12 +10,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
 from catoptra_server.world.mirror_mesh import Tessellation, build_mirror_mesh
 
 
@@ -40,8 +38,8 @@ def mirror_mesh_directions(
     if not np.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("a mirror mesh needs a capture camera with a pinhole")
     rays = _camera_rays(camera, pixel).reshape(-1, 3)
-    interpolation, scene = _build_scene(camera, tessellation)
-    triangle = scene.run(np.zeros(rays.shape, dtype=np.float32), rays.astype(np.float32))
+    interpolation, facets = _build_facets(camera, tessellation)
+    _, triangle, _ = facets.first_hits(np.zeros(rays.shape), rays)
     valid = triangle >= 0
     looked_up = np.einsum("nij,nj->ni", interpolation[triangle], rays)
     looked_up[~valid] = 0.0, 0.0, 1.0
@@ -67,17 +65,12 @@ def _camera_rays(camera: OmniCamera, pixel: Floats) -> Floats:
 
 # Once for all batches of a view, where it took half of their time.
 @lru_cache(maxsize=1)
-def _build_scene(
-    camera: OmniCamera, tessellation: Tessellation
-) -> tuple[Floats, rtcore_scene.EmbreeScene]:
+def _build_facets(camera: OmniCamera, tessellation: Tessellation) -> tuple[Floats, TriangleSearch]:
     """(n, 3, 3) matrices from a ray to a multiple of the direction interpolated on each triangle
     that it hits, and the triangles themselves, as the pinhole at the origin sees them.
     """
     mesh = build_mirror_mesh(camera, tessellation)
     corners = mesh.corners - (0.0, 0.0, camera.mirror.pinhole_distance_m)
-    # Robust mode is watertight: no ray slips between facets that share an edge.
-    scene = rtcore_scene.EmbreeScene(robust=True)
-    TriangleMesh(scene, corners.astype(np.float32))
     # A ray is a multiple of the corners' sum by barycentric weights.
     interpolation = np.linalg.solve(corners, mesh.directions).swapaxes(-1, -2)
-    return interpolation.astype(np.float64), scene
+    return interpolation.astype(np.float64), TriangleSearch(corners)

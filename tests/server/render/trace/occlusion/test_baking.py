@@ -18,7 +18,7 @@ from catoptra_server.render.trace.occlusion.baking import (
     lay_out,
     occluder_weights,
 )
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
 from catoptra_server.world.occlusion_map import BLOCK, OPEN
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
@@ -124,7 +124,7 @@ def test_unlit_facets_have_no_grid() -> None:
 def test_threads_and_casters_give_the_same_bytes() -> None:
     world = make_box_world()
     scene = build_scene(world)
-    casters = (EmbreeRayCaster(scene), commit_ray_caster(scene))
+    casters = (ReferenceRayCaster(scene), commit_ray_caster(scene))
     maps = [bake_occlusion(scene, caster, threads=n) for caster in casters for n in (1, 2)]
     assert all(found is not None for found in maps)
     assert len({found.texels.tobytes() for found in maps if found is not None}) == 1
