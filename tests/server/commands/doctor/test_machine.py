@@ -92,7 +92,7 @@ def test_package_of_some_systems_when_missing_is_a_warning_with_what_is_lost(sit
     ("system", "machine", "level", "words"),
     [
         ("Linux", "x86_64", Level.OK, "trace by its native kernel, and raster; tested"),
-        ("Linux", "aarch64", Level.WARNING, "raster alone"),
+        ("Linux", "aarch64", Level.WARNING, "slow reference, and raster"),
         ("Darwin", "arm64", Level.WARNING, "no raster"),
         ("Plan9", "mips", Level.WARNING, "unknown to the server"),
     ],

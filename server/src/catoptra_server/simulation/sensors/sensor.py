@@ -1,7 +1,7 @@
 """What all sensors have in common: interface, environment, mounted parts, and the row of a kind.
 
 A sensor is updated in every tick of the robot and read when a report is due. Each measures the
-world through one ray caster, Embree's in the server and exact rooms in tests. Other robots are
+world through one ray caster: the renderer's in the server, exact rooms in tests. Other robots are
 boxes that are intersected directly: 0.6 ms a cycle of the P2AT among seven others
 (`tests/measurements/sensor_times.py`).
 """
@@ -55,7 +55,7 @@ Triangles = npt.NDArray[np.int32]
 
 
 class RayCaster(Protocol):
-    """Distances in a static scene: Embree's in the server, exact ones of rooms in tests."""
+    """Distances in a static scene: the renderer's in the server, exact ones of rooms in tests."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Distances (n,) to the first surface along unit (n, 3) directions; inf without one."""
