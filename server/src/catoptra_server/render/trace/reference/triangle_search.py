@@ -230,10 +230,11 @@ def _group(corners: Floats, num_groups: int) -> _Rows:
     order = np.resize(np.arange(len(corners)), count)
     # Which triangles are together changes no hit: float32 is exact enough and faster.
     a, b, c = (corners - corners[0, 0]).astype(np.float32).transpose(1, 2, 0)
-    keys = (a + b + c).take(order, axis=1)
+    lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    keys = np.concatenate((lower, upper)).take(order, axis=1)
     size = count
     while size > count // num_groups:
-        grouped = keys.reshape(3, -1, size)
+        grouped = keys.reshape(len(keys), -1, size)
         longest = (grouped.max(axis=2) - grouped.min(axis=2)).argmax(axis=0)
         groups = np.arange(len(longest))
         halves = np.argpartition(grouped[longest, groups], size // 2, axis=1)
