@@ -81,7 +81,7 @@ def true_x_m(client: FakeClient) -> float:
 
 
 def drive_bundled_p2at(seed: int = 1) -> tuple[Fleet, FakeClient]:
-    """Fleet of the bundled P2AT, with noise, between walls that Embree measures."""
+    """Fleet of the bundled P2AT, with noise, between walls that rays measure."""
     world = make_walled_world(3.0)
     scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
     fleet = Fleet(robots, world, scene, seed=seed, ray_caster=ReferenceRayCaster(scene))

@@ -80,14 +80,6 @@ def test_package_when_too_old_is_named_with_the_required_version(site: Path) -> 
     assert problem.remedy == "pip install 'part>=2.1'"
 
 
-def test_package_of_some_systems_when_missing_is_a_warning_with_what_is_lost(site: Path) -> None:
-    marker = "; platform_machine == 'x86_64' or sys_platform == 'darwin'"
-    install_package(site, "whole", "1.0", f"never-there>=2.1{marker}")
-    (problem,) = problems("whole")
-    assert problem.level is Level.WARNING
-    assert problem.message.startswith("never-there is not installed: ")
-
-
 @pytest.mark.parametrize(
     ("system", "machine", "level", "words"),
     [

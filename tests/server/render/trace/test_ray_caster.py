@@ -1,4 +1,4 @@
-"""Embree's distances against exact geometry, by embreex and by the kernel."""
+"""Distances against exact geometry, by the reference and by the kernel."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def commit_to_kernel(scene: SceneMesh) -> Caster:
         pytest.skip(str(error))
 
 
-@pytest.fixture(params=[ReferenceRayCaster, commit_to_kernel], ids=["embreex", "kernel"])
+@pytest.fixture(params=[ReferenceRayCaster, commit_to_kernel], ids=["reference", "kernel"])
 def commit(request: pytest.FixtureRequest) -> Commit:
     made: Commit = request.param
     return made
@@ -78,7 +78,7 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
         assert not normals.any()
 
 
-def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
+def test_ray_caster_is_the_kernel_s_or_the_reference_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fail(scene: SceneMesh, instruction_set: str) -> Caster:

@@ -43,7 +43,7 @@ def test_scan_when_without_noise_is_exact() -> None:
     np.testing.assert_allclose(scan(context_in_room(pose=POSE)), exact_ranges(POSE), atol=1e-9)
 
 
-def test_scan_when_by_embree_is_exact_to_a_millimetre() -> None:
+def test_scan_when_traced_is_exact_to_a_millimetre() -> None:
     caster = ReferenceRayCaster(build_scene(make_room_world()))
     ranges = scan(SensorContext(0.0, 0, POSE, SensorEnvironment(caster)))
     np.testing.assert_allclose(ranges, exact_ranges(POSE), atol=1e-3)
