@@ -19,9 +19,14 @@ from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from cost.bare_packets import BarePacketScene
-from cost.embreex_numpy import EmbreexNumpy
 from cost.race import Quartiles, RaceTimes, RenderCall, race
 from measurements.scenes import make_camera
+
+try:
+    from cost.embreex_numpy import EmbreexNumpy
+except ImportError:
+    EmbreexNumpy = None  # type: ignore[assignment,misc]
+    print("no column of embreex: pip install embreex")
 
 STATES = 60  # camera states, a cycle
 COMPARED_STATES = 3
@@ -48,20 +53,20 @@ class CellRow:
     cell: Cell
     rounds: int
     wall_ms: dict[str, float]
-    """Median elapsed time by contestant: ours, embreex and, where the renderer offers it, bare."""
+    """Median elapsed time by contestant: ours and, where there are such, embreex and bare."""
     processor_ms: dict[str, float]
     """Median processor time of all threads."""
-    factor: Quartiles
-    """Elapsed time of embreex with NumPy over ours."""
-    processor_factor: Quartiles
+    factor: Quartiles | None
+    """Elapsed time of embreex with NumPy over ours; None without embreex, as what follows."""
+    processor_factor: Quartiles | None
     """The same of processor times."""
     bare_share: Quartiles | None
     """Elapsed time of bare packets over ours."""
-    max_difference: int
+    max_difference: int | None
     """Largest difference of the pictures, grey levels."""
-    different_share: float
+    different_share: float | None
     """Share of pixels that differ by more than one grey level."""
-    embreex_chunks: str
+    embreex_chunks: str | None
     """The fastest division of embreex's rays."""
 
 
@@ -88,7 +93,7 @@ class Racers:
     """The product's renderer, the yardstick and bare packets, each with the scene."""
 
     choice: RendererChoice
-    embreex: EmbreexNumpy
+    embreex: EmbreexNumpy | None
     bare: BarePacketScene
 
     @classmethod
@@ -96,7 +101,8 @@ class Racers:
         """Build the scene for all."""
         scene = build_scene(world)
         choice = choose_renderer("trace", scene, world)
-        return cls(choice, EmbreexNumpy(scene, world), BarePacketScene(scene, world))
+        embreex = EmbreexNumpy(scene, world) if EmbreexNumpy else None
+        return cls(choice, embreex, BarePacketScene(scene, world))
 
     def plan(self, camera: OmniCamera, samples: int) -> RenderPlan:
         """Plan with a number of samples along a pixel's side, defaults for the rest."""
@@ -111,7 +117,8 @@ class Racers:
     def close(self) -> None:
         """End all threads."""
         self.choice.renderer.close()
-        self.embreex.close()
+        if self.embreex is not None:
+            self.embreex.close()
         self.bare.close()
 
 
@@ -138,31 +145,40 @@ def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
     """Race one scene at one size for some seconds, then compare the pictures."""
     states, camera = make_states(), make_camera(cell.size_px)
     ours = racers.prepare(cell.size_px, cell.samples)
-    other = racers.embreex.prepare(camera, cell.samples, states[0])
     bare = racers.bare.prepare(camera, racers.plan(camera, cell.samples))
-    calls: dict[str, RenderCall] = {"ours": ours.render, "embreex": other.render}
+    calls: dict[str, RenderCall] = {"ours": ours.render}
+    other = None
+    if racers.embreex is not None:
+        other = racers.embreex.prepare(camera, cell.samples, states[0])
+        calls["embreex"] = other.render
     if bare is not None:
         calls["bare"] = bare.trace
     times = race(calls, states, seconds=seconds)
-    compared = states[:: STATES // COMPARED_STATES]
-    pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
+    differences = None
+    if other is not None:
+        compared = states[:: STATES // COMPARED_STATES]
+        pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
+        differences = compare_pictures(pairs)
     ours.close()
     if bare is not None:
         bare.close()
-    return _make_row(cell, times, compare_pictures(pairs), other.describe())
+    return _make_row(cell, times, differences, None if other is None else other.describe())
 
 
-def _make_row(cell: Cell, times: RaceTimes, differences: tuple[int, float], chunks: str) -> CellRow:
+def _make_row(
+    cell: Cell, times: RaceTimes, differences: tuple[int, float] | None, chunks: str | None
+) -> CellRow:
+    has_embreex = "embreex" in times.wall_ms
     return CellRow(
         cell=cell,
         rounds=times.rounds,
         wall_ms=times.median_wall_ms(),
         processor_ms=times.median_processor_ms(),
-        factor=times.ratio("embreex", "ours"),
-        processor_factor=times.processor_ratio("embreex", "ours"),
+        factor=times.ratio("embreex", "ours") if has_embreex else None,
+        processor_factor=times.processor_ratio("embreex", "ours") if has_embreex else None,
         bare_share=times.ratio("bare", "ours") if "bare" in times.wall_ms else None,
-        max_difference=differences[0],
-        different_share=differences[1],
+        max_difference=None if differences is None else differences[0],
+        different_share=None if differences is None else differences[1],
         embreex_chunks=chunks,
     )
 

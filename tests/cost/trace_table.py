@@ -27,15 +27,15 @@ def _format_cell(row: CellRow) -> tuple[str, ...]:
         cell.scene,
         _format_size(cell.size_px, cell.samples),
         f"{times['ours']:.1f}",
-        f"{times['embreex']:.1f}",
+        f"{times['embreex']:.1f}" if "embreex" in times else "-",
         f"{times['bare']:.1f}" if "bare" in times else "-",
         _format_quartiles(row.factor),
-        f"{row.processor_factor.median:.2f}",
+        "-" if row.processor_factor is None else f"{row.processor_factor.median:.2f}",
         _format_bound(row.factor, cell.required_factor, is_minimum=True),
         _format_quartiles(row.bare_share),
         _format_bound(row.bare_share, cell.required_bare_share, is_minimum=True),
-        f"{row.different_share:.1e}",
-        f"{row.max_difference}",
+        "-" if row.different_share is None else f"{row.different_share:.1e}",
+        "-" if row.max_difference is None else f"{row.max_difference}",
     )
 
 
