@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
+TOOLS := $(VENV)/.tools
 KERNEL := server/src/catoptra_server/render/trace/kernel
 SOURCES := protocol/src server/src client/src studies/src
 BUILD_SCRIPTS := server/build_kernel.py server/setup.py
@@ -16,18 +17,17 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt, 1 to 2 minutes
 
-# A changed source is compiled without installing anything again. Without a library there is no
+# A changed source is compiled without installing the packages again. Without a library there is no
 # stamp: the reason is printed again with the next target.
 $(READY): $(INSTALLED) server/build_kernel.py $(wildcard $(KERNEL)/src $(KERNEL)/src/*.[ch])
-	@echo "3 of 3: the kernel of the trace renderer, unless it is newer than its sources"
-	$(BIN)/python server/build_kernel.py
+	@$(BIN)/python server/build_kernel.py --is-current || { $(MAKE) --no-print-directory $(TOOLS) && $(BIN)/python server/build_kernel.py; }
 	@test ! -f $(KERNEL)/libcatoptra_trace.so || touch $@
 
 # One line for each package that pip collects; its whole output is in the log, its status is kept.
@@ -38,17 +38,25 @@ define show_packages
   /ERROR|error:/ { print } /^status / { status = $$2 } { fflush() } END { exit status }'
 endef
 
-# The compiler (411 MB) is unpacked once, into .venv, instead of anew for every build of the server.
+# What demo and live need: 0.5 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
+COMPILER := ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
-	@echo "Setting up $(VENV), one to two minutes and 1 GB; details are in $(INSTALL_LOG)"
+	@echo "Setting up $(VENV), one to two minutes and 0.5 GB; details are in $(INSTALL_LOG)"
 	$(PYTHON) -m venv $(VENV)
-	@echo "1 of 3: the compiler of the kernel"
-	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt setuptools \
-	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'")
-	@echo "2 of 3: Catoptra and the packages that it needs"
-	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --no-build-isolation \
-	  --editable 'protocol[calibration]' --editable server --editable 'client[gym]' --editable 'studies[server]' \
+	@echo "1 of 2: the compiler of the kernel, which is removed after its work"
+	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt setuptools)
+	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --upgrade --target $(VENV)/compiler "$(COMPILER)")
+	@echo "2 of 2: Catoptra, with its kernel, and the packages that it needs"
+	@export PYTHONPATH=$(abspath $(VENV))/compiler; $(call show_packages,$(BIN)/pip install --constraint constraints.txt \
+	  --no-build-isolation --editable 'protocol[calibration]' --editable server --editable 'client[gym]' --editable 'studies[server]')
+	rm -rf $(VENV)/compiler
+	touch $@
+
+# What tests, checks and changes of the kernel need besides: 0.5 GB more, most of it the compiler.
+$(TOOLS): $(INSTALLED)
+	@echo "Installing the tools of development into $(VENV), once"
+	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt "$(COMPILER)" \
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff types-PyYAML)
 	touch $@
 
@@ -68,38 +76,41 @@ WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4
 # Rules of the tree, and what a change breaks first; none starts a server process or draws much.
 CHECKED := $(wildcard tests/test_*.py) tests/protocol $(addprefix tests/server/,frames/plan simulation config) \
   tests/conformance/test_vectors.py tests/conformance/test_stream_vectors.py
-check: $(READY) ## Run the fast half of the tests: rules of the tree, protocol, planning, simulation, configuration; within a minute
+check: $(READY) $(TOOLS) ## Run the fast half of the tests: rules of the tree, protocol, planning, simulation, configuration; within a minute
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder $(CHECKED)
 
 # Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
-test: $(READY) ## Run the tests, 6 minutes on two cores with set-up
+test: $(READY) $(TOOLS) ## Run the tests, 6 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
-long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores
+long-test: $(READY) $(TOOLS) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile -m long tests
 
 # The tests end with the way to install Chromium where it is missing.
-browser-test: $(READY) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
+browser-test: $(READY) $(TOOLS) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
 	$(BIN)/python -m pytest tests/browser -q --browser "$(or $(BROWSER),chromium)" \
 	  --soak-seconds $(or $(SECONDS),$(if $(LONG),600,60))
 
-stability: $(READY) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
+stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
 	  tests/end_to_end/test_determinism.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
 
-lint: $(READY) ## Check format, style, types and import contracts
+sanitize: $(READY) $(TOOLS) ## Run the kernel's tests under sanitizers of addresses and of undefined behaviour, 4 minutes; silent when all is well
+	PYTHONPATH=tests $(BIN)/python -m helpers.kernel_programs
+
+lint: $(READY) $(TOOLS) ## Check format, style, types and import contracts
 	$(BIN)/ruff format --check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/mypy $(SOURCES) server/build_kernel.py
 	$(BIN)/lint-imports --no-cache
 
-format: $(READY) ## Format the sources and apply ruff's automatic fixes
+format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff check --fix $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
 
-bench: $(READY) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
+bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
 	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex)
@@ -124,25 +135,25 @@ cameras: $(READY) ## Draw a gallery of all camera models in one world; writes ou
 dataset-extras: $(READY) ## Install Ray, pyarrow, webdataset and pycocotools, with which more tests of data sets run; 0.5 GB
 	$(BIN)/pip install --constraint constraints.txt ray==2.60.0 pyarrow==26.0.1 webdataset==1.0.2 pycocotools==2.0.11
 
-conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= PAGE= CLASS= DIALECT=udk LEGACY=yes]
+conformance: $(READY) $(TOOLS) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= PAGE= CLASS= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [PAGE=127.0.0.1:5080] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
 	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
 	  $(if $(STREAM),--stream $(STREAM)) $(if $(PAGE),--page $(PAGE)) $(if $(CLASS),--robot-class $(CLASS)) \
 	  $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
-mutations: $(READY) ## Play the conformance suite through each of its deliberate faults; prints the rows that notice it
+mutations: $(READY) $(TOOLS) ## Play the conformance suite through each of its deliberate faults; prints the rows that notice it
 	PYTHONPATH=tests $(BIN)/python -m conformance.mutations
 	PYTHONPATH=tests $(BIN)/python -m conformance.stream_field_matrix
 	PYTHONPATH=tests $(BIN)/python -m conformance.control_field_matrix
 
-fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage to a live server
+fuzz: $(READY) $(TOOLS) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
 
-soak: $(READY) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]
+soak: $(READY) $(TOOLS) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]
 	$(BIN)/python tests/load/run.py $(if $(SECONDS),--seconds $(SECONDS))
 
-wheels: $(READY) ## Build the four distributions into out/wheels, and test them in virtual environments
+wheels: $(READY) $(TOOLS) ## Build the four distributions into out/wheels, and test them in virtual environments
 	rm -rf out/wheels protocol/build server/build client/build studies/build
 	CATOPTRA_REQUIRE_KERNEL=$${CATOPTRA_REQUIRE_KERNEL-1} \
 	  $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
@@ -152,7 +163,7 @@ wheels: $(READY) ## Build the four distributions into out/wheels, and test them 
 # warns of the others, which it has then twice, and of `show`, which the client loads at first use.
 api_modules = $(subst /,.,$(basename $(patsubst %/__init__.py,%.py,$(shell cd $(1)/src && find catoptra_$(1) -name '*.py' ! -name __main__.py | sort))))
 
-docs: $(READY) ## Write API pages of client and protocol from their docstrings; writes out/docs/index.html
+docs: $(READY) $(TOOLS) ## Write API pages of client and protocol from their docstrings; writes out/docs/index.html
 	@test -x $(BIN)/pdoc || $(call show_packages,$(BIN)/pip install --constraint constraints.txt pdoc)
 	rm -rf out/docs
 	$(BIN)/python -W "ignore:The module specification" -W "ignore:Found 'show'" -m pdoc \

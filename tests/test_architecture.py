@@ -29,15 +29,13 @@ from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, command_from_mes
 from catoptra_protocol.usarsim.grammar import Message, parse_message
 from catoptra_protocol.usarsim.readings import READING_PARSERS
 from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_message
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import EffectType
+from catoptra_server.effects import EFFECT_TYPES, EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.sensors import SENSOR_KINDS
-from catoptra_server.simulation.sensors.sensor import SensorKind
+from catoptra_server.simulation.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.effects.effect_cases import EFFECT_CASES
 from helpers.configs import REPOSITORY

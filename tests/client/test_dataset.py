@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_client.dataset import open_dataset
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.datasets.sample import SampleDescriber

@@ -18,7 +18,7 @@ from catoptra_client.frame import rgb_from_image_bytes
 from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import DomainError, LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
+from catoptra_protocol.labels import LABEL_CHANNELS, parse_channels
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, unpack
 from catoptra_protocol.stream.messages import (
     bytes_from_message,

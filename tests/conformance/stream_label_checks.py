@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from catoptra_client.frame import Frame
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelledObject
+from catoptra_protocol.labels import LABEL_CHANNELS, LabelledObject
 from catoptra_protocol.optics.camera_rays import pixel_from_point, rays_from_pixel_grid
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose

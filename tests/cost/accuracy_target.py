@@ -35,8 +35,8 @@ from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
-from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import AccuracyTarget, RenderSettings
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 WORLDS = {"field": FIELD, "corridor": CORRIDOR}

@@ -12,7 +12,7 @@ from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
 

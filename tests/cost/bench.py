@@ -30,11 +30,10 @@ from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.simulation.spawning import build_ego_mesh
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"

@@ -21,7 +21,7 @@ from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
 from cost.numpy_shading import ColourTable, RayShading, TexturedShading

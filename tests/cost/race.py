@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 # Renders one frame; what it returns is not read.
 RenderCall = Callable[[CameraState], object]

@@ -12,10 +12,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import Image, RenderPlan, View
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.render.renderer import Image, RenderPlan, RenderSettings, View
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from cost.bare_packets import BarePacketScene

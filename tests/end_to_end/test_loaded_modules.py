@@ -40,8 +40,8 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 OMNI = "OmniCamPillar_Link4"
-# Python, NumPy, asyncio and Pillow have three quarters of them.
-MAX_MODULES = 500
+# Python, NumPy, asyncio and Pillow have two thirds of them.
+MAX_MODULES = 440
 COMMANDS = {
     "INIT": ["INIT {ClassName NoSuchClass}", f"INIT {{ClassName {CLASS}}} {{Start Centre}}"],
     "DRIVE": ["DRIVE {Left 1.0} {Right 1.0}", "DRIVE {Name CameraPan} {Order 0} {Value 0.5}"],
@@ -127,6 +127,7 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
     client.get_state("R")
     client.get_pixel(30.0, 30.0, robot="R", camera=OMNI)
     client.get_frame(robot="R", camera=OMNI, variant=FrameVariant(polygons=16, reference="exact"))
+    client.get_frame(robot="R", camera=OMNI, channels=("range",))
     for camera in cameras:
         client.get_landmark_projections("R", camera)
         for encoding in ImageEncoding:

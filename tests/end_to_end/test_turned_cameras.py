@@ -24,10 +24,10 @@ from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import FIELD
 from helpers.image_comparison import mask_away_from_edges

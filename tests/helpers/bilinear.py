@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.effects.effect import Real
+from catoptra_server.effects import Real
 
 Integers = npt.NDArray[np.signedinteger[Any]]
 

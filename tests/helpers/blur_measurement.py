@@ -6,7 +6,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect
 
 
 def measure_blur_diameters_px(

@@ -9,7 +9,7 @@ import numpy as np
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.effects.effect import ImageEffect, SceneSummary
+from catoptra_server.effects import ImageEffect, SceneSummary
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT
 
 THRESHOLD_PX = 0.5

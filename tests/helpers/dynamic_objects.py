@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.simulation.spawning import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
-from catoptra_server.world.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.world.world_description import Box, Material
 from helpers.worlds import make_omni_camera
 

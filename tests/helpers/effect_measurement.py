@@ -11,16 +11,15 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     CaptureContext,
     Effect,
     ImageEffect,
     SceneSummary,
     is_image_effect,
 )
-from catoptra_server.world.camera_state import CameraState, NoiseSeed
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, NoiseSeed, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, Twist, srgb_from_linear
 from helpers.worlds import CAMERA_STATE, make_omni_camera

@@ -7,7 +7,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.frame import IMAGE_PORT, FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import PerspectiveCameraSpec
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 VIEW = ViewRequest(
     PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.0)), CameraState(Pose.identity())

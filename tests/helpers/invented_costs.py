@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.frames.plan.candidates import MeasureCosts, generate_calibration_plans
 from catoptra_server.frames.plan.costs import PlanTiming
+from catoptra_server.frames.plan.planner import MeasureCosts, generate_calibration_plans
 from catoptra_server.frames.renderers import RendererChoice, RendererPool
-from catoptra_server.render.render_settings import MirrorSurface
+from catoptra_server.render.renderer import MirrorSurface
 from catoptra_server.render.renderer_kind import RendererKind
 
 

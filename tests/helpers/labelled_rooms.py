@@ -21,7 +21,7 @@ from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS

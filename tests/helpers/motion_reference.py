@@ -18,8 +18,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.render.renderer import View
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist, srgb_from_linear
 from helpers.effect_measurement import DYNAMIC_OBJECT
 

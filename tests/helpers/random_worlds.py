@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,

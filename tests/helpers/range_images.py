@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects import ImageEffect
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.effect_measurement import CAMERA, make_effect

@@ -15,11 +15,10 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Image
+from catoptra_server.render.renderer import Image, PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 

@@ -7,8 +7,8 @@ import numpy as np
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.effect import NUM_RINGS
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.effects import NUM_RINGS
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import trace_ranges

@@ -21,8 +21,7 @@ from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
 from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.frames.views import RenderedView
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.fleet import Fleet
@@ -33,7 +32,7 @@ from catoptra_server.simulation.robot_description import (
     RobotDescription,
     SensorDescription,
 )
-from catoptra_server.simulation.sensors import build_sensors
+from catoptra_server.simulation.sensors import Sensor, build_sensors
 from catoptra_server.simulation.sensors.encoder import EncoderDescription
 from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
@@ -41,12 +40,11 @@ from catoptra_server.simulation.sensors.ins import InsDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.simulation.sensors.rfid import RfidDescription
-from catoptra_server.simulation.sensors.sensor import Sensor
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from catoptra_server.simulation.sensors.touch import TouchDescription
 from catoptra_server.simulation.sensors.victim_sensor import VictimSensorDescription
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Box, Item, Material, World
 
 BASE = DriveBase(

@@ -6,7 +6,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment, Triangles
+from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment, Triangles
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.world_description import Box, Item, Material, World
 

@@ -14,10 +14,15 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import FaceRegion, RenderPlan
+from catoptra_server.render.renderer import (
+    FaceRegion,
+    MirrorSurface,
+    PerPixel,
+    RenderPlan,
+    RenderSettings,
+)
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,

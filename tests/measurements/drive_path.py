@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Twist
 
 TICK_S = 0.02

@@ -20,10 +20,9 @@ from scenes import CAMERA_STATE, make_camera, make_robots, make_worlds
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import Renderer, View
+from catoptra_server.render.renderer import Renderer, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 FRAMES = 25

@@ -20,22 +20,22 @@ from drive_path import drive_path
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
     EffectMode,
     EffectSetting,
     EffectSettings,
     EffectType,
 )
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import RenderSettings
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 ROUNDS = 60

@@ -21,10 +21,10 @@ from effect_costs import default_settings
 from scenes import CORRIDOR, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import EffectMode, SceneSummary
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import EffectMode, SceneSummary
 from catoptra_server.effects.effect_plan import plan_effects
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 ALL = default_settings(EffectMode.AUTO)

@@ -23,22 +23,22 @@ from scenes import make_camera
 from catoptra_server.commands import explain
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
     EffectMode,
     EffectSetting,
     EffectSettings,
 )
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 DRIVING = explain.PlanarVelocity(1.0, 0.0, 0.5)
 ROWS: dict[str, tuple[str, ...]] = {

@@ -19,8 +19,7 @@ from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 from catoptra_server.frames.plan.faces import face_regions
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import FaceRegion, Renderer, View
+from catoptra_server.render.renderer import FaceRegion, PerPixel, Renderer, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

@@ -21,11 +21,11 @@ from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_w
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 

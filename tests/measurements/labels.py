@@ -17,21 +17,20 @@ from functools import partial
 from interleaved import median_ms
 from scenes import CAMERA_STATE, FIELD
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import NO_THRESHOLDS
+from catoptra_server.render.renderer import NO_THRESHOLDS, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.trace_renderer import TraceView
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 CAMERAS = {

@@ -26,13 +26,12 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.effects.effect import ImageEffect, is_image_effect
+from catoptra_server.effects import ImageEffect, is_image_effect
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Renderer, View
+from catoptra_server.render.renderer import PerPixel, Renderer, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.objects import CameraState, FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, Twist, World
 

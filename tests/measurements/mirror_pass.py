@@ -23,7 +23,7 @@ from catoptra_server.render.projection.atlas import compute_lookup_map, pack_atl
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.device import GLSL_VERSION, load_source, set_uniform
 from catoptra_server.render.raster.mirror_pass import rim_polygon
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.scene_mesh import build_scene
 

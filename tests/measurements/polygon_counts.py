@@ -16,8 +16,7 @@ from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import PerPixel, RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.world.scene_mesh import build_scene

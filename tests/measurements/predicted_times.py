@@ -5,7 +5,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/predicted_times.
 For 640 x 640 px in three scenes: rates from the calibration plans at four poses, as the server
 measures them, then for several candidate plans the median of frames along a circle, rendered right
 after. Prints predicted and measured milliseconds and their quotient. Decision: the plans that
-frames/plan/candidates.py has measured, and the quantities of frames/plan/costs.py, which should
+frames/plan/planner.py has measured, and the quantities of frames/plan/costs.py, which should
 predict within 25 %. On a machine with other load only processor times are comparable: with
 --processor-time all clocks count the processor time of all threads.
 """
@@ -23,14 +23,13 @@ from scenes import CORRIDOR, make_camera, make_worlds
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.frames.plan.candidates import measure_costs
 from catoptra_server.frames.plan.costs import fit_cost_model
+from catoptra_server.frames.plan.planner import measure_costs
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Renderer, RenderPlan
+from catoptra_server.render.renderer import PerPixel, Renderer, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 
 FRAMES = 20

@@ -26,8 +26,7 @@ from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_at
 from catoptra_server.render.raster import open_device, scene_buffers
 from catoptra_server.render.raster.device import ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import StageClock
+from catoptra_server.render.renderer import PerPixel, RenderSettings, StageClock
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.triangles import TRIANGLES_PER_CLUSTER, make_clusters

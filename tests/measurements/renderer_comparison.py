@@ -23,8 +23,7 @@ from scenes import CAMERA_STATE, CORRIDOR, FIELD, make_balls, make_camera
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer import PerPixel, Renderer, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene

@@ -11,9 +11,8 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
-from catoptra_server.world.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.simulation.spawning import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,

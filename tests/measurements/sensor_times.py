@@ -23,8 +23,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import build_sensors
-from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment, build_sensors
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.scene_mesh import build_scene

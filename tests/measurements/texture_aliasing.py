@@ -25,7 +25,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.ray_table import build_ray_table
 from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 from catoptra_server.world import textures as texture_levels
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     HemisphereLight,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.shards import CHANNEL_FILES, hash_file, iterate_samples, shard_name
 
 FILES = {

@@ -276,7 +276,7 @@ MUTATIONS = [
     Mutation(
         "times 4 over 1000",
         "wire",
-        "catoptra_protocol.optics.units.metres_from_uu",
+        "catoptra_server.config.camera_sections.metres_from_uu",
         metres_by_two_steps,
     ),
     Mutation("the power alone, unclipped", "light", ENCODE, encode_without_clip),

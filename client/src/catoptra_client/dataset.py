@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.shards import (
@@ -47,7 +47,7 @@ class DatasetSample:
     rgb: npt.NDArray[np.uint8]
     """(h, w, 3) picture."""
     channels: Mapping[str, npt.NDArray[Any]]
-    """Ground truth by the names of `labels/channels`, in the types given there."""
+    """Ground truth by the names of `labels/__init__.py`, in the types given there."""
     metadata: Mapping[str, Any]
     """World, robot, poses, light, effects, plan, error bound: the sample's JSON file."""
 
@@ -195,7 +195,7 @@ def _decode_picture(content: bytes) -> npt.NDArray[np.uint8]:
 
 
 def _decode_channel(name: str, content: bytes) -> npt.NDArray[Any]:
-    """Array of a channel, in the type of `labels/channels`."""
+    """Array of a channel, in the type of `labels/__init__.py`."""
     array: npt.NDArray[Any] | None
     if CHANNEL_FILES[name].endswith(".png"):
         array = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
-from catoptra_protocol.labels.channels import GroundTruth
+from catoptra_protocol.labels import GroundTruth
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, Channels
+from catoptra_protocol.labels import LABEL_CHANNELS, Channels
 from catoptra_protocol.optics.image_plane import opencv_from_pixel
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction

@@ -2,7 +2,7 @@
 
 A folder holds `dataset.json`, written last, and `shards/000000.tar` and on. A member of a shard is
 `<sample>.<suffix>`: 000042.rgb.png, 000042.range.npy, 000042.json. To add a channel's file: its row
-in CHANNEL_FILES; its type and meaning are in `labels/channels`.
+in CHANNEL_FILES; its type and meaning are in `labels/__init__.py`.
 """
 
 from __future__ import annotations

@@ -21,15 +21,22 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import choose_renderer
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import FaceCamera, Renderer, RenderPlan, View
+from catoptra_server.render.renderer import (
+    FaceCamera,
+    MirrorSurface,
+    PerPixel,
+    Renderer,
+    RenderPlan,
+    RenderSettings,
+    View,
+)
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation.robot_description import (
     OmniCameraDescription,
     PlanarPose,
     RobotDescription,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from catoptra_studies.plot_style import Image

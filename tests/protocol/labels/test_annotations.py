@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects, project_box
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera

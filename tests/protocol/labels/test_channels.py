@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelledObject, parse_channels
+from catoptra_protocol.labels import LABEL_CHANNELS, LabelledObject, parse_channels
 from catoptra_protocol.optics.transforms import Pose
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.masks import (
     CocoImage,
     coco_from_images,

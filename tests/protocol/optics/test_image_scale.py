@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_scale import (
+from catoptra_protocol.optics.image_plane import (
     compute_image_scale,
     cosine_fourth,
     shows_whole_rim,

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import require_domain
-from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
+from catoptra_server.config.camera_sections import metres_from_uu, radians_from_uu
 
 
 def test_length_of_250_uu_is_a_metre() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_scale import compute_image_scale, visible_radii_px
+from catoptra_protocol.optics.image_plane import compute_image_scale, visible_radii_px
 from catoptra_protocol.optics.lenses import KannalaBrandtLens, OrthographicLens
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera

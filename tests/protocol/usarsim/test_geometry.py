@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.usarsim.geometry import (
+from catoptra_protocol.usarsim.configurations import (
     Geometry,
     GeometryItem,
     VehicleGeometry,

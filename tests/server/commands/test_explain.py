@@ -22,15 +22,14 @@ from catoptra_server.commands.explain import (
 )
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import read_startup_config
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
+from catoptra_server.effects import EFFECT_TYPES, DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import AT_REST
 from helpers.motion_reference import relative_twist
 from helpers.robots import make_rendered_view

@@ -18,8 +18,8 @@ from catoptra_server.config.camera_sections import (
     read_render_settings,
 )
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
     DecisionBasis,
     EffectMode,
@@ -29,7 +29,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.effects.sensor.read_noise import ReadNoise
-from catoptra_server.render.render_settings import AccuracyTarget, PerPixel
+from catoptra_server.render.renderer import AccuracyTarget, PerPixel
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, make_section, write_edited_copy
 
 ITEM = "Item=(Position=(X=25,Y=0,z=-50),Direction=(Y=0,Z=16384,X=0){})"

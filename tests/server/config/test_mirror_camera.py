@@ -26,7 +26,7 @@ from catoptra_protocol.optics.mirrors import (
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.robot_file import read_robot, read_robots
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, PerPixel
+from catoptra_server.render.renderer import AccuracyTarget, MirrorSurface, PerPixel
 from catoptra_server.simulation.robot_description import OmniCameraDescription
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy

@@ -14,8 +14,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.robot_file import read_robot, read_robots
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.effects import EFFECT_TYPES, NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
 from helpers.calibrated_cameras import TUM_VI
 from helpers.configs import ROBOTS, write_edited_copy

@@ -10,8 +10,12 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.simulation.joint_chain import MissionPackageDescription
-from catoptra_server.simulation.robot_description import Mount, RobotDescription, SensorDescription
+from catoptra_server.simulation.robot_description import (
+    MissionPackageDescription,
+    Mount,
+    RobotDescription,
+    SensorDescription,
+)
 from catoptra_server.simulation.sensors.encoder import EncoderDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.ins import InsDescription

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_server.datasets import pictures as pictures_module
 from catoptra_server.datasets.pictures import write_sheet
 from catoptra_server.datasets.png_files import decode_png

@@ -20,7 +20,7 @@ from catoptra_server.datasets.recipe import (
     read_words,
 )
 from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
+from catoptra_server.effects import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
 from helpers.dataset_recipes import stage_recipe, write_recipe
 
 

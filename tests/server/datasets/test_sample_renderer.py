@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_server.datasets import sample_renderer
 from catoptra_server.datasets.sample import encode_sample
 from catoptra_server.frames.renderers import RendererChoice

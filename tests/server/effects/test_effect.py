@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     NUM_RINGS,
     EffectMode,
     EffectSetting,
@@ -20,7 +20,7 @@ from catoptra_server.effects.effect import (
     is_scene_effect,
 )
 from catoptra_server.effects.kernels.grey_levels import FRAME_NOISE_EFFECTS
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
     CAMERA,

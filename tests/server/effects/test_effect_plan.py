@@ -10,8 +10,8 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
     NUM_RINGS,
     DecisionBasis,
@@ -42,7 +42,7 @@ from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
+from catoptra_server.world.objects import CameraState, scene_twist_in_mirror
 from catoptra_server.world.world_description import AT_REST, Twist
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT, make_any_effect
 

@@ -13,8 +13,8 @@ import pytest
 from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageType, encode_frame_header
-from catoptra_server.frames import encode as encode_module
-from catoptra_server.frames.encode import Payload, crop, encode_without_blocking, payload_of_reply
+from catoptra_server.frames import frame as encode_module
+from catoptra_server.frames.frame import Payload, crop, encode_without_blocking, payload_of_reply
 
 JPEGS = [t for t in ImageType if t is not ImageType.RAW]
 

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ChannelEncoding, ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_server.frames import encode as encode_module
+from catoptra_server.frames import frame as encode_module
 from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,

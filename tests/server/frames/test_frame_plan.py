@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -21,10 +21,9 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCamera
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
-from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import AccuracyTarget, RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA

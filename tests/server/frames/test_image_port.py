@@ -11,7 +11,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.commands import Drive, Init, SetCommand, SetViewports
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.frame import IMAGE_PORT, ImagePortChannel, ViewRequest
 from catoptra_server.frames.image_port import (

@@ -10,7 +10,7 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.usarsim.commands import SetViewports
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.frames.encode import crop
+from catoptra_server.frames.frame import crop
 from catoptra_server.frames.multi_view import (
     MAX_TILES,
     Tile,

@@ -33,8 +33,8 @@ from catoptra_server.frames.plan.camera import (
 )
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread, render_frame
 from catoptra_server.frames.views import RenderedView, ViewFailedError
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import RenderSettings
+from catoptra_server.world.objects import CameraState
 from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider

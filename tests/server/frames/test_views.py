@@ -17,10 +17,8 @@ from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     CaptureContext,
     EffectMode,
     EffectSetting,
@@ -29,6 +27,8 @@ from catoptra_server.effects.effect import (
     ImageEffect,
     SceneSummary,
 )
+from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.fog import Fog
@@ -48,16 +48,19 @@ from catoptra_server.frames.renderers import (
     create_renderer,
 )
 from catoptra_server.frames.views import RenderedView, ViewCache, ViewFailedError
-from catoptra_server.render.render_settings import (
+from catoptra_server.render.renderer import (
+    NO_THRESHOLDS,
     AccuracyTarget,
     MirrorSurface,
     PerPixel,
+    RenderedImage,
+    Renderer,
+    RenderPlan,
     RenderSettings,
     Tessellation,
 )
-from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import make_effect

@@ -21,15 +21,14 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.render.renderer import FaceCamera, Image, RenderPlan
+from catoptra_server.render.renderer import FaceCamera, Image, MirrorSurface, PerPixel, RenderPlan
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import (
     Interpolation,
     Tessellation,
     tessellation_from_polygon_count,
 )
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences, mask_away_from_edges

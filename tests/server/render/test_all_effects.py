@@ -16,13 +16,12 @@ import pytest
 from catoptra_protocol.optics.cube_map import face_from_direction
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects import EFFECT_TYPES, ImageEffect
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import FogMedium, Shutter
+from catoptra_server.world.objects import FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import DRIVING_STATE, make_effect
 from helpers.image_comparison import level_differences, mask_away_from_edges

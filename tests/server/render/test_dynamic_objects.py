@@ -20,8 +20,7 @@ from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world import shapes as primitives
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Light, Material, World
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube

@@ -16,14 +16,14 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import ImageEffect
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import FogMedium, NoiseSeed
+from catoptra_server.world.objects import FogMedium, NoiseSeed
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World, srgb_from_linear
 from helpers.dynamic_objects import TWO_ROBOTS

@@ -26,13 +26,19 @@ from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.faces import texel_footprint
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import Image, Renderer, RenderPlan
+from catoptra_server.render.renderer import (
+    Image,
+    MirrorSurface,
+    PerPixel,
+    Renderer,
+    RenderPlan,
+    RenderSettings,
+)
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.polygon_figures import displacement_px
 from helpers.displacement_targets import (

@@ -20,8 +20,7 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import choose_by_settings, plan_from_settings
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer import PerPixel, Renderer, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.scene_mesh import build_scene

@@ -17,8 +17,8 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.startup import StartupConfig
+from catoptra_server.effects import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
@@ -26,7 +26,7 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,

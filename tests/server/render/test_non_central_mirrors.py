@@ -23,12 +23,12 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.candidates import generate_candidate_plans
+from catoptra_server.frames.plan.planner import generate_candidate_plans
 from catoptra_server.frames.plan.plans import choose_by_settings
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.long_cases import quick_cases

@@ -18,7 +18,7 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState
+from catoptra_server.world.objects import INSTANTANEOUS, CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import place_cube

@@ -18,15 +18,14 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects import EFFECT_TYPES, Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.objects import CameraState, NoiseSeed
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,

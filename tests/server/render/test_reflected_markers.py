@@ -21,10 +21,10 @@ from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.long_cases import quick_cases

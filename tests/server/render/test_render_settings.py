@@ -7,7 +7,7 @@ import math
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
+from catoptra_server.render.renderer import AccuracyTarget, RenderSettings
 
 
 def test_accuracy_target_by_default_is_not_set() -> None:

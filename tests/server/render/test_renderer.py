@@ -10,20 +10,20 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import (
     FaceCamera,
     FaceRegion,
     FaceWindow,
     RenderPlan,
+    RenderSettings,
     StageClock,
     advance,
     sample_shutter,
 )
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.trace_engine import camera_states
-from catoptra_server.world.camera_state import Shutter
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import Shutter
 from helpers.effect_measurement import DRIVING_STATE
 from helpers.motion_reference import camera_state_after, driving_camera_state
 from helpers.worlds import make_omni_camera

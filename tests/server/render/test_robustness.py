@@ -19,8 +19,8 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Par
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import Image, Renderer
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Box, Item, Material, MeshFile, World
 from helpers.image_comparison import level_differences
 from helpers.opengl import make_raster

@@ -24,12 +24,10 @@ from catoptra_server.frames.plan.error_bound import add_scene, coordinate_errors
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import Renderer, RenderPlan
+from catoptra_server.render.renderer import Renderer, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, OrientedBox, box_distances
+from catoptra_server.world.objects import CameraState, DynamicObject, OrientedBox, box_distances
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, Ring, World
 from helpers.displacement_targets import scatter_discs

@@ -17,9 +17,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
-from catoptra_server.world.robot_shapes import CAMERA_RADIUS_M, OmniCameraTower, build_ego_body_mesh
+from catoptra_server.simulation.spawning import (
+    CAMERA_RADIUS_M,
+    OmniCameraTower,
+    build_ego_body_mesh,
+)
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.dynamic_objects import P2AT

@@ -22,8 +22,7 @@ from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
 from catoptra_server.world import shapes as primitives
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,

@@ -19,7 +19,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import make_any_effect
 from helpers.renderers import RendererFactory

@@ -35,7 +35,7 @@ from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
 from catoptra_server.simulation import collision_index, spawning
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.joint_chain import STANDARD_PACKAGES
+from catoptra_server.simulation.robot_description import STANDARD_PACKAGES
 from catoptra_server.world.obstacle_grid import ObstacleGrid, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.configs import ROBOTS

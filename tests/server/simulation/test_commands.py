@@ -25,7 +25,7 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.render.render_settings import AccuracyTarget
+from catoptra_server.render.renderer import AccuracyTarget
 from catoptra_server.simulation.commands import execute_control, execute_get_conf, execute_get_geo
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
@@ -36,7 +36,7 @@ from catoptra_server.simulation.robot_description import (
     PlanarPose,
     RobotDescription,
 )
-from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.simulation.sensors import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import ROBOTS

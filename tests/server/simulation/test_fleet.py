@@ -24,7 +24,7 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors.sensor import EmptyScene, Triangles
+from catoptra_server.simulation.sensors import EmptyScene, Triangles
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import (
     CAMERA,

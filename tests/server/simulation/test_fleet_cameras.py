@@ -28,7 +28,7 @@ from catoptra_server.simulation.robot_description import (
     PlanarPose,
     RobotDescription,
 )
-from catoptra_server.simulation.sensors.sensor import EmptyScene
+from catoptra_server.simulation.sensors import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import make_p2at, make_walled_world
 

@@ -11,16 +11,18 @@ import pytest
 from catoptra_protocol.usarsim.commands import Command, Drive, GetStartPoses
 from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, FrameRequested
 from catoptra_server.simulation.events import (
+    MAX_ALL_WAITING_STEP_S,
+    MAX_WAITING,
     AccuracyTargetChanged,
     ClientDisconnected,
     CommandReceived,
     Fault,
+    Inbox,
     ResetRequested,
     SharedRobotDriven,
     StepRequested,
     StopRequested,
 )
-from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
 from helpers.loopback import DEADLINE_S
 from helpers.robots import FakeClient
 

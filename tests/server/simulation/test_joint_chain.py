@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from catoptra_server.simulation.joint_chain import (
+from catoptra_server.simulation.robot_description import (
     ANGLE,
     BRAKE,
     RELATIVE_ANGLE,

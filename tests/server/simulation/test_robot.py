@@ -33,14 +33,12 @@ from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.commands import execute_get_conf, execute_get_geo
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.joint_chain import (
+from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
     LinkDescription,
     MissionPackageDescription,
-)
-from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_description import (
     Mount,
     PerspectiveCameraDescription,
     PlanarPose,

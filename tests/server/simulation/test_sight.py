@@ -22,10 +22,10 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.plan.error_bound import error_bound
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
     EmptyScene,
     SensorEnvironment,
@@ -38,9 +38,8 @@ from catoptra_server.simulation.sight import (
     compute_landmark_visibility,
     look_through_pixel,
 )
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
-from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.objects import CameraState, OrientedBox
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, SphereBand, World
 from helpers.mirror_checks import make_camera

@@ -12,7 +12,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_protocol.usarsim.reports import StartPose
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.simulation.robot import Robot

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.world.camera_state import (
+from catoptra_server.world.objects import (
     INSTANTANEOUS,
     MAX_TIME_SAMPLES,
     FogMedium,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
+from catoptra_server.world.shading import OPEN, OcclusionMap
 
 
 def make_map() -> OcclusionMap:

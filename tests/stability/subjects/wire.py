@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.optics import units
 from catoptra_protocol.usarsim import value_format
+from catoptra_server.config import camera_sections as units
 
 
 def _format(value: float, decimals: int, text: str) -> float:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.render.render_settings import PerPixel
+from catoptra_server.render.renderer import PerPixel
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import (

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Image
+from catoptra_server.render.renderer import Image, PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel

@@ -13,7 +13,7 @@ import pytest
 
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.landmarks import Landmark
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost import localization_study

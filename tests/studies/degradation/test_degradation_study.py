@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.effects.effect import EffectMode
+from catoptra_server.effects import EffectMode
 from catoptra_studies.commands import EXIT_FAILURE
 from catoptra_studies.degradation.degradation_report import write_degradation_results
 from catoptra_studies.degradation.degradation_study import num_drives, run_degradation_study

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects import Effect
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -20,7 +20,7 @@ from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.render.renderer import LinearImage
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Twist, srgb_from_linear
 from catoptra_studies.effects.effect_truth import EffectTruth
 from helpers.effect_measurement import DYNAMIC_OBJECT

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.masks import (
     ObjectMask,
     Polygon,

@@ -26,10 +26,11 @@ from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     DistortedProjection,
     ImagePlane,
+    cosine_fourth,
     decentred_fold_rad,
     undo_distortion,
+    wide_angle_illumination,
 )
-from catoptra_protocol.optics.image_scale import cosine_fourth, wide_angle_illumination
 from catoptra_protocol.optics.mirrors.mirror import Mirror
 from catoptra_protocol.optics.numerics import (
     Bools,

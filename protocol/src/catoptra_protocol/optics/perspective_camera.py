@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.image_scale import cosine_fourth
+from catoptra_protocol.optics.image_plane import cosine_fourth
 from catoptra_protocol.optics.numerics import Bools, Floats, scale_components
 from catoptra_protocol.slotted_dataclass import dataclass
 

@@ -20,7 +20,6 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_COMMAND_JOINTS, MAX_COMMAND_NUMBER
-from catoptra_protocol.notes import check_note
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs, format_line, split_groups
@@ -47,6 +46,8 @@ class Note:
             text = base64.b64decode(message.get("Data") or "", validate=True).decode()
         except ValueError as error:  # wrong Base64, or no UTF-8 in it
             raise RemoteProtocolError(f"NOTE {{Data}}: {error}") from error
+        from catoptra_protocol.notes import check_note
+
         try:
             check_note(name, text)
         except LocalProtocolError as error:
@@ -59,6 +60,8 @@ class Note:
         Raises:
             LocalProtocolError: The name or the text is no note's.
         """
+        from catoptra_protocol.notes import check_note
+
         try:
             check_note(self.name, self.text)
         except LocalProtocolError as error:

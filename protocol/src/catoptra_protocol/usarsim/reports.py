@@ -31,6 +31,8 @@ from catoptra_protocol.usarsim.configurations import (
     CameraConfiguration,
     Configuration,
     EncoderConfiguration,
+    Geometry,
+    GeometryItem,
     OdometryConfiguration,
     RangeScannerConfiguration,
     ScanIntervalConfiguration,
@@ -38,10 +40,6 @@ from catoptra_protocol.usarsim.configurations import (
     TextureRegion,
     TouchConfiguration,
     VehicleConfiguration,
-)
-from catoptra_protocol.usarsim.geometry import (
-    Geometry,
-    GeometryItem,
     VehicleGeometry,
     geometry_from_message,
 )

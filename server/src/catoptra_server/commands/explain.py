@@ -22,8 +22,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.image_port import mounted_camera_state
@@ -46,8 +46,7 @@ from catoptra_server.simulation.robot_description import (
 )
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.spawning import build_ego_mesh
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist
 
 _EXIT_FAILURE = 2

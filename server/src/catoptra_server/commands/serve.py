@@ -256,8 +256,8 @@ def _build_parser() -> argparse.ArgumentParser:
         help="threads of the trace renderer; 0 = one per processor",
     )
     add("--instruction-set", choices=INSTRUCTION_SET_NAMES, default=AUTO,
-        help="instructions of the trace renderer's kernel; the same ones give the same bytes on "
-        "every processor that has them (default: auto, the best of this processor)")  # fmt: skip
+        help="instructions of the trace renderer's kernel, for its speed; all give the same bytes "
+        "(default: auto, the best of this processor)")  # fmt: skip
     add("--max-error-px", type=parse_non_negative, metavar="PX",
         help="accuracy target of every camera: the fastest plan that displaces no outline by more; "
         "0 = the settings of the file")  # fmt: skip

@@ -6,14 +6,14 @@ niceness 5, so that reports and sockets come first.
 
 **A start loads what the first frame needs**, since loading takes two thirds (the time to the first
 frame: `tests/cost/serving.py`). Lenses, mirrors, effects and sensors are loaded where a file names
-them (`catoptra_protocol.lazy_table`), when the files are read. The stream, the live page, the
-second renderer and, where the image port sends RAW, OpenCV are loaded in a thread once the ports
-listen, at the first client of the stream or after 0.25 s; clients wait in the backlog. No request
-loads anything: such a request would be slow, and would fail where connections have taken all
-descriptors of open files, since an import opens files. The modules that use these import inside a
-function, with a reference to this head; `tests/end_to_end/test_loaded_modules.py` finds a missing
-one, and counts the modules of a first frame. To load OpenCV in a thread beside the renderer gained
-nothing.
+them (`catoptra_protocol.lazy_table`), when the files are read; so is the reader of mesh files. The
+stream, the live page, the second renderer, labels, NumPy's random numbers and, where the image port
+sends RAW, OpenCV are loaded in a thread once the ports listen, at the first client of the stream or
+after 0.25 s; clients wait in the backlog. No request loads anything: such a request would be slow,
+and would fail where connections have taken all descriptors of open files, since an import opens
+files. The modules that use these import inside a function, with a reference to this head;
+`tests/end_to_end/test_loaded_modules.py` finds a missing one, and counts the modules of a first
+frame. To load OpenCV in a thread beside the renderer gained nothing.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from catoptra_server.config.server_file import (
     resolve_settings,
 )
 from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.effects import SceneSummary, is_image_effect
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import SceneSummary, is_image_effect
 from catoptra_server.effects.effect_plan import plan_effects
-from catoptra_server.frames.encode import load_opencv
+from catoptra_server.frames.frame import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
@@ -79,7 +79,7 @@ from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 if TYPE_CHECKING:
     # Loaded late: see the head of this module.
@@ -105,17 +105,20 @@ _TCP_DESCRIPTOR_SHARE = 0.2
 _STREAM_DESCRIPTOR_SHARE = 0.5
 _VIEW_DESCRIPTOR_SHARE = 0.1
 # In the order in which clients may need modules. NumPy imports some parts at their first use:
-# `ma` in `unique`.
+# `ma` in `unique`. `statistics` is for cameras with a budget.
 _MODULES = (
     "catoptra_server.serve.stream.peer",
+    "statistics",
     "numpy.ma",
     "numpy.polynomial",
     "numpy.random",
-    # For the rays of GetLandmarks and of sensors, of mirror meshes, and of a kernel that cannot be
-    # made anew.
+    # For the rays of GetLandmarks, of sensors and of labels, of mirror meshes, and of a kernel that
+    # cannot be made anew.
     "catoptra_server.render.trace.ray_caster",
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
+    "catoptra_server.render.trace.kernel.kernel_engine",
+    "catoptra_server.frames.labels.label_renderer",
 )
 # Image effects by the kernel: for the raster renderer, and for cameras with such effects.
 _STAGE_MODULE = "catoptra_server.render.trace.kernel.image"
@@ -414,6 +417,8 @@ async def _open_ports(
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
+        # Off since the first import, in `__main__`.
+        gc.enable()
         # After the last port: a program that reads the line may connect to any at once.
         stream_port = stream.getsockname()[1]
         link = access.link if access is not None else None

@@ -4,21 +4,24 @@ Mounts are in SI units whatever the units of the file. The keys of effects are i
 `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a parameter that several effects share.
 An effect without a mode is neither simulated nor reported. The keys are the same for cameras with a
 mirror and without; the latter reject effects of mirrors.
+
+Unreal units (UU) are converted to metres and radians: 250 UU per metre, 65536 UU per turn. Source:
+UnitsConverter.uc of USARSim.
 """
 
 from __future__ import annotations
 
+import math
 from contextlib import AbstractContextManager
 
-from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
-from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     DecisionBasis,
     EffectMode,
     EffectSetting,
@@ -26,9 +29,30 @@ from catoptra_server.effects.effect import (
     EffectType,
 )
 from catoptra_server.frames.plan.plans import omni_view_size, requested_samples
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.robot_description import Mount, OmniCameraDescription
+
+_UU_PER_METRE = 250.0
+_UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
+
+
+def metres_from_uu(length_uu: float) -> float:
+    """Length in metres of a length in Unreal units."""
+    return _require_finite(length_uu) / _UU_PER_METRE
+
+
+def radians_from_uu(angle_uu: float) -> float:
+    """Angle in radians of an angle in Unreal rotation units."""
+    return _require_finite(angle_uu) / _UU_PER_RADIAN
+
+
+def _require_finite(value_uu: float) -> float:
+    """Pass a finite value through; DomainError for NaN and infinity."""
+    if not math.isfinite(value_uu):
+        raise DomainError(f"{value_uu!r} Unreal units are no length and no angle")
+    return value_uu
+
 
 # The largest body that a file may describe.
 _MAX_OFFSET_M = 100.0

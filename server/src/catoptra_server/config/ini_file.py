@@ -92,10 +92,11 @@ class IniFile:
         # robot's sensors in a real USARBot.ini: warnings for all keys would hide a misspelt one.
         unknown: list[UnknownName] = []
         for section in self._sections.values():
-            suggestion = suggest_name(section.name, self._absent.values(), _MIN_SIMILARITY)
             if section.is_used:
                 unknown += section.unknown_names()
-            elif suggestion or is_own_section(section.name):
+                continue
+            suggestion = suggest_name(section.name, self._absent.values(), _MIN_SIMILARITY)
+            if suggestion or is_own_section(section.name):
                 unknown.append(UnknownName("", "", section.where, section.name, suggestion))
         return unknown
 

@@ -40,7 +40,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import is_own_section
 from catoptra_server.config.robot_cameras import is_lens_camera
 from catoptra_server.config.section_reader import SectionReader, read_columns
-from catoptra_server.render.render_settings import (
+from catoptra_server.render.renderer import (
     MirrorSurface,
     PerPixel,
     require_mesh_viewpoint,

@@ -37,7 +37,7 @@ from catoptra_server.config.camera_sections import (
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.frames.plan.plans import perspective_view_size
-from catoptra_server.render.render_settings import PerPixel
+from catoptra_server.render.renderer import PerPixel
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.robot_description import (
     OmniCameraDescription,

@@ -3,21 +3,43 @@
 A robot is a `[USARBot.X]` section with a SteeringType, or one of a class of USARSim itself, whose
 original files leave wheels and dimensions to the class's source
 (`simulation/drive.py:STANDARD_BASES`). Sensors and cameras are classes with sections of their own;
-`mirror_camera`, `robot_cameras` and `robot_parts` read the lists of the robot's section.
+`mirror_camera` and `robot_cameras` read the cameras.
 
 The file describes the drive: slip and odometry errors are configuration, so that the two robots of
 the paper's experiment are files based on a third (`[Configuration] BasedOn=`, as in UDK). A section
 without a SteeringType has the base of its class.
+
+Sensors are items of `Sensors=` (UT2004) and `AddParts=` (UDK). The classes, by the last part of a
+class's name, are in `SENSOR_KINDS` of `simulation/sensors`, with a reader for each.
+Parameters are in the section of the class; defaults are as in UDK's DefaultUSAR.ini.
+
+Mission packages: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`. The class's section lists the
+joints, an extension of USARSim's form: `Links=(Name="CameraPan",Parent=-1,Position=..,Direction=..,
+MaxSpeed=..,MaxTorque=..,MinRange=..,MaxRange=..)`. USARSim has joints in the class's source, so
+that STANDARD_PACKAGES describes the pan-tilt head of UT2004's robots.
+
+Joints of the chassis are hinges of `JointParts=`, the list from which UT2004 builds robots:
+`JointParts=(PartName="FRFlipper",JointClass=class'KDHinge',Parent="..",ParentPos=..,ParentAxis=..)`.
+A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed and MotorTorque.
+Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base are
+enough. Source: JointPart of KRobot.uc.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.config.camera_sections import metres_from_uu, read_mount, require_on_robot
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.known_names import suggest_name
 from catoptra_server.config.mirror_camera import read_mirror_camera
 from catoptra_server.config.robot_cameras import (
     is_lens_camera,
@@ -25,17 +47,226 @@ from catoptra_server.config.robot_cameras import (
     read_lens_camera,
     read_perspective_camera,
 )
-from catoptra_server.config.robot_parts import (
-    is_sensor,
-    read_joint_parts,
-    read_mission_packages,
-    read_sensor,
-    report_unknown_class,
-)
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.simulation.drive import STANDARD_BASES
-from catoptra_server.simulation.robot_description import DriveBase, RobotDescription
+from catoptra_server.simulation.robot_description import (
+    CHASSIS_PARENT,
+    STANDARD_PACKAGES,
+    DriveBase,
+    LinkDescription,
+    MissionPackageDescription,
+    Mount,
+    RobotDescription,
+    SensorDescription,
+)
+from catoptra_server.simulation.sensors import SENSOR_KINDS
+
+log = logging.getLogger(__name__)
+
+
+# Names of classes extend each other: RangeScanner3D (0.923) is no misspelt RangeScanner.
+_MIN_SIMILARITY = 0.925
+_HINGE_CLASSES = ("kdhinge", "khinge")
+# Appearance, and how the engine fastens the part: without effect here, yet correct in a real file.
+_IGNORED_KEYS = (
+    "PartClass",
+    "DrawScale3D",
+    "bSteeringLocked",
+    "bSuspensionLocked",
+    "BrakeTorque",
+    "ParentAxis2",
+    "SelfPos",
+    "SelfAxis",
+    "SelfAxis2",
+)
+
+
+def is_sensor(item: SectionReader) -> bool:
+    """Whether an item's class is a sensor of SENSOR_KINDS."""
+    return item.get_class_name("ItemClass") in SENSOR_KINDS
+
+
+def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> SensorDescription:
+    """Description of an item for which `is_sensor` holds."""
+    item = _SensorItem(
+        struct=struct,
+        name=struct.get_wire_name("ItemName"),
+        mount=read_mount(robot, struct),
+        section=file.get_section(struct.get_str("ItemClass")),
+    )
+    name = struct.get_class_name("ItemClass")
+    return SENSOR_KINDS[name].readers[name](item)
+
+
+def report_unknown_class(item: SectionReader) -> None:
+    """Log a warning for an item of an unknown class, but none for each key."""
+    suggestion = suggest_name(item.get_class_name("ItemClass"), SENSOR_KINDS, _MIN_SIMILARITY)
+    log.warning(
+        "%s: class %s is unknown: item %s has no effect%s",
+        item.where,
+        item.get_str("ItemClass"),
+        item.get_str("ItemName", "without a name"),
+        f"; did you mean {suggestion}?" if suggestion else "",
+    )
+    item.ignore_all()
+
+
+def read_mission_packages(
+    file: IniFile, robot: SectionReader
+) -> tuple[MissionPackageDescription, ...]:
+    """Packages with joints of a robot's section, in order; packages without joints are logged."""
+    packages = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
+    return tuple(package for package in packages if package is not None)
+
+
+def read_joint_parts(robot: SectionReader) -> MissionPackageDescription | None:
+    """Hinges of a robot's section as one chain of joints, in the list's order; None without any."""
+    parts = robot.get_structs("JointParts")
+    hinges = [part for part in parts if _is_hinge(part)]
+    if not hinges:
+        return None
+    _require_unique_joints(hinges)
+    links = tuple(_read_link(robot, part, hinges[:number]) for number, part in enumerate(hinges))
+    return MissionPackageDescription("JointParts", links)
+
+
+@dataclass(frozen=True, slots=True)
+class _SensorItem:
+    """Input of a sensor's reader."""
+
+    struct: SectionReader
+    """The item itself, such as `(ItemClass=..,ItemName=..)`."""
+    name: str
+    """ItemName, which clients receive."""
+    mount: Mount
+    """Pose relative to the chassis or the item's Parent."""
+    section: SectionReader
+    """Section of the item's class; shared by all items of the class, empty if absent."""
+
+    @property
+    def interval_s(self) -> float:
+        """Seconds from one reading to the next."""
+        return self.section.get_float("ScanInterval", 0.2, min_value=0.01, max_value=60.0)
+
+    def get_float(self, key: str, default: float, max_value: float = 1e4) -> float:
+        """Non-negative number of the class's section: a range, a noise, a scale."""
+        return self.section.get_float(key, default, min_value=0.0, max_value=max_value)
+
+    def has_timestamp(self, default: bool) -> bool:
+        """Whether readings in the UDK dialect carry a time (Odometry, Encoder, Touch, INS, GPS).
+
+        Args:
+            default: UDK's own choice for the class, where the section has no bWithTimeStamp.
+        """
+        return self.section.get_bool("bWithTimeStamp", default)
+
+
+def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescription | None:
+    name, class_ = struct.get_wire_name("PkgName"), struct.get_str("PkgClass")
+    section = file.get_section(class_)
+    if section.has_key("Links"):
+        links = tuple(_read_package_link(link) for link in section.get_structs("Links"))
+    else:
+        standard = STANDARD_PACKAGES.get(struct.get_class_name("PkgClass"))
+        if standard is None:
+            # No warning: the omnidirectional camera's pillar, for one, is a package without joints.
+            log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
+            return None
+        links = standard.links
+    # Location mounts the package as a whole, by the joint of the first link.
+    location = struct.get_vector("Location", links[0].position_m)
+    require_on_robot(struct, "Location", location)
+    return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
+
+
+def _read_package_link(link: SectionReader) -> LinkDescription:
+    position = link.get_vector("Position", (0.0, 0.0, 0.0))
+    require_on_robot(link, "Position", position)
+    return LinkDescription(
+        name=link.get_wire_name("Name"),
+        # -1 is the chassis; links are numbered from 1.
+        parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
+        position_m=position,
+        rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
+        max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
+        max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
+        # A minimum above the maximum means no limits, as in USARSim's CONF lines.
+        min_rad=link.get_float("MinRange", 1.0),
+        max_rad=link.get_float("MaxRange", 0.0),
+    )
+
+
+def _is_hinge(part: SectionReader) -> bool:
+    for key in _IGNORED_KEYS:
+        part.get_str(key, "")
+    is_hinge = part.get_class_name("JointClass") in _HINGE_CLASSES
+    if not is_hinge:
+        log.info(
+            "%s: part %s is no hinge and gets no joint", part.where, part.get_str("PartName", "")
+        )
+        part.ignore_all()
+    return is_hinge
+
+
+def _require_unique_joints(parts: Sequence[SectionReader]) -> None:
+    names: set[str] = set()
+    for part in parts:
+        name = part.get_wire_name("PartName").lower()
+        if name in names:
+            raise part.make_error("PartName", expected="a name that no other joint has")
+        names.add(name)
+
+
+def _read_link(
+    robot: SectionReader, part: SectionReader, previous: Sequence[SectionReader]
+) -> LinkDescription:
+    """Joint of a part; the parent is a hinge further up in the list, or else the chassis.
+
+    Args:
+        robot: the robot's section, which has the motors' values.
+        part: the struct of the hinge.
+        previous: structs of the hinges before.
+    """
+    name = part.get_str("Parent", "").lower()
+    numbers = [n for n, one in enumerate(previous) if one.get_str("PartName").lower() == name]
+    joint = Pose.from_rpy(_read_position(robot, part), _rpy_from_axis(part))
+    # The file states positions and axes as if all parts were aligned with the chassis; a link is
+    # relative to the joint frame of the parent, whose z is the parent's axis.
+    if numbers:
+        carrier = Pose.from_rpy((0.0, 0.0, 0.0), _rpy_from_axis(previous[numbers[0]]))
+        joint = carrier.inverse() @ joint
+    x, y, z = (float(value) for value in joint.translation)
+    return LinkDescription(
+        name=part.get_wire_name("PartName"),
+        parent=numbers[0] + 1 if numbers else CHASSIS_PARENT,
+        position_m=(x, y, z),
+        rotation_rad=joint.to_rpy(),
+        # 10 degrees a second, as in UT2004's USARBot.ini.
+        max_speed_rad_s=robot.get_float("MotorSpeed", 0.1745, min_value=0.0, max_value=100.0),
+        max_torque=robot.get_float("MotorTorque", 20.0, min_value=0.0),
+        # A minimum above the maximum means no limits: KRobot.uc, as in CONF lines.
+        min_rad=part.get_float("MinRange", 1.0),
+        max_rad=part.get_float("MaxRange", 0.0),
+    )
+
+
+def _read_position(robot: SectionReader, part: SectionReader) -> Vector:
+    x, y, z = part.get_vector("ParentPos", (0.0, 0.0, 0.0))
+    if robot.get_bool("bMountByUU", False):
+        x, y, z = metres_from_uu(x), metres_from_uu(y), metres_from_uu(z)
+    require_on_robot(part, "ParentPos", (x, y, z))
+    return x, y, z
+
+
+def _rpy_from_axis(part: SectionReader) -> Vector:
+    """Roll, pitch, yaw of a frame whose z is the hinge's axis; without ParentAxis, y."""
+    x, y, z = part.get_vector("ParentAxis", (0.0, 1.0, 0.0))
+    if not any((x, y, z)):
+        raise part.make_error("ParentAxis", expected="a direction that is not zero")
+    # The rotation about the axis itself is free: roll 0 leaves the angle 0 along the chassis.
+    return 0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)
+
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")
@@ -116,7 +347,7 @@ def _find_known_base(section: SectionReader) -> DriveBase | None:
 
 def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescription:
     _require_few_items(section)
-    _require_unique_names(section)
+    _require_unique_sensors(section)
     items = [struct for key in _ITEM_LISTS for struct in section.get_structs(key)]
     omni = read_mirror_camera(file, section)
     # The capture camera is in the list too, but as a part of the omnidirectional camera.
@@ -162,7 +393,7 @@ def _item_name(struct: SectionReader) -> str:
     return struct.get_str("ItemName").lower()
 
 
-def _require_unique_names(section: SectionReader) -> None:
+def _require_unique_sensors(section: SectionReader) -> None:
     # Clients address sensors and cameras by name alone, across the lists and regardless of case.
     places: dict[str, SourceLocation] = {}
     for key in (*_ITEM_LISTS, "Cameras"):

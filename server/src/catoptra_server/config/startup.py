@@ -21,8 +21,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.costs import default_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors import casts_rays
-from catoptra_server.simulation.sensors.sensor import RayCaster, Triangles
+from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 

@@ -21,7 +21,7 @@ import numpy as np
 from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.labels.masks import CocoImage, coco_from_images
 from catoptra_protocol.shards import (
     CHANNEL_FILES,

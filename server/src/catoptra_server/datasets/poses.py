@@ -45,7 +45,7 @@ from catoptra_server.datasets.recipe import (
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.world_description import AT_REST, Twist
 

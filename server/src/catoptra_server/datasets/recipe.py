@@ -22,8 +22,8 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import suggest_name
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Entry
-from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
+    EFFECT_TYPES,
     EffectMode,
     EffectParameter,
     EffectSettings,

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.text_files import read_text_file
 from catoptra_server.config.camera_sections import MAX_SIDE_PX
 from catoptra_server.config.ini_file import IniFile

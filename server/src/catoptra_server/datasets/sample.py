@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE
@@ -41,15 +41,14 @@ from catoptra_server.datasets.poses import (
 from catoptra_server.datasets.recipe import Recipe, draw_effects
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.image_port import mounted_camera_state
+from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import Image
-from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors import SensorEnvironment
 from catoptra_server.simulation.sight import compute_landmark_visibility
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 
 NEEDED_CHANNELS = frozenset({"ids", "valid"})
 """Channels that annotations are made of, stored by the recipe or not."""
@@ -143,7 +142,7 @@ class RenderedSample:
     rgb: Image
     """(h, w, 3) uint8."""
     channels: Mapping[str, npt.NDArray[Any]]
-    """Channels of ground truth by name, as in `labels/channels`."""
+    """Channels of ground truth by name, as in `labels/__init__.py`."""
     metadata: Mapping[str, Any]
     """Content of the sample's JSON file: numbers, texts, lists and maps."""
     objects: tuple[LabelledObject, ...] = ()

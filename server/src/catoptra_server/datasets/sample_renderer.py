@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from catoptra_protocol.labels.channels import GroundTruth
+from catoptra_protocol.labels import GroundTruth
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.sample import (
     NEEDED_CHANNELS,
@@ -23,8 +23,8 @@ from catoptra_server.datasets.sample import (
 )
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache

@@ -8,22 +8,347 @@ renderers apply the enabled effects in this order.
 
 To add an image effect:
 
-1. `<folder>/<name>.py` with a frozen dataclass as in `effect.ImageEffect`: formula, source, domain
+1. `<folder>/<name>.py` with a frozen dataclass as in `ImageEffect`: formula, source, domain
    and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
    `sensor`. Mathematics that several effects need goes to `kernels`.
 2. A stage of the kernel: `render/trace/kernel/image.py:STAGE_MAKERS`.
 3. A line in EFFECT_TYPES, at the effect's position in optical order; its name is the one of the
    effect's EFFECT_TYPE.
 
-To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, and the line.
+To add a scene effect: `scene/<name>.py` as in `SceneEffect`, and the line.
 Keys of the capture camera's section, both renderers, `explain` and the frame header follow from the
 table. Effects that no robot file names cost nothing: no pass, no program, no buffer.
+
+Effects are frozen parameters with a bound on the change that they can make. A scene effect changes
+the camera state before a frame is rendered. An image effect changes the whole linear image
+afterwards, so cube faces leave no seams. Images are (h, w, 3); radiance 1 fills a pixel's well, and
+is a white facet at full scale in `world/shading`.
+
+An effect bounds the largest change of any pixel in encoded grey levels, since the sRGB curve is 13
+times as steep in the dark as in linear counts; `auto` leaves out only changes below visibility.
+Noise counts with the largest number that its generator can give. A criterion reads a
+`SceneSummary`, whose fields bound everything that a frame can show, and declares the ones that it
+reads. One threshold serves all effects. Half a pixel and half a grey level are a hundredfold apart:
+a displacement counts with the contrast that the scene can show, so what displaces light is hardly
+ever off by proof, and off by measurement where nothing but flat surfaces is in view.
+
+Effects know no mirror but for four: they take any camera with an optical axis (`RadialCamera`), a
+lens too. An effect that is left out has no pass, program or texture. Each one that runs is a stage
+of its own: a fused one would be faster on llvmpipe, but no effect would have a cost of its own, and
+each new one would meet all others.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import field
+from enum import Enum, StrEnum
+from typing import Any, Protocol, TypeGuard, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
 from catoptra_protocol.lazy_table import LazyTable
-from catoptra_server.effects.effect import EffectType
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.world.objects import ZERO_SEED, CameraState, NoiseSeed
+from catoptra_server.world.world_description import AT_REST, Twist, Vector3
+
+# float64 for references, float32 where a renderer applies an effect to its images.
+Real = TypeVar("Real", np.float32, np.float64)
+
+# Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
+# by ring: the floor below the robot is near, the surroundings at the rim are far.
+NUM_RINGS = 8
+
+# Message of effects that a camera without a mirror cannot have: `EffectType.needs_mirror`.
+NEEDS_MIRROR = "this effect needs a mirror"
+
+
+class Effect(Protocol):
+    """Frozen, hashable parameters in SI units, and a criterion: common to all effects."""
+
+    def __hash__(self) -> int:
+        """Hash of the parameters: decisions and maps are cached by effect."""
+
+    @property
+    def name(self) -> str:
+        """Key of the effect's mode in robot files, and its stage in timings."""
+
+    @property
+    def changes_scene(self) -> bool:
+        """True: a `SceneEffect`, applied before rendering. False: an `ImageEffect`."""
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
+
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
+        """Bound the change of any pixel, never too small.
+
+        Args:
+            summary: Summary of the light that reaches this effect, after the enabled effects
+                before it.
+            camera: Camera of the image.
+        """
+
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
+        """Summary of the light that leaves the effect, for the criteria of later effects."""
+
+
+class SceneEffect(Effect, Protocol):
+    """Effect that changes the camera state before rendering. Folder: `effects/scene`."""
+
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
+        """Add the effect to a camera state.
+
+        Args:
+            camera_state: State of the exposure, with the scene effects before this one.
+            displacement_px: Largest displacement of the effect's bound; 0 for none.
+        """
+
+
+class ImageEffect(Effect, Protocol):
+    """Effect that changes the linear image. Folders: `effects/medium`, `mirror`, `sensor`.
+
+    `apply` is the definition; the kernel's stage (`render/trace/kernel/image.py`) computes the
+    same in float32, for both renderers.
+    """
+
+    @property
+    def needs_range(self) -> bool:
+        """Whether the effect reads the range of each pixel; renderers then compute ranges."""
+
+    def apply(
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
+    ) -> npt.NDArray[Real]:
+        """Return the changed image, a new array of the same type."""
+
+
+def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
+    """Whether an effect changes the scene, as a type guard."""
+    return effect.changes_scene
+
+
+def is_image_effect(effect: Effect) -> TypeGuard[ImageEffect]:
+    """Whether an effect changes the image, as a type guard."""
+    return not effect.changes_scene
+
+
+@dataclass(frozen=True, slots=True)
+class EffectBound:
+    """Upper bound of the change that an effect makes in any pixel."""
+
+    value: float
+    """Encoded grey levels of 255."""
+    reason: str
+    """For logs, `explain` and the frame header."""
+    displacement_px: float | None = None
+    """Largest distance between the pixel where light belongs and the pixel that receives it; None
+    for an effect that displaces no light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaptureContext:
+    """Noise seed and ranges of one exposure."""
+
+    noise_seed: NoiseSeed = ZERO_SEED
+    range_m: npt.NDArray[np.float32] | None = None
+    """Range at each pixel centre from the effective viewpoint, (h, w).
+
+    inf where a pixel shows the background, and outside the mirror. None where no enabled effect
+    needs ranges.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class ShadowLoss:
+    """Change of the surface whose encoded value changes most in shadow."""
+
+    lost_radiance: float = 0.0
+    """Radiance of the lights that can be occluded."""
+    remaining_radiance: float = 0.0
+    """Radiance of all other light."""
+
+
+NO_SHADOW_LOSS = ShadowLoss()
+
+
+# Defaults are the values of a scene without anything near, moving or casting shadows, so a summary
+# of radiance alone is `SceneSummary(max_radiance)`.
+@dataclass(frozen=True, slots=True)
+class SceneSummary:
+    """Bounds on everything a frame can show. Hashable: equal summaries give equal decisions.
+
+    Every number is a bound, none an estimate. Criteria declare the fields that they read.
+    """
+
+    max_radiance: float
+    """Largest radiance of any colour; 1 fills a pixel's well.
+
+    The smallest is 0 without a field: outside the mirror every image is black.
+    """
+    min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance from the effective viewpoint to the nearest of scene and dynamic objects, by ring.
+
+    Only of surfaces that move relative to the camera; see `attached_min_distances_m`.
+    """
+    max_distance_m: float = math.inf
+    """Distance of the farthest surface."""
+    background_radiance: Vector3 | None = None
+    """Linear RGB where there is no surface; None if unknown."""
+    scene_twist: Twist = AT_REST
+    """Motion of the scene relative to the camera, at the viewpoint, in axes whose z is the optical
+    axis: the mirror frame."""
+    max_object_rates_rad_s: tuple[float, ...] = (0.0,) * NUM_RINGS
+    """Largest angular rate of dynamic objects about the viewpoint, by ring, beside the twist."""
+    max_shadow_loss: ShadowLoss = NO_SHADOW_LOSS
+    """Largest loss in the shadow of scene and dynamic objects."""
+    max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
+    """Largest loss where the robot that carries the camera casts shadows, too."""
+    camera_key: tuple[int, int] | None = None
+    """Key of the camera's own patterns (`NoiseSeed.camera_key`); None if unknown."""
+    ego_body_max_radiance: float = 0.0
+    """Largest radiance of the ego body."""
+    ego_body_max_angle_rad: float = 0.0
+    """Largest angle between the optical axis and the ego body; 0 if it is out of view."""
+    ego_body_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance from the viewpoint to the nearest visible point of the ego body, by ring."""
+    attached_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance to the nearest surface that moves with the camera, by ring.
+
+    Infinite until `SelfView` is enabled; such surfaces blur by defocus but not by motion.
+    """
+    included_effects: frozenset[tuple[str, str]] = frozenset()
+    """Pairs of an effect and of the enabled effect that does its work as well, by name."""
+    has_defocus: bool = True
+    """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
+
+    @property
+    def visible_min_distances_m(self) -> tuple[float, ...]:
+        """Distance to the nearest visible surface, by ring, however that surface moves."""
+        return tuple(map(min, self.min_distances_m, self.attached_min_distances_m))
+
+
+class EffectMode(Enum):
+    """Whether an effect is enabled: by its criterion (AUTO), or fixed by a setting."""
+
+    AUTO = "auto"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+class DecisionBasis(StrEnum):
+    """What a decision rests on."""
+
+    PROVED = "proved"
+    """A bound, before the frame: of an effect that is left out, nothing was computed."""
+    MEASURED = "measured"
+    """The frame's own pixels, with and without the effect: where a bound alone says "on"."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSetting:
+    """Effect that a robot file names."""
+
+    effect: Effect
+    mode: EffectMode
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSettings:
+    """Effects and thresholds of a robot file; most files name no effect."""
+
+    settings: tuple[EffectSetting, ...] = ()
+    """In optical order."""
+    threshold_grey_levels: float = 0.5
+    """`auto` leaves out effects whose bound is at most this: half a level is not visible."""
+    threshold_px: float | None = None
+    """`auto` also leaves out effects that displace light by at most this; None: grey levels decide
+    alone, since a tenth of a pixel changes an edge by 50 of them."""
+    basis: DecisionBasis = DecisionBasis.MEASURED
+    """PROVED: an effect whose bound is above the threshold is drawn everywhere and counts as
+    enabled, whatever the frame shows."""
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        fields = (self.settings, self.threshold_grey_levels, self.threshold_px, self.basis)
+        object.__setattr__(self, "_hash", hash(fields))
+
+    def __hash__(self) -> int:
+        # Computed once: settings are part of the key of every cached decision, and the hash of 22
+        # effects would take as long as all the rest of that lookup (9 microseconds).
+        return self._hash
+
+    @property
+    def bytes_per_px(self) -> int:
+        """Memory that these effects may take, a pixel of the image."""
+        # In any mode: a client may ask for another one.
+        effects = [setting.effect for setting in self.settings]
+        of_scene = _SCENE_BYTES_PER_PX if effects else 0
+        return _IMAGE_BYTES_PER_PX if any(map(is_image_effect, effects)) else of_scene
+
+    def is_negligible(self, bound: EffectBound) -> bool:
+        """Whether `auto` leaves out an effect of a bound."""
+        if bound.value <= self.threshold_grey_levels:
+            return True
+        if self.threshold_px is None or bound.displacement_px is None:
+            return False
+        return bound.displacement_px <= self.threshold_px
+
+
+NO_EFFECT_SETTINGS = EffectSettings()
+# Peaks of memory in tests/measurements/memory_per_item.py: of all image effects of
+# p2at_omni_real.ini with the view 412 in trace and 507 in raster, of the view alone 20 and 62; of
+# all effects that change the scene 34 and 89.
+_IMAGE_BYTES_PER_PX, _SCENE_BYTES_PER_PX = 500, 30
+
+
+def summary_fields(settings: EffectSettings) -> frozenset[str]:
+    """Fields of a summary that the criteria of all named effects read."""
+    return frozenset[str]().union(*(setting.effect.reads for setting in settings.settings))
+
+
+@dataclass(frozen=True, slots=True)
+class EffectParameter:
+    """Number of an effect in a camera's section of a robot file."""
+
+    key: str
+    """Key in the robot file; several effects may share one."""
+    field: str
+    """Name of the argument of the effect type's factory."""
+    default: float
+    min_value: float
+    max_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """Why an effect with parameters that are all within their ranges cannot be drawn."""
+
+    key: str
+    """Parameter to be changed."""
+    expected: str
+    """An acceptable value, as a phrase."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectType:
+    """Effect as it is configured: a line of the table in `effects/__init__`."""
+
+    name: str
+    """Key of the mode."""
+    factory: Callable[..., Effect]
+    """Makes the effect of its parameters, by keyword."""
+    parameters: tuple[EffectParameter, ...] = ()
+    needs_mirror: bool = False
+    """Whether only a camera with a mirror can have the effect; others have all the rest."""
+    needs_viewpoint: bool = False
+    """Whether behind a mirror only one with a single viewpoint can have the effect."""
+    find_fault: Callable[[Any], ParameterFault | None] | None = None
+    """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""
+
 
 EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
     __name__,

@@ -22,7 +22,7 @@ from functools import lru_cache
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     DecisionBasis,
     Effect,
     EffectBound,
@@ -35,7 +35,7 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
 _DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"

@@ -20,21 +20,20 @@ error bounds may be read by any thread.
 from __future__ import annotations
 
 import logging
-import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import summary_fields
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import summary_fields
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
     EffectDecision,
@@ -44,7 +43,6 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
@@ -62,7 +60,11 @@ from catoptra_server.frames.plan.plans import (
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
+
+if TYPE_CHECKING:
+    # Loaded late: see `commands/server.py`.
+    from catoptra_server.frames.labels import LabelledImage
 
 log = logging.getLogger(__name__)
 
@@ -105,6 +107,8 @@ class FramePlan:
     @property
     def labelled_image(self) -> LabelledImage:
         """The image as its labels see it: by the mirror's own rays, however far its scene is."""
+        from catoptra_server.frames.labels import LabelledImage
+
         return LabelledImage(
             self.requested.camera,
             self.camera_state,
@@ -453,16 +457,17 @@ class _BudgetMonitor:
     @property
     def median_ms(self) -> float | None:
         """Median of the last 30 frames; None before as many."""
-        return (
-            statistics.median(self._frame_times_ms)
-            if len(self._frame_times_ms) == _WINDOW_FRAMES
-            else None
-        )
+        from statistics import median
+
+        is_full = len(self._frame_times_ms) == _WINDOW_FRAMES
+        return median(self._frame_times_ms) if is_full else None
 
     @property
     def median_added_ms(self) -> float:
         """Median of the times in these frames that the cost model has not; 0 before a frame."""
-        return statistics.median(self._added_ms) if self._added_ms else 0.0
+        from statistics import median
+
+        return median(self._added_ms) if self._added_ms else 0.0
 
     def record_frame(
         self, frame_ms: float, *, better_plan_ms: float | None, added_ms: float = 0.0

@@ -26,8 +26,7 @@ from catoptra_server.frames.multi_view import (
     viewport_layout,
 )
 from catoptra_server.frames.plan.camera import CameraSpec, CameraVariant, OmniCameraSpec
-from catoptra_server.world.camera_state import ZERO_SEED, CameraState, NoiseSeed
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import ZERO_SEED, CameraState, DynamicObject, NoiseSeed
 from catoptra_server.world.world_description import AT_REST, Twist
 
 

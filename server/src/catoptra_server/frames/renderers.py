@@ -14,7 +14,7 @@ elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts a
   never run on a real GPU.
 
 To add a renderer: a member of `RendererKind`, a function here, its settings in
-`plan/candidates.py`.
+`plan/planner.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from functools import partial
-from glob import iglob
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
@@ -282,7 +282,7 @@ def _make_choice(
 
 def _open_graphics_processor() -> GlDevice | None:
     """OpenGL device on a graphics processor; None where there is none."""
-    if not any(next(iglob(pattern), None) for pattern in _GPU_FILES):
+    if not any(next(Path("/").glob(pattern[1:]), None) for pattern in _GPU_FILES):
         return None
     from catoptra_server.render.raster import OpenGLMissingError, open_device
 

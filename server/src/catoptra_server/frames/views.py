@@ -24,7 +24,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from catoptra_protocol.errors import CatoptraError, DomainError, RendererUnavailableError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, count_bytes
+from catoptra_protocol.labels import LABEL_CHANNELS, count_bytes
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -40,7 +40,6 @@ from catoptra_server.frames.frame_plan import (
     ViewKey,
     ViewState,
 )
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
@@ -55,9 +54,10 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.trace_engine import LabellingView, LabelRequest, PixelLabels
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.memory import LruDict, release_freed_memory
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 if TYPE_CHECKING:
+    from catoptra_server.frames.labels import LabelledImage
     from catoptra_server.frames.labels.label_renderer import LabelRenderer
 
 log = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ _RELEASE_BYTES = 4 * 2**20
 
 _ResultT = TypeVar("_ResultT")
 _DecidedT = TypeVar("_DecidedT", CameraPlan, FramePlan)
-_LabelRequester = Callable[[LabelledImage, tuple[str, ...]], LabelRequest | None]
+_LabelRequester = Callable[["LabelledImage", tuple[str, ...]], LabelRequest | None]
 
 
 class ViewFailedError(CatoptraError):

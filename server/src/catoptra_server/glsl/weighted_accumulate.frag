@@ -1,5 +1,5 @@
 // Provides a sharp image times the weight of each row, for additive blending.
-// Twin: catoptra_server.world.camera_state.Shutter.row_weights, times the image.
+// Twin: catoptra_server.world.objects.Shutter.row_weights, times the image.
 uniform sampler2D image;
 uniform sampler2D weights;           // one texel a row
 out vec4 colour;

@@ -1,7 +1,7 @@
 """Names of renderers and instruction sets, for options.
 
 Command lines import this module: no numpy, and nothing of a renderer. The kinds are distinguished
-in five modules: here, in `frames/renderers.py` (creation), in `frames/plan/candidates.py`
+in five modules: here, in `frames/renderers.py` (creation), in `frames/plan/planner.py`
 (settings), in `frames/plan/costs.py` (stages) and in `commands/doctor/devices.py` (checks).
 """
 

@@ -9,29 +9,31 @@ the order of connections. The experiment's runs are the robots `Run0`, `Run1` an
 from __future__ import annotations
 
 import hashlib
+from functools import cache
 from typing import cast
 
 import numpy as np
-from numpy.random.bit_generator import ISeedSequence
 from numpy.typing import DTypeLike
 
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
-class _ZeroSeed(ISeedSequence):
+@cache
+def _make_zero_entropy() -> np.random.SeedSequence:
     """Seed of a generator whose state is set afterwards.
 
     Without a seed NumPy would fetch one from the operating system: 21 instead of 6 microseconds a
     generator, of which each moving robot needs some in every tick.
     """
+    # Loaded with the first generator: no frame of a robot that stands needs one.
+    from numpy.random.bit_generator import ISeedSequence
 
-    def generate_state(self, n_words: int, dtype: DTypeLike = np.uint32) -> np.ndarray:
-        """Words of the seed."""
-        return np.zeros(n_words, dtype)
+    class ZeroSeed(ISeedSequence):
+        def generate_state(self, n_words: int, dtype: DTypeLike = np.uint32) -> np.ndarray:
+            return np.zeros(n_words, dtype)
 
-
-# The stubs know NumPy's own seeds only; the documentation has any that implements the interface.
-_ZERO_SEED = cast(np.random.SeedSequence, _ZeroSeed())
+    # The stubs know NumPy's own seeds only; the documentation has any with the interface.
+    return cast(np.random.SeedSequence, ZeroSeed())
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ class RandomSource:
 
     def generator(self, index: int) -> np.random.Generator:
         """Generator for one index (a tick, a frame), in the same state at each call."""
-        philox = np.random.Philox(_ZERO_SEED)
+        philox = np.random.Philox(_make_zero_entropy())
         # The index is the counter's highest word: 2^192 numbers until the next index's begin.
         philox.state = {
             "bit_generator": "Philox",

@@ -54,6 +54,7 @@ _WaitingSocket = tuple[socket.socket, str]
 # Bytes that tell what a client is: of the greeting of ZeroMQ.
 _MAX_FIRST_BYTES = 10
 _ANY_BYTES = re.compile(b"")
+_IPV4_ADDRESS = re.compile("[0-9.]+")
 # Linux says when a peer has ended its direction; elsewhere such a peer counts as present.
 _HALF_CLOSED = getattr(select, "POLLRDHUP", 0)
 _EVENTS = select.POLLIN | _HALF_CLOSED
@@ -438,7 +439,7 @@ def create_listener(host: str, port: int, *, name: str) -> Listener:
     """
     try:
         infos = socket.getaddrinfo(
-            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            _prepare_host(host), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )
         # USARSim's clients speak IPv4, and `localhost` may be listed as ::1 first.
         infos.sort(key=lambda info: info[0] != socket.AF_INET)
@@ -475,10 +476,15 @@ async def wait_for_connection(listener: Listener) -> None:
         loop.remove_reader(listener)
 
 
+def _prepare_host(host: str) -> str | bytes | None:
+    """Host as `getaddrinfo` takes it: for text it loads the codec of international names."""
+    return host.encode() if _IPV4_ADDRESS.fullmatch(host) else host or None
+
+
 async def _resolve(host: str) -> list[str]:
     """Addresses of a host, without the scope of link-local ones; of "" the wildcard."""
     found = await asyncio.get_running_loop().getaddrinfo(
-        host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        _prepare_host(host), 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
     )
     return sorted({str(address[0]).partition("%")[0] for *_, address in found})
 

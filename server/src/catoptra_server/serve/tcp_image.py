@@ -14,8 +14,15 @@ from catoptra_protocol.usarsim.image_port import (
     ImageType,
     RegionRequest,
 )
-from catoptra_server.frames.encode import Payload, crop, encode_without_blocking
-from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, ImagePortChannel
+from catoptra_server.frames.frame import (
+    IMAGE_PORT,
+    Channel,
+    Frame,
+    ImagePortChannel,
+    Payload,
+    crop,
+    encode_without_blocking,
+)
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.serve.limits import LoopAccount

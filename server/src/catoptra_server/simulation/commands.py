@@ -46,8 +46,8 @@ from catoptra_server.frames.plan.error_bound import ErrorBound
 from catoptra_server.simulation.events import Client, RejectedError
 from catoptra_server.simulation.robot import EnvironmentProvider, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import Part, SensorContext
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.sensors.sensor import Part, SensorContext
 
 ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
 # The others are executed without power, as in USARSim.

@@ -2,11 +2,21 @@
 
 Replies go by callback, also to work that raised an exception: every client that waits for a reply
 gets one.
+
+On their way to the simulation thread events are urgent ones, or the work of a client. The work of a
+client waits in a queue of its own, of bounded length, so that a flood of one client neither delays
+the others nor grows in memory. Within 1 % of the thread's time work keeps the order of arrival,
+above that, behind all other. A client has 64 commands waiting at most, then none is read.
+Departures and the server's end overtake all work.
 """
 
 from __future__ import annotations
 
+import threading
+import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol, assert_never
 
 from catoptra_protocol.errors import CatoptraError
@@ -14,8 +24,9 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED
 from catoptra_protocol.usarsim.commands import Command, Drive, Init, Note, SetCommand
 from catoptra_protocol.usarsim.reports import CommandResult, Report
-from catoptra_server.frames.frame import CameraChannel, FrameRendered, FrameRequested
+from catoptra_server.frames.frame import CameraChannel, Channel, FrameRendered, FrameRequested
 from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.runtime.queues import FairQueue
 from catoptra_server.simulation.robot import FleetState
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 
@@ -237,3 +248,214 @@ def reply_fault(event: ClientWork, time_s: float) -> None:
             event.reply(FAULT_REASON)
         case _:
             assert_never(event)
+
+
+# Waiting work of one client above which its connection is not read: more than any program has on
+# its way that reads its replies, and at most some 100 ms of work.
+MAX_WAITING = 64
+# A queue that was full is refilled from here on, not one by one.
+_RESUME_AT = MAX_WAITING // 2
+# Part of the simulation thread's time that a client may use before others come first: a fifth of
+# the part of all clients together.
+_CLIENT_SHARE = 0.01
+# Simulated time in the waiting steps of one client, and of all: a client that leaves, or a server
+# that stops, must not wait for hours of simulation.
+_MAX_WAITING_STEP_S = 60.0
+MAX_ALL_WAITING_STEP_S = 120.0
+
+
+class Inbox:
+    """Events of all clients. `post` may be called from any thread, all else from one."""
+
+    def __init__(
+        self, *, keep_order: bool, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Create an empty inbox.
+
+        Args:
+            keep_order: Take work in the order of arrival, as lockstep needs for equal bytes;
+                otherwise clients above their share of the time wait behind the others.
+            monotonic: Clock, seconds.
+        """
+        self._changed = threading.Condition()
+        self._work: FairQueue[Client, ClientWork] = FairQueue(
+            share=None if keep_order else _CLIENT_SHARE, monotonic=monotonic
+        )
+        self._urgent: list[UrgentEvent] = []
+        self._frames: dict[Channel, float] = {}
+        self._full: set[Client] = set()
+        self._waiting_step_s: defaultdict[Client, float] = defaultdict(float)
+        # Whether `wait` ends for work.
+        self._waits_for_work = True
+
+    def post(self, event: ClientWork | UrgentEvent) -> bool:
+        """Add an event.
+
+        Returns:
+            False if the queue of the event's client is full: the client's `resume_reading` is
+            called once there is room again.
+        """
+        superseded = None
+        with self._changed:
+            match event:
+                case FrameRequested(newer_than, channel):
+                    # One entry a channel, however many connections wait for its frames.
+                    self._frames[channel] = max(newer_than, self._frames.get(channel, -1.0))
+                case ClientDisconnected(client):
+                    self._drop_work(client)
+                    self._urgent.append(event)
+                case StopRequested():
+                    self._urgent.append(event)
+                case _:
+                    superseded = self._put_work(event)
+            # Each wake-up takes the interpreter from the renderer: between the end of a tick's
+            # budget and the next tick work wakes nobody.
+            if self._waits_for_work or not isinstance(event, ClientWork):
+                self._changed.notify()
+            has_room = not isinstance(event, ClientWork) or self._has_room(event.client)
+        if superseded is not None:
+            superseded.reply(Fault("superseded by a newer request"), superseded.camera)
+        return has_room
+
+    def _has_room(self, client: Client) -> bool:
+        if self._work.count(client) < MAX_WAITING:
+            return True
+        self._full.add(client)
+        return False
+
+    def _put_work(self, event: ClientWork) -> AccuracyTargetChanged | None:
+        """Queue work; return the request that the work supersedes, if any."""
+        newest = self._work.newest(event.client)
+        match event, newest:
+            case CommandReceived(command=Drive() as drive), CommandReceived(command=Drive() as old):
+                if _sets_all_of(drive, old):
+                    self._work.replace_newest(event.client, event)
+                    return None
+            case AccuracyTargetChanged(), AccuracyTargetChanged() if _sets_target_of(event, newest):
+                self._work.replace_newest(event.client, event)
+                return newest
+            case SharedRobotDriven(), SharedRobotDriven() if _drives_over(event, newest):
+                # One DRIVE for both requests, whose outcome is the same.
+                self._work.replace_newest(event.client, _with_reply_of(newest, event))
+                return None
+            case ResetRequested(is_last=True), _:
+                self._work.write_off(event.client)
+            case StepRequested(), _:
+                event = self._limit_step(event)
+        self._work.put(event.client, event)
+        return None
+
+    def _limit_step(self, event: StepRequested) -> StepRequested:
+        """The step, or one that fails in turn if too much simulated time waits already."""
+        # Rejected in turn, not at once: replies keep the order of the requests.
+        waiting_s = self._waiting_step_s
+        duration_s = event.duration_s if event.duration_s > 0.0 else 0.0  # NaN, too
+        own_s = waiting_s[event.client] + duration_s
+        all_s = sum(waiting_s.values()) + duration_s
+        if own_s > _MAX_WAITING_STEP_S or all_s > MAX_ALL_WAITING_STEP_S:
+            limits = f"{_MAX_WAITING_STEP_S:g} s of a client, {MAX_ALL_WAITING_STEP_S:g} s of all"
+            return replace(event, refusal=f"too much simulated time is waiting: at most {limits}")
+        waiting_s[event.client] = own_s
+        return event
+
+    def _release_step(self, event: ClientWork) -> None:
+        """Subtract a step that waits no longer."""
+        if isinstance(event, StepRequested) and not event.refusal and event.duration_s > 0.0:
+            left_s = self._waiting_step_s.pop(event.client, 0.0) - event.duration_s
+            # Rounding of sums leaves nothing behind: without waiting work no time waits.
+            if left_s > 0.0 and self._work.count(event.client):
+                self._waiting_step_s[event.client] = left_s
+
+    def _drop_work(self, client: Client) -> None:
+        self._work.drop(client)
+        self._full.discard(client)
+        self._waiting_step_s.pop(client, None)
+
+    def wait(self, timeout_s: float | None, *, for_work: bool) -> None:
+        """Wait for an event.
+
+        Args:
+            timeout_s: Longest wait; None waits without limit.
+            for_work: Whether work ends the wait; urgent events always do.
+        """
+        with self._changed:
+            self._waits_for_work = for_work
+            self._changed.wait_for(
+                lambda: self._urgent or self._frames or (for_work and len(self._work)), timeout_s
+            )
+
+    @property
+    def has_urgent(self) -> bool:
+        """Whether an urgent event is waiting that is no frame request."""
+        # A list is read atomically; called after every event and tick.
+        return bool(self._urgent)
+
+    @property
+    def has_work(self) -> bool:
+        """Whether work is waiting; from any thread."""
+        return len(self._work) > 0
+
+    def take_urgent(self) -> list[UrgentEvent]:
+        """Remove and return all urgent events: in the order of arrival, frame requests last."""
+        with self._changed:
+            urgent, self._urgent = self._urgent, []
+            frames, self._frames = self._frames, {}
+        return [*urgent, *(FrameRequested(number, channel) for channel, number in frames.items())]
+
+    @property
+    def newest_arrival(self) -> int:
+        """Mark of the newest work, for `take_work`."""
+        return self._work.num_arrived
+
+    def take_work(self, *, arrived_by: int | None = None) -> ClientWork | None:
+        """Remove and return the next work; None if none is waiting that arrived by a mark."""
+        with self._changed:
+            taken = self._work.take(arrived_by=arrived_by)
+            if taken is None:
+                return None
+            client, event = taken
+            self._release_step(event)
+            has_room_again = client in self._full and self._work.count(client) <= _RESUME_AT
+            if has_room_again:
+                self._full.discard(client)
+        if has_room_again:
+            client.resume_reading()
+        return event
+
+    def charge(self, client: Client, duration_s: float) -> None:
+        """Record that work of a client took some time."""
+        with self._changed:
+            self._work.charge(client, duration_s)
+
+
+def _sets_all_of(new: Drive, old: Drive) -> bool:
+    """Whether a DRIVE leaves no effect of an older one that no tick has passed since."""
+    return (
+        (new.left is not None or old.left is None)
+        and (new.right is not None or old.right is None)
+        and (new.light is not None or old.light is None)
+    )
+
+
+def _drives_over(new: SharedRobotDriven, old: SharedRobotDriven) -> bool:
+    """Whether a DRIVE by name leaves no effect of an older one that no tick has passed since."""
+    return new.robot == old.robot and _sets_all_of(new.drive, old.drive)
+
+
+def _with_reply_of(old: SharedRobotDriven, new: SharedRobotDriven) -> SharedRobotDriven:
+    """The newer of two events, which replies to both."""
+
+    def reply(reason: str) -> None:
+        old.reply(reason)
+        new.reply(reason)
+
+    return replace(new, reply=reply)
+
+
+def _sets_target_of(new: AccuracyTargetChanged, old: AccuracyTargetChanged) -> bool:
+    """Whether a target replaces all values of an older one, of the same camera."""
+    return (
+        new.camera.lower() == old.camera.lower()
+        and (new.max_error_px is not None or old.max_error_px is None)
+        and (new.budget_ms is not None or old.budget_ms is None)
+    )

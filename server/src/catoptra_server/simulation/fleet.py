@@ -50,7 +50,7 @@ from catoptra_server.simulation.fleet_cameras import (
 )
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
-from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.simulation.sensors import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World

@@ -31,7 +31,7 @@ from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import ErrorBoundLookup
 from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.sensors.sensor import RayCaster, SensorEnvironment
+from catoptra_server.simulation.sensors import RayCaster, SensorEnvironment
 from catoptra_server.simulation.sight import (
     LandmarkVisibility,
     NamedScene,

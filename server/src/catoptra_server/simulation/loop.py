@@ -7,7 +7,7 @@ where equal seeds and commands give equal bytes.
 
 * A thread for the simulation, one for rendering, one asyncio loop for sockets. One thread for the
   first two let the reports of 64 robots come every 0.35 s instead of 0.2 s.
-* The work of clients takes a twentieth of each tick, 1 of 20 ms, by least use (`inbox.py`). One
+* The work of clients takes a twentieth of each tick, 1 of 20 ms, by least use (`events.py`). One
   queue for all, drained before each tick, let four seconds of scans of one client stop the reports
   of all for sixteen. Under lockstep the order of arrival alone decides.
 * A fault in the work of a client ends that work, a fault in a robot removes the robot; the others
@@ -34,6 +34,7 @@ from catoptra_server.simulation.events import (
     ClientDisconnected,
     ClientWork,
     CommandReceived,
+    Inbox,
     LandmarksRequested,
     NotePublished,
     PixelRequested,
@@ -49,7 +50,6 @@ from catoptra_server.simulation.events import (
 )
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.frame_capture import FrameCapture
-from catoptra_server.simulation.inbox import Inbox
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 
-from catoptra_protocol.notes import check_note_count
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
@@ -26,20 +25,19 @@ from catoptra_server.frames.multi_view import Viewports
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import RobotBody, WheelSpin, step_body
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
-from catoptra_server.simulation.sensors import build_sensors
-from catoptra_server.simulation.sensors.mission_package import MissionPackage
-from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
     MotionStep,
     Part,
     Sensor,
     SensorContext,
     SensorEnvironment,
+    build_sensors,
 )
-from catoptra_server.world.camera_state import NoiseSeed
-from catoptra_server.world.objects import OrientedBox
+from catoptra_server.simulation.sensors.mission_package import MissionPackage
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.world.objects import NoiseSeed, OrientedBox
 from catoptra_server.world.obstacle_grid import ObstacleGrid
 from catoptra_server.world.world_description import AT_REST, Twist
 
@@ -164,6 +162,8 @@ class Robot:
         Raises:
             LocalProtocolError: The robot has notes of as many other names as it may.
         """
+        from catoptra_protocol.notes import check_note_count
+
         check_note_count(self._notes, note.name)
         self._notes[note.name] = (note, time_s)
 

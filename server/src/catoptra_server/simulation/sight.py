@@ -18,7 +18,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound
-from catoptra_server.simulation.sensors.sensor import RayCaster, SensorEnvironment
+from catoptra_server.simulation.sensors import RayCaster, SensorEnvironment
 from catoptra_server.world.objects import OrientedBox, box_distances
 from catoptra_server.world.scene_mesh import SceneMesh
 

@@ -29,9 +29,9 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.world.mesh_assets import MeshAssets, reserve_gltf
+from catoptra_server.world.scene_mesh import MeshPart
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.textures import (
-    MeshAppearance,
     Texture,
     UnlitName,
     decode_image,
@@ -58,21 +58,6 @@ _SAE_FROM_UP: dict[str, tuple[slice | list[int], tuple[float, float, float]]] = 
     "z": (slice(None), (1.0, -1.0, -1.0)),
     "y": ([2, 0, 1], (-1.0, 1.0, -1.0)),
 }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshPart:
-    """Triangles of a file or an item that share an appearance."""
-
-    corners: Floats
-    """(n, 3, 3) metres, SAE; in the world frame for an item."""
-    normals: Floats
-    """(n, 3) unit, by the winding; 0 for a triangle without area."""
-    appearance: MeshAppearance
-    node: str = ""
-    """Node of a glTF file; empty for all else."""
-    item: int = -1
-    """Index of the item in its world; -1 in no world."""
 
 
 def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[MeshPart]:

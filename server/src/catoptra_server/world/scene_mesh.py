@@ -28,8 +28,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world.mesh_files import MeshPart, load_mesh_file
-from catoptra_server.world.occlusion_map import OcclusionMap
+from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
 from catoptra_server.world.textures import (
     MeshAppearance,
@@ -147,6 +146,21 @@ def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
     loader = _ItemLoader(world.name, memory or MemoryBudget())
     parts = [part for index, item in enumerate(items) for part in loader.load_parts(index, item)]
     return _concatenate_parts(parts, items)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshPart:
+    """Triangles of a file or an item that share an appearance."""
+
+    corners: Floats
+    """(n, 3, 3) metres, SAE; in the world frame for an item."""
+    normals: Floats
+    """(n, 3) unit, by the winding; 0 for a triangle without area."""
+    appearance: MeshAppearance
+    node: str = ""
+    """Node of a glTF file; empty for all else."""
+    item: int = -1
+    """Index of the item in its world; -1 in no world."""
 
 
 def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneMesh:
@@ -272,6 +286,9 @@ class _ItemLoader:
         yield MeshPart(corners, normals, look, item=index)
 
     def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[MeshPart]:
+        # Imported on demand: many worlds have no mesh file.
+        from catoptra_server.world.mesh_files import load_mesh_file
+
         for mesh in load_mesh_file(shape, self._memory):
             appearance = mesh.appearance
             if item.material is not None:

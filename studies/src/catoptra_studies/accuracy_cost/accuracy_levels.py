@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 

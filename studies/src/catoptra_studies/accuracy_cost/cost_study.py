@@ -16,7 +16,7 @@ from pathlib import Path
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import (

@@ -15,19 +15,18 @@ from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import View
+from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
+from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
 from catoptra_server.simulation.sensors.range_scanner import (
     RangeScannerDescription,
     RangeScannerSensor,
 )
-from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.objects import CameraState
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, POLYGON_COUNTS
 from catoptra_studies.plot_style import BLUE, MUTED, TEAL, Axes, Page, add_axes, add_legend

@@ -20,11 +20,10 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import choose_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Renderer, View
+from catoptra_server.render.renderer import PerPixel, Renderer, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation.robot_description import OmniCameraDescription
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin
 from catoptra_studies.commands import open_progress

@@ -26,8 +26,8 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.commands.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.effects import DecisionBasis, Effect, EffectMode
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import DecisionBasis, Effect, EffectMode
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -40,7 +40,7 @@ from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.render.trace.trace_renderer import create_engine
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
-from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.objects import CameraState, NoiseSeed
 from catoptra_server.world.obstacle_grid import (
     GROUND_CLEARANCE_M,
     build_obstacle_grid,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects import Effect
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.kernels.mirror_surface import Contaminants
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration

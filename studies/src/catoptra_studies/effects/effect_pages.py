@@ -20,24 +20,22 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import read_startup_config
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     Effect,
     EffectMode,
     EffectSetting,
     EffectSettings,
     SceneSummary,
 )
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import View
+from catoptra_server.render.renderer import RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.spawning import build_ego_mesh
-from catoptra_server.world.camera_state import CameraState, NoiseSeed
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, NoiseSeed, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, srgb_from_linear
 from catoptra_studies.effects.effect_cases import EFFECT_CASES, EffectCase

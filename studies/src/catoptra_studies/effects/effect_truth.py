@@ -17,7 +17,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     CaptureContext,
     Effect,
     ImageEffect,
@@ -32,7 +32,7 @@ from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.ray_table import Float32s
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import AT_REST
 
 # Sharp frames of an exposure.

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import NUM_RINGS
 from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
     RingDistanceBvh,
@@ -22,7 +23,6 @@ from catoptra_server.effects.bounds.distances import (
     mirror_axis,
     rotation_to_axis,
 )
-from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA

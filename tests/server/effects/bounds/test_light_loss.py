@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds.light_loss import (
     MAX_CULLED_GREY_LEVELS,
     cull_lights,
     grey_level_change,
     max_visible_loss,
 )
-from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.shapes import box

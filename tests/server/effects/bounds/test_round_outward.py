@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.effects.bounds.round_outward import (
+from catoptra_server.effects.bounds.coordinate_rounding import (
     MIN_DISTANCE_M,
     POINT_M,
     ViewpointCells,

@@ -14,17 +14,20 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects import EFFECT_TYPES, NUM_RINGS, EffectType, SceneSummary
+from catoptra_server.effects.bounds.coordinate_rounding import round_away_from_zero, round_twist
 from catoptra_server.effects.bounds.distances import image_rings
-from catoptra_server.effects.bounds.round_outward import round_away_from_zero, round_twist
+from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import NUM_RINGS, EffectType, SceneSummary
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
-from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.simulation.spawning import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.world.objects import (
+    CameraState,
+    DynamicObject,
+    build_object_mesh,
+    scene_twist_in_mirror,
+)
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.scene_radiance import ObjectRadiances, max_radiance
 from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS

@@ -9,10 +9,10 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds import shadow_bounds
 from catoptra_server.effects.bounds.light_loss import grey_level_change
 from catoptra_server.effects.bounds.shadow_bounds import LightShafts, ShadowBounds
-from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import (

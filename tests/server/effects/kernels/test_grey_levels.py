@@ -27,7 +27,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     pcg3d,
     valid_pixels,
 )
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, NOISE_SEED, make_test_pattern
 

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
     CircleOfConfusion,

@@ -18,7 +18,7 @@ from catoptra_server.effects.kernels.mirror_surface import (
     pixel_coverage,
     scratch_cells,
 )
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from helpers.worlds import make_omni_camera
 
 PAPER = make_omni_camera(width_px=360)

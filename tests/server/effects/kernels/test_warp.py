@@ -8,16 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale, pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.bounds.distances import rotation_to_axis
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
     bound_motion,

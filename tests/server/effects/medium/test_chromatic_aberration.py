@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.image_scale import visible_radii_px
-from catoptra_server.effects.effect import SceneSummary
+from catoptra_protocol.optics.image_plane import pixel_sample_positions, visible_radii_px
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
 from helpers.bilinear import sample_bilinear
 from helpers.displacement_measurement import (

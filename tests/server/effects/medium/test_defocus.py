@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
     circle_of_confusion_map,

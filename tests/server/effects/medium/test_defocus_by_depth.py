@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NUM_RINGS,
     CaptureContext,
     EffectMode,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.kernels.convolution import pair_multiplicities
 from catoptra_server.effects.medium.diffraction import (
     WAVELENGTHS_M,

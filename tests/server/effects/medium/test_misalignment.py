@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from helpers.displacement_measurement import (
     add_margin,

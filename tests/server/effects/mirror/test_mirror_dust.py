@@ -9,11 +9,11 @@ import pytest
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.kernels.mirror_surface import Contaminants, mirror_surface_table
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map, max_coverage
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import (
     CAMERA,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.scene.fog import Fog
-from catoptra_server.world.camera_state import FogMedium
+from catoptra_server.world.objects import FogMedium
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, THRESHOLD, make_test_pattern
 from helpers.worlds import CAMERA_STATE

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA

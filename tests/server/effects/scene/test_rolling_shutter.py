@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA

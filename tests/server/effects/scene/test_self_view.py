@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NUM_RINGS,
     EffectMode,
     EffectSetting,

@@ -7,19 +7,18 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     EffectMode,
     EffectSetting,
     EffectSettings,
     SceneSummary,
     ShadowLoss,
 )
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (

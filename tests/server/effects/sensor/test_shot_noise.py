@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import CaptureContext
+from catoptra_server.effects import CaptureContext
 from catoptra_server.effects.sensor.shot_noise import ShotNoise
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 from helpers.effect_measurement import CAMERA, NOISE_SEED, assert_criterion
 
 SENSOR = ShotNoise(18000.0)

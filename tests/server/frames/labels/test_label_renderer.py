@@ -10,24 +10,23 @@ from itertools import product
 import numpy as np
 import pytest
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels import label_renderer as occluded_fraction
 from catoptra_server.frames.labels.label_renderer import project_points
-from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.render.renderer import advance
+from catoptra_server.render.renderer import RenderSettings, advance
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState, FogMedium
+from catoptra_server.world.objects import INSTANTANEOUS, CameraState, FogMedium
 from catoptra_server.world.world_description import Box, Item, Material, Twist
 from helpers.labelled_rooms import (
     CAMERAS,

@@ -12,8 +12,8 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.medium.misalignment import Misalignment
-from catoptra_server.frames.labels import labels as scene_labels
-from catoptra_server.frames.labels.labels import (
+from catoptra_server.frames import labels as scene_labels
+from catoptra_server.frames.labels import (
     LabelledImage,
     RaySource,
     SceneLabels,
@@ -21,7 +21,7 @@ from catoptra_server.frames.labels.labels import (
     label_exposure,
 )
 from catoptra_server.render.trace.trace_engine import MovingExposure, assemble_grid
-from catoptra_server.world.camera_state import INSTANTANEOUS, Shutter
+from catoptra_server.world.objects import INSTANTANEOUS, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Twist, World
 from helpers.labelled_rooms import CAMERAS, ROBOTS, SCENE, STATE

@@ -16,7 +16,7 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import FrameVariant
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.plan.camera import (
@@ -30,7 +30,7 @@ from catoptra_server.frames.plan.camera import (
     explain_viewpoint,
     shows_ego_body,
 )
-from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
+from catoptra_server.render.renderer import AccuracyTarget, PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.mirror_checks import make_camera

@@ -13,7 +13,9 @@ from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.candidates import (
+from catoptra_server.frames.plan.costs import CostCache, PlanTiming, fit_cost_model
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.planner import (
     FACE_SAMPLE_COUNTS,
     OTHER_STAGES,
     SAMPLE_COUNTS,
@@ -23,15 +25,18 @@ from catoptra_server.frames.plan.candidates import (
     generate_candidate_plans,
     measure_costs,
 )
-from catoptra_server.frames.plan.costs import CostCache, PlanTiming, fit_cost_model
-from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import plan_view_size
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderedImage, RenderPlan
+from catoptra_server.render.renderer import (
+    MirrorSurface,
+    PerPixel,
+    RenderedImage,
+    RenderPlan,
+    RenderSettings,
+)
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.worlds import make_omni_camera, make_test_world

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.frames.plan import costs as cost_cache
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -24,8 +24,7 @@ from catoptra_server.frames.plan.costs import (
     hash_scene,
 )
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import AccuracyTarget, PerPixel, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene

@@ -24,8 +24,7 @@ from catoptra_server.frames.plan.error_bound import ErrorBound, coordinate_error
 from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, atlas_coordinates, pack_atlas
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.mirror_checks import make_camera as make_ball_camera

@@ -12,16 +12,15 @@ from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.plan import candidates as candidate_table
+from catoptra_server.frames.plan import planner as candidate_table
 from catoptra_server.frames.plan import plans as explicit_choice
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import CostCache, PlanTiming
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer import AccuracyTarget, MirrorSurface, Renderer, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.invented_costs import NamedRenderer, make_pool, measure_per_sample
 from helpers.worlds import make_omni_camera, make_test_world

@@ -15,9 +15,9 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.candidates import generate_candidate_plans
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.faces import max_face_size_px
+from catoptra_server.frames.plan.planner import generate_candidate_plans
 from catoptra_server.frames.plan.plans import (
     DEFAULT_FACE_SAMPLES,
     DEFAULT_SAMPLES,
@@ -36,13 +36,11 @@ from catoptra_server.frames.plan.plans import (
     plan_from_settings,
     plan_view_size,
 )
-from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import AccuracyTarget, PerPixel, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import ViewSize
-from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.mirror_mesh import Tessellation
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject, Shutter
 from helpers.dynamic_objects import ROBOT_MESH, place_cube
 from helpers.mirror_checks import make_camera
 from helpers.worlds import make_omni_camera, make_plan

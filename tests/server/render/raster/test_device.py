@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_server.render.raster import device as module
 from catoptra_server.render.raster.device import (
@@ -27,7 +27,7 @@ from catoptra_server.render.raster.device import (
     set_uniform,
     split_positions,
 )
-from catoptra_server.world.camera_state import FogMedium
+from catoptra_server.world.objects import FogMedium
 from catoptra_server.world.world_description import PointLight
 from helpers.worlds import make_omni_camera
 

@@ -15,7 +15,7 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.face_pass import DrawCounts
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Box, Item, Material, World, linear_from_srgb
 from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import mask_away_from_edges

@@ -20,7 +20,7 @@ from catoptra_server.frames.plan.plans import max_incidence_rad
 from catoptra_server.render.projection.atlas import pack_atlas
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.mirror_pass import mirror_mesh_clip_positions, rim_polygon
-from catoptra_server.render.render_settings import PerPixel
+from catoptra_server.render.renderer import PerPixel
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 from catoptra_server.world.world_description import World
 from helpers.opengl import make_raster

@@ -16,7 +16,7 @@ from catoptra_server.render.raster.passes import (
     OutputImage,
 )
 from catoptra_server.render.renderer import sample_shutter
-from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.objects import CameraState, Shutter
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
 from helpers.opengl import make_raster

@@ -15,8 +15,8 @@ from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.mirror_pass import make_lookup_map
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.render_settings import PerPixel
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import PerPixel
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA, DYNAMIC_OBJECT, make_effect

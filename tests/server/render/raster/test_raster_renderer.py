@@ -14,10 +14,9 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.render.renderer import FaceCamera, Image
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import FaceCamera, Image, MirrorSurface, PerPixel
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.opengl import make_raster
 from helpers.worlds import CAMERA_STATE, HEMISPHERE_LIGHT, make_omni_camera, make_plan

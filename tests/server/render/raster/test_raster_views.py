@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.image_changer import measure_change
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.world.camera_state import FogMedium, Shutter
+from catoptra_server.render.renderer import MirrorSurface, PerPixel
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist, srgb_from_linear
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect

@@ -22,7 +22,7 @@ from catoptra_server.render.raster.scene_batches import (
     object_distance_range,
     upload_values,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.triangles import make_clusters

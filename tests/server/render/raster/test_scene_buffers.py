@@ -12,7 +12,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import shadow_casting_lights
 from catoptra_server.world.world_description import DirectionalLight, Light, World

@@ -37,10 +37,9 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.simulation.spawning import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.world.objects import DynamicObject
-from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, TWO_ROBOTS

@@ -11,7 +11,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.objects import CameraState, Shutter
 from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.objects import CameraState, FogMedium, Shutter
 from catoptra_server.world.world_description import Box, DirectionalLight, Item, Material, World
 from helpers.effect_measurement import make_effect
 from helpers.image_comparison import grey_levels

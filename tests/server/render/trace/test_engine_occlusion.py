@@ -10,7 +10,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.objects import CameraState, FogMedium, Shutter
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.world_description import Light, World
 from helpers.image_comparison import level_differences

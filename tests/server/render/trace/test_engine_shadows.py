@@ -10,8 +10,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, DirectionalLight, PointLight, World
 from helpers.shadows import GREY, box_item, floor_item, make_world

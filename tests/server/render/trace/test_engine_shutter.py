@@ -15,7 +15,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
-from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.objects import CameraState, Shutter
 from helpers.image_comparison import grey_levels
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (

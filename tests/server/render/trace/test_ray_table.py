@@ -14,8 +14,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.render.render_settings import PerPixel
-from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.render.renderer import FaceCamera, PerPixel
 from catoptra_server.render.trace import ray_table
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,

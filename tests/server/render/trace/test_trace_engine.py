@@ -18,7 +18,7 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_tiles,
     camera_states,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges

@@ -18,17 +18,16 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.effect import CaptureContext
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.render.renderer import FaceCamera, Image, RenderPlan
+from catoptra_server.effects import CaptureContext
+from catoptra_server.render.renderer import FaceCamera, Image, MirrorSurface, PerPixel, RenderPlan
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.render.trace.trace_renderer import EngineName, EngineRequest, create_engine
 from catoptra_server.world import textures as texture_levels
-from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import CameraState, NoiseSeed
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World, srgb_from_linear
 from helpers.effect_measurement import CAMERA, make_effect

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
+from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, pack
@@ -19,7 +19,7 @@ from catoptra_protocol.stream.requests import (
     GetFrameRequest,
     ImageEncoding,
 )
-from catoptra_server.effects.effect import EffectMode
+from catoptra_server.effects import EffectMode
 from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, Channel, FrameLabels
 from catoptra_server.frames.plan.camera import CameraVariant, ReferenceKind
 from catoptra_server.render.renderer_kind import RendererKind

@@ -44,7 +44,7 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
-from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
+from catoptra_server.render.renderer import AccuracyTarget, RenderSettings
 from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.serve.stream.replies import (
     build_server_info,

@@ -11,8 +11,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
 from catoptra_server.simulation.sensors.encoder import EncoderBank, EncoderDescription
-from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
 from helpers.robots import ENCODER, make_instrument
 
 RIGHT = dataclasses.replace(ENCODER, name="ECRight", shaft="right")

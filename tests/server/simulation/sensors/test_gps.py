@@ -10,13 +10,13 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GpsReading
 from catoptra_server.simulation.robot_description import Mount
-from catoptra_server.simulation.sensors.gps import GpsDescription
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     EmptyScene,
     RayCaster,
     SensorContext,
     SensorEnvironment,
 )
+from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.world.world_description import GpsOrigin
 from helpers.robots import GPS, make_instrument
 from helpers.room_ray_caster import RoomRayCaster

@@ -10,8 +10,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import Mount, PlanarPose
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
-from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
 from helpers.robots import make_instrument, make_sensor
 
 TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=2)

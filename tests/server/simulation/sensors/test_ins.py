@@ -10,8 +10,8 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
 from catoptra_server.simulation.sensors.ins import InsSensor
-from catoptra_server.simulation.sensors.sensor import MotionStep, SensorContext
 from helpers.robots import INS, make_instrument
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))

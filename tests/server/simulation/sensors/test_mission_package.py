@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.joint_chain import ANGLE, STANDARD_PACKAGES
+from catoptra_server.simulation.robot_description import ANGLE, STANDARD_PACKAGES
 from catoptra_server.simulation.sensors.mission_package import MissionPackage
 
 

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.joint_chain import STANDARD_PACKAGES
-from catoptra_server.simulation.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.simulation.robot_description import (
+    STANDARD_PACKAGES,
+    Mount,
+    PerspectiveCameraDescription,
+)
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from helpers.robots import make_p2at
 

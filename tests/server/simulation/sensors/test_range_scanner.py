@@ -13,12 +13,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
 from catoptra_server.simulation.robot_description import Mount
-from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
     SensorContext,
     SensorEnvironment,
 )
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import SCANNER, make_instrument, make_sensor
 from helpers.room_ray_caster import context_in_room, make_room_world, oriented_box_at

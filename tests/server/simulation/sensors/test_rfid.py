@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
 from catoptra_server.world.world_description import RfidTag
 from helpers.robots import RFID, make_instrument
 from helpers.room_ray_caster import RoomRayCaster

@@ -8,7 +8,7 @@ import numpy as np
 
 from catoptra_protocol.usarsim.reports import Configuration, GeometryItem
 from catoptra_server.simulation.robot_description import Mount
-from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.simulation.sensors import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.robots import RFID, make_sensor
 from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
 

@@ -12,9 +12,16 @@ from catoptra_protocol.usarsim.reports import GeometryItem, Report, line_from_re
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount, SensorDescription
-from catoptra_server.simulation.sensors import SENSOR_KINDS, build_sensors, casts_rays
+from catoptra_server.simulation.sensors import (
+    SENSOR_KINDS,
+    MotionStep,
+    Sensor,
+    SensorContext,
+    SensorKind,
+    build_sensors,
+    casts_rays,
+)
 from catoptra_server.simulation.sensors.odometry import ODOMETRY
-from catoptra_server.simulation.sensors.sensor import MotionStep, Sensor, SensorContext, SensorKind
 from helpers.robots import BASE
 
 CONTEXT = SensorContext(1.0, 0, Pose.identity())

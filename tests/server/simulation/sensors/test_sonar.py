@@ -11,7 +11,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.simulation.robot_description import Mount
-from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors import SensorEnvironment
 from catoptra_server.world.objects import OrientedBox
 from helpers.robots import SONAR, make_instrument, make_sensor
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, oriented_box_at

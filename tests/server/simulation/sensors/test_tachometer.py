@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_server.simulation.drive import WheelTravel
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.sensors.sensor import MotionStep
+from catoptra_server.simulation.sensors import MotionStep
 from helpers.robots import TACHOMETER, make_instrument
 from helpers.room_ray_caster import context_in_room
 

@@ -6,7 +6,7 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.world_description import Victim
 from helpers.robots import VICTIMS, make_instrument

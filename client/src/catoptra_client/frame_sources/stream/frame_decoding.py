@@ -14,7 +14,7 @@ import numpy.typing as npt
 from catoptra_client.frame import Frame, LabelledPixels, Pixels, rgb_from_image_bytes
 from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, GroundTruth, LabelledObject
+from catoptra_protocol.labels import LABEL_CHANNELS, GroundTruth, LabelledObject
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera

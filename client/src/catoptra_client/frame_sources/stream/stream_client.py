@@ -491,7 +491,7 @@ class StreamClient:
             camera: Name of the camera; empty = the first one of the robot.
             variant: Other settings for this frame, of an omnidirectional camera; the camera's own
                 stay as they are.
-            channels: Names of channels of ground truth (`catoptra_protocol.labels.channels`), of
+            channels: Names of channels of ground truth (`catoptra_protocol.labels`), of
                 one camera of any kind; the frame's `labels` has them.
             channel_encoding: Raw values, or compressed by zlib.
 

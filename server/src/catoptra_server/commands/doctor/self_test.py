@@ -31,9 +31,8 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import choose_renderer
-from catoptra_server.render.render_settings import PerPixel, RenderSettings
-from catoptra_server.render.renderer import Image
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import Image, PerPixel, RenderSettings
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Ring, World, linear_from_srgb
 

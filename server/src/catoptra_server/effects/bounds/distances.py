@@ -25,8 +25,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds.round_outward import POINT_M, ViewpointCells, round_down
-from catoptra_server.effects.effect import NUM_RINGS
+from catoptra_server.effects import NUM_RINGS
+from catoptra_server.effects.bounds.coordinate_rounding import POINT_M, ViewpointCells, round_down
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import Indices, make_clusters
 from catoptra_server.world.world_description import Vector3

@@ -34,7 +34,14 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors, CoordinateRounding
+from catoptra_server.effects import NUM_RINGS, SceneSummary
+from catoptra_server.effects.bounds.coordinate_rounding import (
+    CoordinateErrors,
+    CoordinateRounding,
+    round_away_from_zero,
+    round_down,
+    round_twist,
+)
 from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
     ImageRings,
@@ -43,17 +50,15 @@ from catoptra_server.effects.bounds.distances import (
     mirror_axis,
     rotation_to_axis,
 )
-from catoptra_server.effects.bounds.round_outward import (
-    round_away_from_zero,
-    round_down,
-    round_twist,
-)
+from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
 from catoptra_server.effects.bounds.shadow_bounds import ShadowBounds
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
-from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
-from catoptra_server.world.objects import DynamicObject, ObjectMesh
+from catoptra_server.world.objects import (
+    CameraState,
+    DynamicObject,
+    ObjectMesh,
+    scene_twist_in_mirror,
+)
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.scene_radiance import ObjectRadiances, max_radiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 

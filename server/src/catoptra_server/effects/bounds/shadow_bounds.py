@@ -29,16 +29,17 @@ from itertools import product
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
+    max_facet_irradiance,
+    max_point_irradiance,
     max_visible_loss,
     visible_losses,
 )
-from catoptra_server.effects.bounds.round_outward import round_down
-from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.scene_radiance import max_facet_irradiance, max_point_irradiance
 from catoptra_server.world.shading import (
     MIN_LIGHT_DISTANCE_M,
     ShadowCastingLight,

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import Real
+from catoptra_server.effects import Real
 
 # Weights of a strip of rows: (pairs, rows, w) or, the same for all pixels, (pairs, 3, 1, 1).
 _KernelRowWeights = Callable[[slice], npt.NDArray[Real]]

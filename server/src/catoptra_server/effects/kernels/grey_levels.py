@@ -17,7 +17,6 @@ import math
 import zlib
 from collections.abc import Callable
 from functools import cache, lru_cache
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +25,8 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects.effect import Real
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.effects import Real
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 
 
@@ -179,6 +178,8 @@ _NUM_QUANTILES = 2**16
 @cache
 def normal_quantile_table() -> npt.NDArray[np.float32]:
     """Quantiles (i + 1/2) / 2^16 of the normal distribution, (2^16,), scaled to unit variance."""
+    from statistics import NormalDist
+
     count = _NUM_QUANTILES
     quantile = NormalDist().inv_cdf
     # Half is computed and mirrored, so that the table's mean is exactly 0.

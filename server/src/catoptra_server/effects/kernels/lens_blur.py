@@ -44,13 +44,13 @@ from typing import TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_scale import visible_radii_px
+from catoptra_protocol.optics.image_plane import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import NUM_RINGS, Real, SceneSummary
+from catoptra_server.effects import NUM_RINGS, Real, SceneSummary
 
 # Guards the division for objects that reach into the mirror; no visible point comes so near. The
 # kernel's stage has the same constant.

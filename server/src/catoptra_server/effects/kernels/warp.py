@@ -26,14 +26,13 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale, pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import NUM_RINGS, EffectBound, Real, SceneSummary
+from catoptra_server.effects import NUM_RINGS, EffectBound, Real, SceneSummary
 from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 
 _Indices = npt.NDArray[np.intp]

@@ -15,10 +15,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.image_scale import visible_radii_px
+from catoptra_protocol.optics.image_plane import visible_radii_px
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     CaptureContext,
     EffectBound,
     EffectParameter,

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,

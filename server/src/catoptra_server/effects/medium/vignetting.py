@@ -2,7 +2,7 @@
 
 A thin lens by cos^4 of the angle psi of a pixel's chief ray at the pinhole, tan(psi) = r / f in
 pixels. A mirror preserves radiance, so only the lens of its capture camera shades. A wide-angle
-lens without a mirror by the solid angle that a pixel sees. Source: `optics/image_scale`. Domain:
+lens without a mirror by the solid angle that a pixel sees. Source: `optics/image_plane`. Domain:
 all pixels; a telecentric capture camera has psi = 0 everywhere and no vignetting. Criterion: the
 largest loss of white, in encoded grey levels.
 """
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     CaptureContext,
     EffectBound,
     EffectType,

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,
@@ -60,7 +60,7 @@ from catoptra_server.effects.kernels.mirror_surface import (
     scratch_cells,
 )
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 
 # Logarithm of the number of pixels of which none exceeds the maximum coverage.
 _LOG_RARITY = math.log(1e12)

@@ -22,7 +22,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,

@@ -22,8 +22,8 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType, SceneSummary
-from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.effects import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.world_description import srgb_from_linear
 
 # The change is largest at black or at the brightest radiance; the grid is for the kink of the sRGB

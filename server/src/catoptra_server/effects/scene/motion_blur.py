@@ -18,9 +18,9 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.effects import EffectBound, EffectParameter, EffectType, SceneSummary
 from catoptra_server.effects.kernels.warp import MOTION_FIELDS, bound_motion
-from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState
+from catoptra_server.world.objects import INSTANTANEOUS, CameraState
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ from typing import ClassVar
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import NEEDS_MIRROR, EffectBound, EffectType, SceneSummary
+from catoptra_server.effects import NEEDS_MIRROR, EffectBound, EffectType, SceneSummary
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 
 @dataclass(frozen=True, slots=True)

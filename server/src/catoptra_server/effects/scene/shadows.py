@@ -15,9 +15,9 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import EffectBound, EffectType, SceneSummary
+from catoptra_server.effects import EffectBound, EffectType, SceneSummary
 from catoptra_server.effects.kernels.grey_levels import grey_level
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     CaptureContext,
     EffectBound,
     EffectParameter,
@@ -32,7 +32,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_offset,
     normal_variates,
 )
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import (
+from catoptra_server.effects import (
     CaptureContext,
     EffectBound,
     EffectParameter,

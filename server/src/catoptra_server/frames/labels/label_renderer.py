@@ -22,7 +22,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.labels.channels import (
+from catoptra_protocol.labels import (
     LABEL_CHANNELS,
     GroundTruth,
     LabelledObject,
@@ -35,7 +35,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
-from catoptra_server.frames.labels.labels import (
+from catoptra_server.frames.labels import (
     LabelCamera,
     LabelledImage,
     RaySource,
@@ -59,8 +59,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedRays,
     assemble_grid,
 )
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.objects import CameraState, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
 # Rays of labels take 13 bytes a sample besides the pictures': two cameras of 2048 px stay.

@@ -26,8 +26,8 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.requests import FrameVariant
-from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
-from catoptra_server.render.render_settings import (
+from catoptra_server.effects import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
+from catoptra_server.render.renderer import (
     AccuracyTarget,
     MirrorSurface,
     PerPixel,
@@ -35,8 +35,8 @@ from catoptra_server.render.render_settings import (
     require_mesh_viewpoint,
 )
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.objects import CameraState
 
 
 @dataclass(frozen=True, slots=True)

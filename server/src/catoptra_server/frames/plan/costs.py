@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
 import logging
 import math
 import os
@@ -38,10 +37,9 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server import __version__
-from catoptra_server.effects.effect import EffectSettings
+from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.render.render_settings import MirrorSurface
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import MirrorSurface, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -195,6 +193,8 @@ class CostCache:
         """Rates under a key, by renderer; None for an absent or unreadable file."""
         if self._folder is None:
             return None
+        import json  # late: cameras without an accuracy target have no costs
+
         try:
             groups = json.loads(self._path(key).read_text(encoding="utf-8"))
             return {
@@ -209,6 +209,8 @@ class CostCache:
         """Store rates under a key, atomically."""
         if self._folder is None:
             return
+        import json
+
         file = self._path(key)
         # A file of the process's own, then renamed: another server never reads half a file.
         unfinished = file.with_suffix(f".{os.getpid()}")

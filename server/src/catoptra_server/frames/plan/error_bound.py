@@ -55,7 +55,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from catoptra_protocol.optics.camera_rays import max_miss_m
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
@@ -67,8 +67,7 @@ from catoptra_server.frames.plan.facet_error import (
     rim_gap,
     sum_errors,
 )
-from catoptra_server.render.render_settings import PerPixel
-from catoptra_server.render.renderer import FaceRegion, RenderPlan
+from catoptra_server.render.renderer import FaceRegion, PerPixel, RenderPlan
 from catoptra_server.world.mirror_mesh import Tessellation
 
 

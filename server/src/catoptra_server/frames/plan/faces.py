@@ -30,7 +30,7 @@ from catoptra_protocol.optics.cube_map import (
     face_from_direction,
     visible_faces,
 )
-from catoptra_protocol.optics.image_scale import ImageScale, compute_image_scale
+from catoptra_protocol.optics.image_plane import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass

@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.image_scale import shows_whole_rim
+from catoptra_protocol.optics.image_plane import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass

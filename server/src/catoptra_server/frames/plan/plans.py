@@ -36,13 +36,16 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
 from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
-from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer import (
+    AccuracyTarget,
+    MirrorSurface,
+    RenderPlan,
+    RenderSettings,
+)
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import ViewSize
-from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 
 log = logging.getLogger(__name__)
 

@@ -1,5 +1,5 @@
 // Provides float hidden_sky(vec2 position): the share of hemisphere light that a facet lacks there.
-// Twin: catoptra_server.world.occlusion_map.OcclusionMap.factors.
+// Twin: catoptra_server.world.shading.OcclusionMap.factors.
 uniform sampler2D occlusion_atlas;   // factors, interpolated between nodes by OpenGL
 
 float hidden_sky(vec2 position)      // column and row of the atlas, nodes

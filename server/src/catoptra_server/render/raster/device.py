@@ -30,11 +30,11 @@ import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.world.camera_state import FogMedium
+from catoptra_server.world.objects import FogMedium
 from catoptra_server.world.world_description import PointLight
 
 EGL_LIBRARY = "libEGL.so.1"

@@ -19,7 +19,7 @@ from catoptra_server.render.raster.device import SampleSpacing
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
 from catoptra_server.render.raster.scene_batches import object_distance_range
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 _LayoutT = TypeVar("_LayoutT", bound=Atlas | LensProjection)
 """Layout of the texture: an atlas of faces, or one perspective image."""

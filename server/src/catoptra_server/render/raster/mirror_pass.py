@@ -26,9 +26,9 @@ from catoptra_server.render.raster.device import (
 )
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import ENCODED
-from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.renderer import MirrorSurface, PerPixel
 from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
+from catoptra_server.world.objects import CameraState
 
 # Sides of the polygon around the rim circle: 1.3 % more area than the disc, a square has 27 % more;
 # on llvmpipe more sides cost more in half-empty blocks of fragments than is saved.

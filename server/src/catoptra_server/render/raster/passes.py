@@ -21,7 +21,7 @@ from catoptra_server.render.raster.device import (
     set_sampler,
 )
 from catoptra_server.render.renderer import LinearImage, sample_shutter
-from catoptra_server.world.camera_state import CameraState, RowWeights
+from catoptra_server.world.objects import CameraState, RowWeights
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, and light above 1
 # is kept until the samples are averaged. An sRGB target of 8 bits would lose both, and on llvmpipe

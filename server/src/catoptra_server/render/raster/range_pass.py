@@ -27,8 +27,7 @@ from catoptra_server.render.raster.device import (
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
 from catoptra_server.render.raster.passes import image_bytes
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.triangles import visible_runs
 
 

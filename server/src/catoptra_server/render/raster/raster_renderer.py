@@ -36,7 +36,7 @@ from catoptra_server.render.raster.raster_views import (
 )
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import FaceCamera, RenderPlan
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 

@@ -24,7 +24,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
@@ -47,7 +47,7 @@ from catoptra_server.render.renderer import (
     RenderedImage,
     StageClock,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 # Whether the device encodes the image; whether there are ranges; whether there is a shutter.
 _SequenceKey = tuple[bool, bool, bool]

@@ -26,9 +26,13 @@ from catoptra_server.render.raster.device import (
     split_positions,
 )
 from catoptra_server.world.objects import DynamicObject, world_facets
-from catoptra_server.world.occlusion_map import OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import corner_radiance, facet_radiance, hemisphere_lights
+from catoptra_server.world.shading import (
+    OcclusionMap,
+    corner_radiance,
+    facet_radiance,
+    hemisphere_lights,
+)
 from catoptra_server.world.textures import Texture, build_levels
 from catoptra_server.world.triangles import Indices, TriangleClusters, visible_runs
 from catoptra_server.world.world_description import Light, srgb_from_linear

@@ -30,7 +30,7 @@ from catoptra_server.render.raster.scene_batches import (
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights, point_lights, shadow_casting_lights
 from catoptra_server.world.triangles import make_clusters

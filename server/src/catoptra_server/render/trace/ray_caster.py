@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 
 class _SceneRayCaster(Protocol):
-    """Distances in a scene; twin: `simulation/sensors/sensor.py:RayCaster`."""
+    """Distances in a scene; twin: `simulation/sensors/__init__.py:RayCaster`."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

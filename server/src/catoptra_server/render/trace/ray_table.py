@@ -26,8 +26,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.render_settings import PerPixel
-from catoptra_server.render.renderer import FaceCamera, RenderPlan
+from catoptra_server.render.renderer import FaceCamera, PerPixel, RenderPlan
 
 TILE_PX = 4
 """Pixels along a tile's side, and rays along a block's side."""

@@ -25,11 +25,11 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects import ImageEffect
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 
 PixelLabels = dict[str, npt.NDArray[Any]]
 """(h, w) or (h, w, k) channels of labels by name."""
@@ -47,7 +47,7 @@ class TraceEngine(Protocol):
 
     @property
     def description(self) -> str:
-        """Engine, instruction set, packet width and threads, for logs."""
+        """Engine, instruction set and threads, for logs."""
 
     @property
     def image_changer(self) -> ImageChanger:

@@ -16,7 +16,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect
 from catoptra_server.render.image_changer import ExposedImage
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
@@ -41,7 +41,7 @@ from catoptra_server.render.trace.trace_engine import (
     TraceRequest,
 )
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 

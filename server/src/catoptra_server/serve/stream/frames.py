@@ -14,7 +14,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelledObject, parse_channels
+from catoptra_protocol.labels import LABEL_CHANNELS, LabelledObject, parse_channels
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.codec import FieldMap
 from catoptra_protocol.stream.messages import SCHEMA_VERSION, plain_fields_from_message
@@ -26,7 +26,6 @@ from catoptra_protocol.stream.requests import (
     LabelsRecord,
     ObjectRecord,
 )
-from catoptra_server.frames.encode import Payload
 from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
@@ -34,6 +33,7 @@ from catoptra_server.frames.frame import (
     Frame,
     FrameLabels,
     ImageDifference,
+    Payload,
     is_variant,
 )
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes

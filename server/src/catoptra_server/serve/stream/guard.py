@@ -33,7 +33,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.frames.encode import Payload
+from catoptra_server.frames.frame import Payload
 from catoptra_server.serve.limits import MAX_PARTS, NEWCOMER_AGE_S, LoopAccount
 from catoptra_server.serve.port import (
     CHECK_INTERVAL_S,

@@ -55,7 +55,7 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_server.frames.encode import Payload
+from catoptra_server.frames.frame import Payload
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.limits import MAX_BLOCKED_S, MAX_PEERS, MAX_PENDING
 from catoptra_server.serve.port import ConnectionLimits

@@ -51,7 +51,7 @@ from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
-from catoptra_server.render.render_settings import AccuracyTarget
+from catoptra_server.render.renderer import AccuracyTarget
 from catoptra_server.serve.stream.session import PendingRequest, Post, ReportLines, RobotSession
 from catoptra_server.simulation.events import (
     AccuracyTargetChanged,

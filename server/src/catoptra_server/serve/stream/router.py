@@ -28,7 +28,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
-from catoptra_server.frames.encode import Payload
+from catoptra_server.frames.frame import Payload
 from catoptra_server.serve.limits import MAX_UNSENT_BYTES, MAX_UNSENT_MESSAGES
 from catoptra_server.serve.port import BACKLOG, ConnectionLimits
 from catoptra_server.serve.stream.guard import ConnectionGuard, GuardedConnection

@@ -27,7 +27,7 @@ from catoptra_protocol.stream.codec import FieldMap, plain_value
 from catoptra_protocol.stream.messages import request_from_json
 from catoptra_protocol.stream.replies import Error
 from catoptra_protocol.stream.requests import DriveRequest
-from catoptra_server.frames.encode import Payload
+from catoptra_server.frames.frame import Payload
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.limits import MAX_BLOCKED_S, NEWCOMER_AGE_S, LoopAccount
 from catoptra_server.serve.stream.peer import StreamPeer

@@ -15,7 +15,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import GpsReading
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

@@ -17,7 +17,7 @@ from catoptra_protocol.usarsim.readings import InsReading
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount, PlanarPose
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

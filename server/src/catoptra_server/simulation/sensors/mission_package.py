@@ -10,7 +10,7 @@ from catoptra_protocol.usarsim.reports import (
     MissionPackageGeometry,
     MissionPackageStatus,
 )
-from catoptra_server.simulation.joint_chain import (
+from catoptra_server.simulation.robot_description import (
     Joint,
     LinkDescription,
     MissionPackageDescription,
@@ -49,7 +49,7 @@ class MissionPackage:
         Args:
             number: Number of the link, from 1.
             value: Angle or speed.
-            order: Kind of the command, a constant of `simulation/joint_chain.py`.
+            order: Kind of the command, a constant of `simulation/robot_description.py`.
 
         Returns:
             Whether such a link exists.

@@ -11,7 +11,7 @@ from catoptra_protocol.usarsim.reports import OdometryConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import NO_TRAVEL, integrate_arc
 from catoptra_server.simulation.robot_description import DriveBase, Mount, PlanarPose
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

@@ -10,7 +10,7 @@ from catoptra_protocol.usarsim.reports import Configuration
 from catoptra_protocol.usarsim.value_format import format_fixed_point
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

@@ -13,7 +13,7 @@ from catoptra_protocol.usarsim.readings import SonarReadings
 from catoptra_protocol.usarsim.reports import SonarConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

@@ -12,7 +12,7 @@ from catoptra_protocol.usarsim.readings import TouchReadings
 from catoptra_protocol.usarsim.reports import TouchConfiguration
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
-from catoptra_server.simulation.sensors.sensor import (
+from catoptra_server.simulation.sensors import (
     ConfiguredSensor,
     MotionStep,
     SensorContext,

@@ -23,7 +23,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
-from catoptra_server.world.camera_state import FogMedium, Shutter
+from catoptra_server.world.objects import FogMedium, Shutter
 from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,

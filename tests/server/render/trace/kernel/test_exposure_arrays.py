@@ -12,7 +12,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.labels.labels import RaySource, build_label_rays
+from catoptra_server.frames.labels import RaySource, build_label_rays
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     CentreMatch,
     ObjectTable,
@@ -32,8 +32,7 @@ from catoptra_server.render.trace.trace_engine import (
     MovingExposure,
     TracedExposure,
 )
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import ObjectMesh, build_object_mesh
+from catoptra_server.world.objects import CameraState, ObjectMesh, build_object_mesh
 from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import Material
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube

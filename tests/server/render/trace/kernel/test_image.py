@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, NumpyImageChanger, measure_change
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS, KernelImageChanger

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import (
     Box,

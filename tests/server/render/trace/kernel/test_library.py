@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
-from collections.abc import Callable
+import ctypes.util
 from pathlib import Path
 from typing import ClassVar
 
@@ -29,7 +28,6 @@ from catoptra_server.render.trace.kernel.library import (
     KernelUnavailableError,
     available_instruction_sets,
     choose_instruction_set,
-    embree_library_path,
     kernel_library_path,
 )
 from helpers.deadline import Deadline
@@ -106,21 +104,11 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def install_embreex(monkeypatch: pytest.MonkeyPatch, site: Path, *names: str) -> None:
-    """Let a folder of packages have embreex with these files beside it."""
-    for name in ("embreex/__init__.py", *names):
-        (site / name).parent.mkdir(exist_ok=True)
-        (site / name).touch()
-    spec = importlib.util.spec_from_file_location("embreex", site / "embreex/__init__.py")
-    monkeypatch.setattr(importlib.util, "find_spec", lambda package: spec)
-
-
 def test_kernel_library_when_it_exists_is_that_of_the_instruction_set(package: Path) -> None:
     for name in LIBRARY_OF_INSTRUCTION_SET.values():
         (package / name).touch()
     paths = [kernel_library_path(name).name for name in INSTRUCTION_SETS]
-    newer, older = "libcatoptra_trace_avx2.so", "libcatoptra_trace.so"
-    assert paths == [newer, newer, older]
+    assert paths == [f"libcatoptra_trace{suffix}.so" for suffix in ("_avx512", "_avx2", "")]
 
 
 def test_kernel_library_when_it_is_missing_names_file_and_remedy(package: Path) -> None:
@@ -150,37 +138,6 @@ def test_kernel_library_when_switched_off_is_unavailable(
     assert kernel_library_path("avx2") == package / LIBRARY_OF_INSTRUCTION_SET["avx2"]
 
 
-def test_embree_library_when_embreex_is_installed_exports_packets() -> None:
-    embree = ctypes.CDLL(str(embree_library_path()))
-    assert all(hasattr(embree, f"rtcIntersect{width}") for width in (1, 4, 8, 16))
-
-
-def test_embree_library_when_its_name_has_a_hash_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = "embreex.libs/libembree4-0badcafe.so.4"
-    install_embreex(monkeypatch, tmp_path, "embreex.libs/libtbb-1.so.12", name)
-    assert embree_library_path() == tmp_path / name
-
-
-@pytest.mark.parametrize("names", [(), ("embreex.libs/libtbb-1.so.12",)])
-def test_embree_library_when_embreex_brought_none_is_unavailable(
-    names: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    install_embreex(monkeypatch, tmp_path, *names)
-    with pytest.raises(KernelUnavailableError, match="has no file libembree4") as caught:
-        embree_library_path()
-    assert str(tmp_path / "embreex.libs") in str(caught.value)
-
-
-def test_embree_library_when_embreex_is_missing_is_unavailable(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda package: None)
-    with pytest.raises(KernelUnavailableError, match="embreex is not installed"):
-        embree_library_path()
-
-
 DEADLINE_S = 10.0
 INSTRUCTION_SET = available_instruction_sets()[0]
 
@@ -195,7 +152,6 @@ def _kernel() -> None:
     """Skip where no kernel can run."""
     try:
         kernel_library_path(INSTRUCTION_SET)
-        embree_library_path()
     except KernelUnavailableError as error:
         pytest.skip(str(error))
 
@@ -212,7 +168,7 @@ def test_library_when_it_is_no_library_is_unavailable(
 
 
 def test_library_when_a_function_is_missing_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    replace_library(monkeypatch, embree_library_path())
+    replace_library(monkeypatch, Path(ctypes.util.find_library("m") or ""))
     with pytest.raises(KernelUnavailableError, match="has no function catoptra_abi; install"):
         KernelDevice(INSTRUCTION_SET, 1)
 
@@ -236,45 +192,6 @@ def test_library_when_of_another_release_names_the_structure(
 def test_library_knows_the_sizes_of_these_structures_alone() -> None:
     library = ctypes.CDLL(str(kernel_library_path(INSTRUCTION_SET)))
     assert [library.catoptra_abi(number) for number in (-1, len(STRUCTURES), 2**31 - 1)] == [-1] * 3
-
-
-# The last one is longer than the buffer of the kernel's errors.
-@pytest.mark.parametrize(
-    ("find_path", "message"),
-    [
-        (lambda: Path("/missing/none.so"), r"none\.so"),
-        (lambda: kernel_library_path(INSTRUCTION_SET), "has no function rtcNewDevice"),
-        (lambda: Path("/" + 4000 * "x"), "no native kernel: /xxx"),
-    ],
-    ids=["missing", "another library", "a very long path"],
-)
-def test_device_without_a_usable_embree_is_unavailable(
-    monkeypatch: pytest.MonkeyPatch, find_path: Callable[[], Path], message: str
-) -> None:
-    path = find_path()
-    monkeypatch.setattr(module, "embree_library_path", lambda: path)
-    with pytest.raises(KernelUnavailableError, match=message):
-        KernelDevice(INSTRUCTION_SET, 1)
-
-
-@pytest.mark.skipif(INSTRUCTION_SET == "avx512", reason="this processor has every set")
-def test_device_when_the_processor_lacks_the_instruction_set_is_unavailable() -> None:
-    with pytest.raises(KernelUnavailableError, match="no device for the instruction set avx512"):
-        KernelDevice("avx512", 1)
-
-
-@pytest.mark.parametrize("width", [-1, 2, 3, 5, 32, 2**31 - 1])
-def test_device_when_packets_have_no_such_width_is_refused(width: int) -> None:
-    with pytest.raises(DomainError, match="a packet has"):
-        KernelDevice(INSTRUCTION_SET, 1, packet_width=width)
-
-
-def test_device_has_the_packets_that_its_instruction_set_runs_fast() -> None:
-    widths = {"sse4.2": 4, "avx2": 8, "avx512": 16}
-    for name in available_instruction_sets():
-        device = KernelDevice(name, 1)
-        assert device.packet_width == widths[name]
-        device.close()
 
 
 def test_device_when_closed_refuses_all_work_and_closes_again() -> None:
@@ -309,7 +226,6 @@ def wait_for_threads(expected: int) -> None:
 def test_device_has_one_thread_less_than_requested_and_none_when_closed(
     threads: int, more: int
 ) -> None:
-    KernelDevice(INSTRUCTION_SET, 1).close()  # Embree starts threads of its own at its first device
     before = count_threads()
     device = KernelDevice(INSTRUCTION_SET, threads)
     wait_for_threads(before + more)

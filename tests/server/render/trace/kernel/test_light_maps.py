@@ -13,7 +13,7 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import MovingExposure
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,

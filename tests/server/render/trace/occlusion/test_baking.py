@@ -19,8 +19,8 @@ from catoptra_server.render.trace.occlusion.baking import (
     occluder_weights,
 )
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
-from catoptra_server.world.occlusion_map import BLOCK, OPEN
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import BLOCK, OPEN
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.labels.label_renderer import LabelledImage
@@ -20,7 +20,7 @@ from catoptra_server.render.trace.reference.meshes import (
     trace_scene,
 )
 from catoptra_server.render.trace.reference.pixels import Lighting, shade_hits
-from catoptra_server.world.camera_state import INSTANTANEOUS
+from catoptra_server.world.objects import INSTANTANEOUS
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Twist, World
 from helpers.labelled_rooms import CAMERAS, STATE, open_labels

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -37,8 +37,7 @@ from catoptra_server.render.trace.trace_engine import (
     camera_states,
 )
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.objects import CameraState, ObjectMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects import ImageEffect
 from catoptra_server.effects.kernels.convolution import DiscKernelTable, table_row
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
@@ -59,7 +59,7 @@ from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.kernel_structs import ImageJob, ImageStage
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import NoiseSeed
 
 (
     _GAIN,
@@ -101,10 +101,10 @@ class KernelImageChanger:
 
         Args:
             threads: Threads, the calling one included.
-            instruction_set: Embree's name; "auto" for the processor's best.
+            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
 
         Raises:
-            KernelUnavailableError: The kernel's or Embree's library is missing.
+            KernelUnavailableError: The kernel's library is missing.
         """
         return cls(KernelDevice(choose_instruction_set(instruction_set), threads))
 

@@ -1,9 +1,7 @@
 """The native engine: a scene on a kernel device, and the rays of cameras.
 
 A frame is one call, from the rays and the camera's pose to pixels, without the interpreter and on
-the kernel's own threads. embreex calls Embree for single rays, and NumPy around it cost as much
-again, while half of all threads waited for the interpreter: a fifth to a half of this speed. What a
-frame computes, and in which file, is in README.md.
+the kernel's own threads. What a frame computes, and in which file, is in README.md.
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import Light, World
@@ -187,7 +185,7 @@ class KernelRays:
         return flow
 
     def trace_bare(self, exposure: TracedExposure) -> None:
-        """Trace the rays without any use of the hits: the bare packet rate, for benchmarks."""
+        """Trace the rays without any use of the hits: the bare rate, for benchmarks."""
         self._engine.trace_bare(self._require_view(), exposure)
 
     def _render(
@@ -244,7 +242,6 @@ class KernelEngine:
         threads: int,
         scene_lights: tuple[Light, ...],
         instruction_set: str = "auto",
-        packet_width: int = 0,
     ) -> None:
         """Commit a scene.
 
@@ -253,21 +250,19 @@ class KernelEngine:
             world: Lights of dynamic objects, and background.
             threads: Threads, the calling one included.
             scene_lights: Lights of the static scene.
-            instruction_set: Embree's name; "auto" for the processor's best.
-            packet_width: Rays of a packet, 1, 4, 8 or 16; 0 for the instruction set's.
+            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
 
         Raises:
-            KernelUnavailableError: The kernel's or Embree's library is missing.
+            KernelUnavailableError: The kernel's library is missing.
         """
         name = choose_instruction_set(instruction_set)
-        self._device = KernelDevice(name, threads, packet_width=packet_width)
-        width = self._device.packet_width
-        self.description = f"kernel (Embree {name}, packets of {width}), {threads} threads"
+        self._device = KernelDevice(name, threads)
+        self.description = f"kernel ({name}), {threads} threads"
         self._mesh = scene
         self._world = world
         self._scene_lights = scene_lights
         self.centre = scene.centre
-        """(3,) origin of Embree's coordinates in the world."""
+        """(3,) origin of the kernel's coordinates in the world."""
         self._owners: list[object] = []
         self._meshes: list[int] = []
         self._objects = ObjectTable(self._device, self.centre)

@@ -1,10 +1,8 @@
 """The kernel's library: chosen for the processor, loaded, checked, and called.
 
-An instruction set is one that both this processor and Embree have. The files are the kernel's own
-library and the copy of Embree in the package embreex; where one of them is missing, the server
-traces with its reference, and `KernelUnavailableError` is the reason. Packets are as wide as the
-vector registers: with AVX2, 8 rays take 1.5 times the rays per second of 4, and 2.5 times those of
-16 (`tests/measurements/packet_widths.py`).
+There is one for each of three instruction sets, which differ in speed alone: all compute the same
+bytes. Where the files are missing, the server traces with its reference, and
+`KernelUnavailableError` is the reason.
 
 ctypes releases the GIL for the whole of a call: the other threads of the server run while a frame
 is rendered.
@@ -13,10 +11,9 @@ is rendered.
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import os
 from collections.abc import Callable
-from ctypes import c_char_p, c_int32, c_int64, c_void_p
+from ctypes import c_int32, c_int64, c_void_p
 from functools import cache
 from pathlib import Path
 
@@ -36,7 +33,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
 )
 
 _CPU_INFO = Path("/proc/cpuinfo")
-# What Embree requires of a processor, in the words of the kernel's list.
+# What each library requires of a processor, in the words of the system's list.
 _REQUIRED_FLAGS = {
     "avx512": {"avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl"},
     "avx2": {"avx2", "fma", "f16c", "bmi1", "bmi2"},
@@ -46,14 +43,10 @@ _REQUIRED_FLAGS = {
 LIBRARY_OF_INSTRUCTION_SET = {
     "sse4.2": "libcatoptra_trace.so",
     "avx2": "libcatoptra_trace_avx2.so",
-    "avx512": "libcatoptra_trace_avx2.so",
+    "avx512": "libcatoptra_trace_avx512.so",
 }
 # Written by build_kernel.py where nothing could be built.
 REASON_NAME = "not_built.txt"
-# The wheels of embreex name their copy of Embree by a hash, which changes from version to version.
-_EMBREE_PATTERN = "libembree4*.so*"
-PACKET_WIDTHS = (1, 4, 8, 16)
-"""Rays of a packet; 1 for single rays."""
 # ERROR_SIZE of `src/device.h`.
 _ERROR_BYTES = 256
 _Float32s = npt.NDArray[np.float32]
@@ -72,36 +65,27 @@ class KernelError(CatoptraError):
 
 
 class KernelDevice:
-    """Embree's device and the kernel's threads.
+    """The kernel's threads.
 
     Meshes and views are addresses that belong to the device; all are released before it closes.
     """
 
-    def __init__(self, instruction_set: str, threads: int, *, packet_width: int = 0) -> None:
+    def __init__(self, instruction_set: str, threads: int) -> None:
         """Open a device.
 
         Args:
-            instruction_set: Embree's name: sse4.2, avx2 or avx512.
+            instruction_set: One that this processor has.
             threads: Threads, the calling one included.
-            packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
 
         Raises:
-            DomainError: No such packet width.
-            KernelUnavailableError: The library or the instruction set is missing.
+            KernelUnavailableError: The library is missing.
         """
-        if packet_width not in (0, *PACKET_WIDTHS):
-            raise DomainError(f"a packet has {PACKET_WIDTHS} rays, or 0 for auto: {packet_width}")
         self._library = _load_library(kernel_library_path(instruction_set))
         self._address: int | None = None
         error = ctypes.create_string_buffer(_ERROR_BYTES)
-        path = str(embree_library_path()).encode()
-        self._address = self._library.catoptra_open(
-            path, instruction_set.encode(), threads, packet_width, error
-        )
+        self._address = self._library.catoptra_open(threads, error)
         if not self._address:
             raise KernelUnavailableError(error.value.decode(errors="replace"))
-        self.packet_width: int = self._library.catoptra_packet_width(self._address)
-        """Rays of a packet."""
 
     def commit_mesh(self, arrays: MeshArrays) -> int:
         """Commit triangles for ray queries."""
@@ -198,7 +182,7 @@ class KernelDevice:
         return counts
 
     def trace(self, scene: SceneStruct, view: int, frame: FrameStruct) -> None:
-        """Trace a view's rays without any use of the hits: the bare packet rate."""
+        """Trace a view's rays without any use of the hits: the bare rate."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
         arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
         self._library.catoptra_trace(self._require_open(), *arguments, error)
@@ -237,9 +221,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         raise KernelUnavailableError(f"{path} cannot be loaded: {error}") from None
     signatures = {
         "catoptra_abi": (c_int32, (c_int32,)),
-        "catoptra_open": (c_void_p, (c_char_p, c_char_p, c_int32, c_int32, c_void_p)),
+        "catoptra_open": (c_void_p, (c_int32, c_void_p)),
         "catoptra_close": (None, (c_void_p,)),
-        "catoptra_packet_width": (c_int32, (c_void_p,)),
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),
@@ -270,7 +253,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
 
 
 def choose_instruction_set(requested: str) -> str:
-    """Embree's name of an instruction set; "auto" for the best that the processor has.
+    """Name of an instruction set; "auto" for the best that the processor has.
 
     Raises:
         DomainError: No such instruction set, or not on this processor.
@@ -304,7 +287,7 @@ def _read_flags(cpu_info: Path) -> set[str]:
 
 
 def kernel_library_path(instruction_set: str) -> Path:
-    """Path of the kernel's library for an instruction set of Embree.
+    """Path of the kernel's library for an instruction set.
 
     Raises:
         KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
@@ -324,23 +307,3 @@ def _missing_library(path: Path) -> str:
     except OSError:
         return f"{path} does not exist; install catoptra-server again"
     return f"none was built at installation: {reason}"
-
-
-def embree_library_path() -> Path:
-    """Path of the Embree library that the package embreex brings along.
-
-    Raises:
-        KernelUnavailableError: embreex is not installed, or brought no such library.
-    """
-    package = importlib.util.find_spec("embreex")
-    if package is None or package.origin is None:
-        raise KernelUnavailableError("the package embreex is not installed")
-    # Wheels keep other libraries in this folder. Not by the wheel's list of files:
-    # importlib.metadata takes 0.02 s of every start.
-    folder = Path(package.origin).parents[1] / "embreex.libs"
-    found = next(folder.glob(_EMBREE_PATTERN), None)
-    if found is None:
-        raise KernelUnavailableError(
-            f"{folder} has no file {_EMBREE_PATTERN}; install a wheel of the package embreex again"
-        )
-    return found

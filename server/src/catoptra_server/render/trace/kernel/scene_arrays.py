@@ -37,9 +37,10 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
+    OPEN,
+    OcclusionMap,
     hemisphere_lights,
     shadow_casting_lights,
     write_facet_radiance,
@@ -62,8 +63,6 @@ _SAME_UV = 1e-9
 _SAME_POSITION_DIGITS = 9
 _MAX_TEXEL = 65535
 """Texel of white."""
-# Embree loads corners by vectors of four floats: the last ones reach beyond the array.
-_CORNER_PADDING = 4
 _Indices = npt.NDArray[np.int32]
 
 
@@ -114,8 +113,8 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
 
 def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
     """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown."""
-    padded = _pad_corners(corners, centre)
-    return OwningStruct(MeshArrays(len(corners), corners=_address(padded)), (padded,))
+    relative = _round_corners(corners, centre)
+    return OwningStruct(MeshArrays(len(corners), corners=_address(relative)), (relative,))
 
 
 def _mesh_arrays(
@@ -128,7 +127,7 @@ def _mesh_arrays(
 ) -> OwningStruct:
     """Triangles with their materials; optional: members of `MeshArrays` that some meshes have."""
     arrays = {
-        "corners": _pad_corners(corners, centre),
+        "corners": _round_corners(corners, centre),
         "normals": _float32(normals),
         "albedo": _float32(albedo),
         "flags": flags,
@@ -138,13 +137,11 @@ def _mesh_arrays(
     return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
 
 
-def _pad_corners(corners: Floats, centre: Floats) -> npt.NDArray[np.float32]:
-    """(9 n + _CORNER_PADDING,) coordinates of (n, 3, 3) corners relative to a centre."""
-    padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
-    # Subtracted in float64, stored in float32, without an array of the one in between.
-    relative = padded[: corners.size].reshape(corners.shape)
+def _round_corners(corners: Floats, centre: Floats) -> npt.NDArray[np.float32]:
+    """(n, 3, 3) corners relative to a centre."""
+    relative = np.zeros(corners.shape, dtype=np.float32)
     np.subtract(corners, centre, out=relative, casting="same_kind")
-    return padded
+    return relative
 
 
 def _float32(array: npt.NDArray[Any] | None) -> npt.NDArray[np.float32] | None:

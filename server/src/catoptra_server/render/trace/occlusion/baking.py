@@ -27,8 +27,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
-from catoptra_server.world.occlusion_map import BLOCK, OPEN, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import BLOCK, OPEN, OcclusionMap
 from catoptra_server.world.triangles import make_clusters
 
 # Beyond, nothing occludes: the size of things that stand on floors. Chosen by pictures of the

@@ -11,24 +11,23 @@ import io
 import logging
 import os
 import time
-import zipfile
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.format import read_array
 
 from catoptra_server import __version__
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.world.occlusion_map import BLOCK, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights
+from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
 from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
 # Increased when maps change for the same scene.
-_FORMAT_VERSION = 1
+_FORMAT_VERSION = 2
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 _DIGEST_BYTES = 32
 # The largest atlas and the arrays of 200 000 triangles; a larger file was not written here.
@@ -94,10 +93,11 @@ def _read(file: Path, num_triangles: int) -> OcclusionMap | None:
         body = content[_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != content[:_DIGEST_BYTES]:
             return None
-        with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
-            occlusion = OcclusionMap(*(arrays[name] for name in _ARRAYS))
-    # Whatever is wrong with the form: NumPy and the archive raise any of these.
-    except (OSError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile):
+        # One after the other: an archive of NumPy's takes a module of 2 ms.
+        arrays = io.BytesIO(body)
+        occlusion = OcclusionMap(*(read_array(arrays, allow_pickle=False) for _ in _ARRAYS))
+    # Whatever is wrong with the form: NumPy raises any of these.
+    except (OSError, ValueError, TypeError):
         return None
     return occlusion if _is_sound(occlusion, num_triangles) else None
 
@@ -120,7 +120,8 @@ def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
 def _write(file: Path, occlusion: OcclusionMap) -> None:
     """Store a map, atomically."""
     body = io.BytesIO()
-    np.savez(body, **{name: getattr(occlusion, name) for name in _ARRAYS})
+    for name in _ARRAYS:
+        np.save(body, getattr(occlusion, name))
     content = hashlib.sha256(body.getvalue()).digest() + body.getvalue()
     # A file of the process's own, then renamed: another server never reads half a file.
     unfinished = file.with_suffix(f".{os.getpid()}")

@@ -17,9 +17,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
 from catoptra_server.render.trace.trace_engine import NOTHING
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.occlusion_map import OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import LitFacets
+from catoptra_server.world.shading import LitFacets, OcclusionMap
 from catoptra_server.world.textures import (
     Levels,
     build_levels,

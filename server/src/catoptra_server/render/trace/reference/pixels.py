@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.ray_table import RayTable

@@ -58,8 +58,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
-from catoptra_server.world.camera_state import CameraState, FogMedium
-from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.objects import CameraState, FogMedium, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
 

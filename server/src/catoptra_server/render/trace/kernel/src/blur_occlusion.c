@@ -1,5 +1,5 @@
 /* Provides blur_occlusion.h: mean factors of a moving facet's sky.
- * Float64 twin: world/occlusion_map.py, averaged over sharp frames. Owns nothing: writes what its
+ * Float64 twin: world/shading.py, averaged over sharp frames. Owns nothing: writes what its
  * caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_occlusion.h"

@@ -5,6 +5,8 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "direct_light.h"
 
+#include "instances.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -82,6 +84,7 @@ static uint32_t find_facing(const Incidence *light, uint32_t among) {
 
 static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoints *points,
                             const Incidence *light) {
+    shadow->has_origins = 1;
     memcpy(shadow->direction, light->direction, sizeof shadow->direction);
     memcpy(shadow->limit, light->distance, sizeof shadow->limit);
     memcpy(shadow->time, rays->time, sizeof shadow->time);
@@ -120,7 +123,6 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
                               const Incidence *incidence, uint32_t facing) {
     const Scene *scene = state->scene;
     const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
-    int is_coherent = scene->lights[light].kind == LIGHT_DIRECTIONAL;
     if (light < 32 && surface->proof.seen >> light & 1)
         return 0;
     if (light < 32 && surface->proof.hidden >> light & 1)
@@ -132,11 +134,10 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     RayBlock shadow;
     set_shadow_rays(&shadow, rays, &surface->points, incidence);
     shadow.active = found.unknown;
-    if (casters->scene && shadow.active)
-        occluded |= occlude_block(state->device, casters->scene, &shadow, is_coherent);
+    occluded |= occlude_bvh(&casters->bvh, &shadow);
     shadow.active = (found.unknown | found.behind_objects) & ~occluded;
     if (state->objects && shadow.active)
-        occluded |= occlude_block(state->device, state->objects, &shadow, is_coherent);
+        occluded |= occlude_instances(state, &shadow);
     return occluded;
 }
 

@@ -3,7 +3,8 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "flow.h"
 
-#include "packets.h"
+#include "instances.h"
+#include "ray_block.h"
 #include "tile_place.h"
 
 #include <math.h>
@@ -100,7 +101,7 @@ static void clear_points(float points[3][TILE_PIXELS]) {
             points[axis][lane] = NAN;
 }
 
-/* Points of the pixels where they are in the other exposure, Embree's coordinates; not a number for
+/* Points of the pixels where they are in the other exposure, scene coordinates; not a number for
  * none. */
 static void move_points(const Flow *flow, const TilePlace *place, float points[3][TILE_PIXELS]) {
     if (place->rows < TILE_PX || place->columns < TILE_PX)
@@ -170,12 +171,8 @@ static void aim_rays(const Pose *camera, const Projections *projections,
 }
 
 static uint32_t find_occluded(const FrameState *state, const RayBlock *rays) {
-    uint32_t occluded = 0;
-    if (rays->active && state->scene->mesh->scene)
-        occluded |= occlude_block(state->device, state->scene->mesh->scene, rays, 1);
-    if (rays->active && state->objects)
-        occluded |= occlude_block(state->device, state->objects, rays, 1);
-    return occluded;
+    uint32_t occluded = occlude_bvh(&state->scene->mesh->bvh, rays);
+    return state->objects ? occluded | occlude_instances(state, rays) : occluded;
 }
 
 static void store_flow(const Flow *flow, const TilePlace *place, const Lanes u, const Lanes v,

@@ -1,5 +1,5 @@
 /* Provides fog.h: Koschmieder's law on samples.
- * Float64 twin: world/camera_state.py:FogMedium. Owns nothing: writes what its caller passes.
+ * Float64 twin: world/objects.py:FogMedium. Owns nothing: writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "fog.h"
 

@@ -1,4 +1,4 @@
-/* Fog on samples: Koschmieder's law by each hit's own distance. Float64 twin: world/camera_state.py.
+/* Fog on samples: Koschmieder's law by each hit's own distance. Float64 twin: world/objects.py.
  */
 #ifndef CATOPTRA_FOG_H
 #define CATOPTRA_FOG_H

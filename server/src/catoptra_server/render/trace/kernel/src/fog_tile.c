@@ -1,5 +1,5 @@
 /* Provides fog_tile.h: tiles of one radiance in fog.
- * Float64 twin: world/camera_state.py:FogMedium. Owns nothing: pixels are the frame's.
+ * Float64 twin: world/objects.py:FogMedium. Owns nothing: pixels are the frame's.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "fog_tile.h"
 

@@ -1,7 +1,6 @@
-/* Provides frame_state.h: poses at a time, and the frame's objects in Embree.
- * Float64 twin: reference/meshes.py:interpolate_poses. render.c releases the scene that
- * commit_objects returns.
- * Threads: commit_objects: the calling thread. Poses: any. */
+/* Provides frame_state.h: poses at a time.
+ * Float64 twin: reference/meshes.py:interpolate_poses. Owns nothing.
+ * Threads: any. */
 #include "frame_state.h"
 
 #include <math.h>
@@ -17,7 +16,6 @@ void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose) {
     first = first < 0 ? 0 : first > count - 2 ? count - 2 : first;
     float weight = position - (float)first;
     const Pose *before = poses + first * stride, *after = before + stride;
-    /* Entry by entry, as Embree interpolates the transforms of moving instances. */
     for (int i = 0; i < 9; i++)
         pose->rotation[i] =
             before->rotation[i] + weight * (after->rotation[i] - before->rotation[i]);
@@ -53,41 +51,4 @@ FrameState at_instant(const FrameState *state, float time) {
 
 float row_time(const FrameState *state, float row) {
     return 0.5f + state->frame->readout * (row / (float)state->rays->height_px - 0.5f);
-}
-
-static void set_transform(const Embree *embree, RTCGeometry instance, int step, const Pose *pose) {
-    float columns[12];
-    for (int row = 0; row < 3; row++) {
-        for (int column = 0; column < 3; column++)
-            columns[3 * column + row] = pose->rotation[3 * row + column];
-        columns[9 + row] = pose->translation[row];
-    }
-    embree->set_transform(instance, (unsigned)step, RTC_FORMAT_FLOAT3X4_COLUMN, columns);
-}
-
-RTCScene commit_objects(const Device *device, const Frame *frame) {
-    const Embree *embree = &device->embree;
-    if (!frame->num_objects)
-        return NULL;
-    RTCScene scene = embree->new_scene(device->rtc);
-    /* A handful of boxes: building a better hierarchy takes longer than it saves. */
-    embree->set_scene_build_quality(scene, RTC_BUILD_QUALITY_LOW);
-    for (int object = 0; object < frame->num_objects; object++) {
-        RTCScene mesh = frame->objects[object]->scene;
-        if (!mesh)
-            continue;
-        RTCGeometry instance = embree->new_geometry(device->rtc, RTC_GEOMETRY_TYPE_INSTANCE);
-        embree->set_instanced_scene(instance, mesh);
-        if (frame->num_poses > 1)
-            embree->set_time_step_count(instance, (unsigned)frame->num_poses);
-        for (int step = 0; step < frame->num_poses; step++)
-            set_transform(embree, instance, step,
-                          frame->object_poses + step * frame->num_objects + object);
-        embree->commit_geometry(instance);
-        /* The number of the instance in hits is the index of the object. */
-        embree->attach_geometry_by_id(scene, instance, (unsigned)object);
-        embree->release_geometry(instance);
-    }
-    embree->commit_scene(scene);
-    return scene;
 }

@@ -4,7 +4,7 @@
 
 #include "beams.h"
 #include "device.h"
-#include "packets.h"
+#include "ray_block.h"
 #include "vectors.h"
 
 typedef struct {
@@ -13,7 +13,7 @@ typedef struct {
     const RayTable *rays;
     const struct View *view;
     const Frame *frame;
-    RTCScene objects; /* the dynamic objects as instances; NULL for none */
+    struct Instances *objects; /* instances.h; NULL for none */
     const float *object_heights; /* light_map.h; NULL without objects or shadows */
     struct Measures *measures;   /* measures.h */
     const Vec3 **object_radiance; /* (o,) of each object's facets; NULL: by ray */
@@ -51,9 +51,5 @@ FrameState at_instant(const FrameState *state, float time);
 
 /* Middle of the exposure of a row of pixels, which may lie between two. */
 float row_time(const FrameState *state, float row);
-
-/* Scene of the frame's objects as instances, moving if the frame has several poses; NULL without
- * objects or on failure. */
-RTCScene commit_objects(const Device *device, const Frame *frame);
 
 #endif

@@ -74,8 +74,7 @@ static void intersect_planes(const PlaneQueries *q, HitPoints *points) {
         Vec3 from_first = subtract(get_lane(q->origin, i), get_lane(q->first, i));
         Vec3 p = cross(direction, edge_v), s = cross(from_first, edge_u);
         float determinant = dot(edge_u, p);
-        /* A ray within the plane meets it nowhere: Embree reports none, and the first corner is as
-         * good an answer as any. */
+        /* A ray within the plane meets it nowhere: the first corner is as good an answer as any. */
         float inverse = determinant != 0.0f ? 1.0f / determinant : 0.0f;
         points->u[i] = dot(from_first, p) * inverse;
         points->v[i] = dot(direction, s) * inverse;

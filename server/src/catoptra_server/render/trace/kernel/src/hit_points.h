@@ -1,7 +1,7 @@
 /* Hit points computed anew from the triangles that rays meet.
  *
- * Embree's own distances and coordinates differ in their last bits between packet widths; these
- * depend on the ray and the triangle alone.
+ * A search tells which triangle is met; distance, weights and position follow here, for it, for
+ * short lists and for planes alike.
  */
 #ifndef CATOPTRA_HIT_POINTS_H
 #define CATOPTRA_HIT_POINTS_H
@@ -12,8 +12,8 @@
 typedef struct {
     _Alignas(64) float distance[BLOCK_RAYS];
     float u[BLOCK_RAYS], v[BLOCK_RAYS]; /* barycentric weights of corners 1 and 2 */
-    float position[3][BLOCK_RAYS];      /* Embree's coordinates */
-    float normal[3][BLOCK_RAYS];        /* unit, by the winding; Embree's axes */
+    float position[3][BLOCK_RAYS];      /* scene coordinates */
+    float normal[3][BLOCK_RAYS];        /* unit, by the winding; the scene's axes */
 } HitPoints;
 
 /* Points at which the rays of a mask meet the planes of their triangles; also beside these. */

@@ -3,25 +3,7 @@
 #define CATOPTRA_IMAGE_VECTORS_H
 
 #include "image_planes.h"
-
-#include <string.h>
-
-typedef float Floats16 __attribute__((vector_size(4 * CELL_COLUMNS)));
-typedef int32_t Ints16 __attribute__((vector_size(4 * CELL_COLUMNS)));
-
-static inline Floats16 load16(const float *values) {
-    Floats16 loaded;
-    memcpy(&loaded, values, sizeof loaded);
-    return loaded;
-}
-
-static inline Floats16 select16(Ints16 mask, Floats16 yes, Floats16 no) {
-    return (Floats16)((mask & (Ints16)yes) | (~mask & (Ints16)no));
-}
-
-static inline Floats16 least16(Floats16 a, Floats16 b) { return select16(a < b, a, b); }
-
-static inline Floats16 most16(Floats16 a, Floats16 b) { return select16(a > b, a, b); }
+#include "lanes.h"
 
 static inline Ints16 columns_below(int count) {
     return (Ints16){0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15} < count;

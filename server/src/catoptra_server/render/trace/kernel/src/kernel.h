@@ -3,7 +3,7 @@
  * Python twin: kernel_structs.py, with the same members in the same order; `catoptra_abi` returns
  * the sizes that the library was compiled with. Whoever passes an array keeps it alive as long as
  * the object that it was passed for. All lengths are metres, coordinates are those of the world
- * less the centre of the static scene ("Embree's coordinates"), so that float32 keeps its precision
+ * less the centre of the static scene ("scene coordinates"), so that float32 keeps its precision
  * far from the world's origin.
  */
 #ifndef CATOPTRA_KERNEL_H
@@ -38,7 +38,7 @@ typedef struct View View;
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
 typedef struct {
     int32_t num_triangles;
-    const float *corners;        /* (n, 3, 3), padded by 4 floats for Embree's loads */
+    const float *corners;        /* (n, 3, 3) */
     const float *normals;        /* (n, 3) unit */
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
@@ -84,7 +84,7 @@ typedef struct {
 
 /* A grid of factors of hemisphere light: a point's column in the atlas is column . (x, y, z, 1). */
 typedef struct {
-    float column[4], row[4];          /* Embree's coordinates */
+    float column[4], row[4];          /* scene coordinates */
     int32_t left, top, right, bottom; /* first and last nodes; two a side at least */
 } OcclusionPatch;
 
@@ -136,8 +136,8 @@ typedef struct {
     const float *points;      /* (h, w, 3) world frame; not a number for none */
     const uint16_t *ids;      /* (h, w) numbers of their objects */
     const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in the frame */
-    const Pose *motions;      /* there from here, Embree's coordinates */
-    double centre[3];         /* origin of Embree's coordinates in the world */
+    const Pose *motions;      /* there from here, scene coordinates */
+    double centre[3];         /* origin of scene coordinates in the world */
     int32_t num_nodes;        /* of the tables by evenly spaced places, of t / (1 + t) of t =
                                  tan(angle from the axis / 2) */
     float first, last, nodes_per_unit;
@@ -157,7 +157,7 @@ typedef struct {
     const uint16_t *triangle_numbers; /* (n,) number of each triangle's object, from 1 */
     const uint16_t *object_numbers;   /* (o,) of each dynamic object */
     const uint16_t *class_table;      /* (65536,) class of each number */
-    double centre[3];                 /* origin of Embree's coordinates in the world */
+    double centre[3];                 /* origin of scene coordinates in the world */
     float *range_m;                   /* infinite where nothing is met */
     float *normal;                    /* likewise zero */
     float *point;                     /* not a number */
@@ -167,10 +167,10 @@ typedef struct {
 
 typedef struct {
     int32_t num_poses;   /* K >= 1 poses of the camera and of each object, evenly spaced in time */
-    const Pose *camera;  /* (K,) Embree's coordinates from the mirror frame */
+    const Pose *camera;  /* (K,) scene coordinates from the mirror frame */
     int32_t num_objects;
     Mesh *const *objects;     /* (o,) */
-    const Pose *object_poses; /* (K, o) Embree's coordinates from each object's frame */
+    const Pose *object_poses; /* (K, o) scene coordinates from each object's frame */
     int32_t num_boxes;
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
@@ -215,12 +215,9 @@ typedef struct {
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);
 
-/* Device with a pool of threads. `packet_width` 1, 4, 8 or 16 rays, 0 for the widest that the
- * instruction set runs fast. NULL on failure, with the reason in `error` (256 bytes). */
-CATOPTRA_EXPORT Device *catoptra_open(const char *embree_path, const char *instruction_set,
-                                      int32_t threads, int32_t packet_width, char *error);
+/* Device with a pool of threads. NULL on failure, with the reason in `error` (256 bytes). */
+CATOPTRA_EXPORT Device *catoptra_open(int32_t threads, char *error);
 CATOPTRA_EXPORT void catoptra_close(Device *device);
-CATOPTRA_EXPORT int32_t catoptra_packet_width(const Device *device);
 
 /* Triangles for rays of which none slips between two that share an edge. */
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);

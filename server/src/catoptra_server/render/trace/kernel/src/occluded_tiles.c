@@ -1,5 +1,5 @@
 /* Provides occluded_tiles.h: tiles of one facet with a factor for each pixel.
- * Float64 twin: world/occlusion_map.py:OcclusionMap. Owns nothing: writes what its caller passes.
+ * Float64 twin: world/shading.py:OcclusionMap. Owns nothing: writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "occluded_tiles.h"
 
@@ -25,7 +25,7 @@ typedef struct {
 
 /* Directions of a tile's pixels: axis + a along_a + b along_b, neither of unit length. */
 typedef struct {
-    Vec3 axis, along_a, along_b; /* Embree's axes */
+    Vec3 axis, along_a, along_b; /* the scene's axes */
     float a[TILE_PX], b[TILE_PX]; /* of rows, of columns */
 } PixelGrid;
 

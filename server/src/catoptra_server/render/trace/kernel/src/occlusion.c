@@ -1,5 +1,5 @@
 /* Provides occlusion.h: factors of the sky's light on a static scene.
- * Float64 twin: world/occlusion_map.py:OcclusionMap. Owns nothing: atlas and sums are Python's.
+ * Float64 twin: world/shading.py:OcclusionMap. Owns nothing: atlas and sums are Python's.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "occlusion.h"
 

@@ -1,5 +1,5 @@
 /* How much of the sky's light reaches the points of a static scene: grids of factors on its
- * surfaces, interpolated bilinearly. Float64 twin: world/occlusion_map.py.
+ * surfaces, interpolated bilinearly. Float64 twin: world/shading.py.
  *
  * Most facets have no grid, and most of a grid is open: whole parts of an image keep one radiance
  * where the sums of dark blocks prove that they show nothing but factors of 1.

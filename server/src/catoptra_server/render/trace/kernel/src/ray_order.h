@@ -7,7 +7,7 @@
 #ifndef CATOPTRA_RAY_ORDER_H
 #define CATOPTRA_RAY_ORDER_H
 
-#include "packets.h"
+#include "ray_block.h"
 
 enum { NO_RAY = 0xffff, MAX_UNITS = 4 };
 

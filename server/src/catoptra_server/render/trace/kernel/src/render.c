@@ -13,6 +13,7 @@
 #include "encoding.h"
 #include "flow.h"
 #include "frame_state.h"
+#include "instances.h"
 #include "labels.h"
 #include "light_map.h"
 #include "measures.h"
@@ -131,15 +132,12 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !frame->has_shadows,
-        .objects = commit_objects(device, frame),
     };
     if (is_moving)
         *state = at_instant(state, 0.5f);
     state->object_radiance = light_objects(state);
-    const char *reason = device_error(device);
-    if (reason)
-        snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
     int failed = 0;
+    state->objects = create_instances(frame, &failed);
     state->object_heights = raise_objects(state, &failed);
     if (is_moving && frame->output < OUTPUT_HITS) {
         state->plan = create_plan(state);
@@ -147,15 +145,14 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
     }
     if (failed)
         snprintf(error, ERROR_SIZE, "out of memory");
-    return !reason && !failed;
+    return !failed;
 }
 
 static void end_frame(FrameState *state) {
     release_plan(state->plan);
     free((void *)state->object_heights);
     free(state->object_radiance);
-    if (state->objects)
-        state->device->embree.release_scene(state->objects);
+    release_instances(state->objects);
 }
 
 /* Largest displacement of the viewpoint, and chord of its turns, from the state's camera. */

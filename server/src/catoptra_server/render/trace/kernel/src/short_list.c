@@ -7,7 +7,7 @@
 #include <math.h>
 
 /* Rounding error of a component of cross product and direction, relative to the product of the
- * lengths, here and in Embree together. */
+ * lengths, here and in the search together. */
 #define PRODUCT_ERROR 1e-6f
 /* Volume of corners below which they are a plane through the viewpoint, relative to the product of
  * their distances. */

@@ -12,6 +12,7 @@
 #include "fog.h"
 #include "fog_tile.h"
 #include "hit_points.h"
+#include "instances.h"
 #include "labels.h"
 #include "measures.h"
 #include "occlusion.h"
@@ -37,43 +38,11 @@ static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, in
     find_distances(&plane, rays, rays->limit);
 }
 
-/* Rays in the frame of an object. */
-static void move_rays(const RayBlock *rays, const Pose *pose, RayBlock *moved) {
-    const float *r = pose->rotation;
-    *moved = *rays;
-    Vec3 origin = rotate_back(r, subtract(get_lane(rays->origin, 0), vec3(pose->translation)));
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(moved->origin, lane, origin);
-    for (int lane = 1; rays->has_origins && lane < BLOCK_RAYS; lane++)
-        set_lane(moved->origin, lane, rotate_back(r, subtract(get_lane(rays->origin, lane),
-                                                              vec3(pose->translation))));
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            moved->direction[axis][lane] = r[axis] * rays->direction[0][lane] +
-                                           r[3 + axis] * rays->direction[1][lane] +
-                                           r[6 + axis] * rays->direction[2][lane];
-}
-
-/* Hits with one dynamic object, in its own frame: without the search among instances. */
-static void intersect_object(const FrameState *state, int32_t object, RayBlock *rays,
-                             HitBlock *hits) {
-    RTCScene scene = state->frame->objects[object - 1]->scene;
-    RayBlock local;
-    Pose pose;
-    if (!scene)
-        return;
-    object_pose(state, object - 1, &pose);
-    move_rays(rays, &pose, &local);
-    intersect_block(state->device, scene, object, &local, hits);
-    memcpy(rays->limit, local.limit, sizeof rays->limit);
-}
-
 static void intersect_scene(const FrameState *state, const ShortList *short_list, RayBlock *rays,
                             HitBlock *hits) {
     if (short_list && intersect_short_list(short_list, rays, hits))
         return;
-    if (state->scene->mesh->scene)
-        intersect_block(state->device, state->scene->mesh->scene, OBJECT_STATIC, rays, hits);
+    intersect_bvh(&state->scene->mesh->bvh, OBJECT_STATIC, rays, hits);
 }
 
 /* Note whether the watched object is seen. */
@@ -97,7 +66,7 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
     if (content->object == OBJECT_NONE)
         return;
     if (state->objects && content->object == OBJECT_ANY)
-        intersect_block(state->device, state->objects, OBJECT_ANY, rays, hits);
+        intersect_instances(state, rays, hits);
     else if (content->object != OBJECT_ANY)
         intersect_object(state, content->object, rays, hits);
 }

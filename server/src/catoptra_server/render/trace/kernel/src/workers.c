@@ -5,12 +5,11 @@
 #include "workers.h"
 
 #include <pthread.h>
+#include <stdint.h>
 #include <stdlib.h>
+#if defined(__x86_64__)
 #include <xmmintrin.h>
-
-/* Denormals flushed to zero: Embree's recommendation, and the same arithmetic in every thread,
- * whatever the calling thread had set. */
-#define FLUSH_DENORMALS 0x8040u
+#endif
 
 struct Workers {
     pthread_mutex_t job_lock; /* held for a whole job */
@@ -26,12 +25,24 @@ struct Workers {
     pthread_t threads[];
 };
 
+/* Denormals, which are slow, are zero within a job: the same arithmetic in every thread, whatever
+ * the calling thread had set. */
+#if defined(__x86_64__)
 void workers_run_alone(void (*job)(void *), void *argument) {
     unsigned saved = _mm_getcsr();
-    _mm_setcsr(saved | FLUSH_DENORMALS);
+    _mm_setcsr(saved | 0x8040u);
     job(argument);
     _mm_setcsr(saved);
 }
+#else
+void workers_run_alone(void (*job)(void *), void *argument) {
+    uint64_t saved;
+    __asm__ volatile("mrs %0, fpcr" : "=r"(saved));
+    __asm__ volatile("msr fpcr, %0" : : "r"(saved | 1u << 24));
+    job(argument);
+    __asm__ volatile("msr fpcr, %0" : : "r"(saved));
+}
+#endif
 
 static void *serve(void *pool) {
     Workers *workers = pool;

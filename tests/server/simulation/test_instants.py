@@ -11,12 +11,12 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.frames.frame import Carrier, FrameComposition, FrameMetadata
-from catoptra_server.frames.instants import rewind, show_same
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import PerspectiveCameraSpec
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.simulation.frame_capture import rewind, show_same
+from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import Twist
 from helpers.dynamic_objects import build_cube_mesh, place_cube
 from helpers.effect_measurement import make_effect

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
-from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.scene_radiance import (
+from catoptra_server.effects.bounds.light_loss import (
     ObjectRadiances,
     max_facet_irradiance,
     max_radiance,
 )
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (

@@ -1,20 +1,18 @@
-/* Queries of a block of 16 rays, in packets of the device's width.
- *
- * The width changes the speed, never the result: what follows a query uses only which triangle was
- * met, and computes positions anew (hit_points.h).
- */
-#ifndef CATOPTRA_PACKETS_H
-#define CATOPTRA_PACKETS_H
+/* A block of 16 rays, traced together, and what they meet. */
+#ifndef CATOPTRA_RAY_BLOCK_H
+#define CATOPTRA_RAY_BLOCK_H
 
-#include "device.h"
+#include "kernel.h"
 #include "vectors.h"
+
+#include <stddef.h>
 
 typedef struct {
     _Alignas(64) float origin[3][BLOCK_RAYS];
     float direction[3][BLOCK_RAYS];
     float time[BLOCK_RAYS];
     float limit[BLOCK_RAYS]; /* hits beyond are ignored */
-    int has_origins;         /* each ray has an origin of its own; else that of lane 0 is all rays' */
+    int has_origins;         /* of each ray's own; else origin and time of lane 0 are all rays' */
     uint32_t active;         /* bit mask of the rays that are traced */
     size_t index;            /* of the block in the camera's table of rays */
 } RayBlock;
@@ -43,14 +41,5 @@ static inline void multiply_lane(float components[3][BLOCK_RAYS], int lane, Vec3
     set_lane(components, lane,
              multiply(get_lane((const float(*)[BLOCK_RAYS])components, lane), value));
 }
-
-/* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. `object`
- * is the number of the object whose triangles the scene holds, OBJECT_ANY for a scene of instances.
- */
-void intersect_block(const Device *device, RTCScene scene, int32_t object, RayBlock *rays,
-                     HitBlock *hits);
-
-/* Bit mask of the active rays that meet something nearer than their limits. */
-uint32_t occlude_block(const Device *device, RTCScene scene, const RayBlock *rays, int is_coherent);
 
 #endif

@@ -1,0 +1,575 @@
+/* Provides bvh.h: the queries.
+ * No twin: the reference finds triangles by another library. Owns nothing: writes what its caller
+ * passes.
+ * Threads: any at once; a hierarchy is only read. */
+#include "bvh.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Up to so many rays of a block go on one by one. */
+enum { SINGLE_RAYS = 4 };
+/* The smallest component of a direction: products of a reciprocal with a coordinate are finite. */
+#define LEAST_COMPONENT 1e-20f
+/* Distances to the sides of a box are differences, reciprocals and products of floats: off by
+ * three roundings each. */
+#define BOX_RESERVE 1.000001f
+/* Boxes are searched this much beyond the nearest hit: in them may be one at the same distance. */
+#define LIMIT_RESERVE 1.00001f
+/* The slopes of a beam's sides are moved out by so much. */
+#define BEAM_RESERVE 1e-6f
+/* Rays that go less far along a beam's axis are traced one by one. */
+#define LEAST_COSINE 0.2f
+
+typedef struct {
+    const BvhNode *nodes;
+    const BvhLeaf *leaves;
+    const RayBlock *rays;
+    uint32_t active; /* of an occlusion query: the rays that have met nothing */
+    _Alignas(64) float limit[BLOCK_RAYS];
+    int32_t triangle[BLOCK_RAYS]; /* the nearest so far */
+    float inverse[3][BLOCK_RAYS]; /* of the directions' components */
+    /* The ray's own frame: a point is sheared along the axis in which the ray goes farthest, so
+     * that the ray is this axis. */
+    float shear[2][BLOCK_RAYS];
+    int32_t axis[3][BLOCK_RAYS]; /* the two others, and this one */
+    int has_one_axis;            /* of all active rays */
+    int first;                   /* active ray */
+} Query;
+
+static void aim_query(Query *query, const Bvh *bvh, const RayBlock *rays) {
+    query->nodes = bvh->nodes;
+    query->leaves = bvh->leaves;
+    query->rays = rays;
+    query->active = rays->active;
+    memcpy(query->limit, rays->limit, sizeof query->limit);
+    memset(query->triangle, 0xff, sizeof query->triangle);
+    Floats16 direction[3], size[3], inverse[3];
+    for (int i = 0; i < 3; i++) {
+        direction[i] = load16(rays->direction[i]);
+        size[i] = absolute16(direction[i]);
+        inverse[i] = 1.0f / select16(size[i] < LEAST_COMPONENT, splat16(LEAST_COMPONENT), direction[i]);
+        store16(inverse[i], query->inverse[i]);
+    }
+    Ints16 is_x = (size[0] >= size[1]) & (size[0] >= size[2]), is_y = ~is_x & (size[1] >= size[2]);
+    Floats16 along = select16(is_x, inverse[0], select16(is_y, inverse[1], inverse[2]));
+    store16(select16(is_x, direction[1], direction[0]) * along, query->shear[0]);
+    store16(select16(is_x | is_y, direction[2], direction[1]) * along, query->shear[1]);
+    /* x: 1, 2, 0; y: 0, 2, 1; z: 0, 1, 2. */
+    Ints16 axis = (~is_x & 2) + is_y;
+    store_ints16(is_x & 1, query->axis[0]);
+    store_ints16(((is_x | is_y) & 1) + 1, query->axis[1]);
+    store_ints16(axis, query->axis[2]);
+    query->first = __builtin_ctz(rays->active);
+    query->has_one_axis =
+        !(bits16(axis != query->axis[2][query->first]) & rays->active);
+}
+
+/* Note the nearest of a leaf's hits, or of equally near ones that of the lowest number. */
+static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits, Floats8 distance) {
+    _Alignas(32) float distances[LANES];
+    int is_nearer = 0;
+    store8(distance, distances);
+    do {
+        int i = __builtin_ctz(hits);
+        hits &= hits - 1;
+        float at = distances[i], limit = query->limit[lane];
+        if (at > 0.0f && (at < limit || (at == limit && leaf->triangle[i] < query->triangle[lane]))) {
+            query->limit[lane] = at;
+            query->triangle[lane] = leaf->triangle[i];
+            is_nearer = 1;
+        }
+    } while (hits);
+    return is_nearer;
+}
+
+/* The test of rays with triangles, for one ray and eight triangles or for one triangle and sixteen
+ * rays: `start`, `shear` and `corner` are coordinates across, across and along the rays' axis. Masks
+ * what is met into `is_met`, and gives its depth along the axis. */
+#define DEFINE_TEST(N)                                                                             \
+    static inline __attribute__((always_inline)) Floats##N subtract_product##N(                    \
+        Floats##N a, Floats##N b, Floats##N c, Floats##N d) {                                      \
+        return a * b - c * d;                                                                      \
+    }                                                                                              \
+    /* Corners as they lie across a ray, which is at 0. */                                         \
+    static inline __attribute__((always_inline)) void shear_corners##N(                            \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3],          \
+        Floats##N across[2][3]) {                                                                  \
+        for (int i = 0; i < 3; i++) {                                                              \
+            Floats##N along = corner[i][2] - start[2];                                             \
+            for (int axis = 0; axis < 2; axis++)                                                   \
+                across[axis][i] = corner[i][axis] - start[axis] - shear[axis] * along;             \
+        }                                                                                          \
+    }                                                                                              \
+    static inline __attribute__((always_inline)) Ints##N pass_inside##N(                           \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N across[2][3], *x = across[0], *y = across[1];                                    \
+        shear_corners##N(start, shear, corner, across);                                            \
+        /* On which side of each edge the ray passes. A difference of rounded products has the     \
+         * sign of the exact one, or is 0: then the ray is inside of both of the edge's            \
+         * triangles. */                                                                           \
+        Floats##N u = subtract_product##N(x[2], y[1], y[2], x[1]);                                 \
+        Floats##N v = subtract_product##N(x[0], y[2], y[0], x[2]);                                 \
+        Floats##N w = subtract_product##N(x[1], y[0], y[1], x[0]);                                 \
+        /* Not both: the ray lies in the triangle's plane, or the triangle is a point. */           \
+        return (least##N(least##N(u, v), w) >= 0.0f) ^ (most##N(most##N(u, v), w) <= 0.0f);        \
+    }                                                                                              \
+    /* Whether the ray passes the rectangle around the corners: beside a triangle that is a millionth\
+     * of its distance from the ray, the sides of its edges are rounding alone. */                 \
+    static inline __attribute__((always_inline)) Ints##N pass_box##N(                              \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N across[2][3];                                                                    \
+        Ints##N passes = (Ints##N){0} == 0;                                                        \
+        shear_corners##N(start, shear, corner, across);                                            \
+        for (int axis = 0; axis < 2; axis++) {                                                     \
+            const Floats##N *x = across[axis];                                                     \
+            passes &= (least##N(least##N(x[0], x[1]), x[2]) <= 0.0f) &                             \
+                      (most##N(most##N(x[0], x[1]), x[2]) >= 0.0f);                                \
+        }                                                                                          \
+        return passes;                                                                             \
+    }                                                                                              \
+    /* Depth at which the ray meets the plane, by the normal; never beyond the corners, however    \
+     * flat the triangle lies. */                                                                  \
+    static inline __attribute__((always_inline)) Floats##N find_depth##N(                          \
+        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
+        Floats##N to[3], first[3], second[3], length[3];                                           \
+        for (int i = 0; i < 3; i++) {                                                              \
+            const Floats##N *from = corner[(i + 1) % 3], *end = corner[(i + 2) % 3];               \
+            Floats##N x = end[0] - from[0], y = end[1] - from[1], z = end[2] - from[2];            \
+            length[i] = x * x + y * y + z * z;                                                     \
+        }                                                                                          \
+        /* The normal of the two shorter edges: that of a sliver's long ones is rounding alone. */ \
+        Ints##N at_0 = (length[0] >= length[1]) & (length[0] >= length[2]);                        \
+        Ints##N at_1 = ~at_0 & (length[1] >= length[2]);                                           \
+        for (int axis = 0; axis < 3; axis++) {                                                     \
+            Floats##N a = corner[0][axis], b = corner[1][axis], c = corner[2][axis];               \
+            Floats##N base = select##N(at_0, a, select##N(at_1, b, c));                            \
+            to[axis] = a - start[axis];                                                            \
+            first[axis] = select##N(at_0, b, a) - base;                                            \
+            second[axis] = select##N(at_0 | at_1, c, b) - base;                                    \
+        }                                                                                          \
+        Floats##N x = subtract_product##N(first[1], second[2], first[2], second[1]);               \
+        Floats##N y = subtract_product##N(first[2], second[0], first[0], second[2]);               \
+        Floats##N z = subtract_product##N(first[0], second[1], first[1], second[0]);               \
+        Floats##N depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z); \
+        Floats##N x0 = corner[0][2] - start[2], x1 = corner[1][2] - start[2];                      \
+        Floats##N x2 = corner[2][2] - start[2];                                                    \
+        depth = most##N(depth, least##N(least##N(x0, x1), x2));                                    \
+        return least##N(depth, most##N(most##N(x0, x1), x2));                                      \
+    }
+
+DEFINE_TEST(8)
+DEFINE_TEST(16)
+
+/* Test a ray against the triangles of a leaf; whether one is nearer than all so far. */
+static inline __attribute__((always_inline)) int test_leaf(Query *query, const BvhLeaf *leaf,
+                                                           int lane) {
+    Floats8 start[3], corner[3][3];
+    Floats8 shear[2] = {splat8(query->shear[0][lane]), splat8(query->shear[1][lane])};
+    for (int i = 0; i < 3; i++) {
+        int axis = query->axis[i][lane];
+        start[i] = splat8(query->rays->origin[axis][lane]);
+        for (int number = 0; number < 3; number++)
+            corner[number][i] = leaf->corner[3 * number + axis];
+    }
+    uint32_t hits = bits8(pass_inside8(start, shear, corner));
+    if (!hits || !(hits &= bits8(pass_box8(start, shear, corner))))
+        return 0;
+    Floats8 depth = find_depth8(start, shear, corner);
+    return note_hits(query, leaf, lane, hits,
+                     depth * query->inverse[query->axis[2][lane]][lane]);
+}
+
+static inline void prefetch(const Query *query, int32_t child) {
+    const char *at = child < 0 ? (const char *)(query->leaves + ~child)
+                               : (const char *)(query->nodes + child);
+    __builtin_prefetch(at);
+    __builtin_prefetch(at + 64);
+    __builtin_prefetch(at + 128);
+    __builtin_prefetch(at + 192);
+}
+
+typedef struct {
+    float near;
+    int32_t child;
+} Visit;
+
+/* Distances at which a ray enters the boxes of a node's children, and whether it does. */
+typedef struct {
+    Floats8 origin[3], inverse[3];
+    int near[3], far[3]; /* sides of the boxes, by the signs of the direction */
+} Slabs;
+
+static inline Slabs make_slabs(const Query *query, int lane) {
+    Slabs slabs;
+    for (int axis = 0; axis < 3; axis++) {
+        slabs.origin[axis] = splat8(query->rays->origin[axis][lane]);
+        slabs.inverse[axis] = splat8(query->inverse[axis][lane]);
+        int is_back = query->inverse[axis][lane] < 0.0f;
+        slabs.near[axis] = is_back ? 3 + axis : axis;
+        slabs.far[axis] = is_back ? axis : 3 + axis;
+    }
+    return slabs;
+}
+
+static inline Floats8 side(const Slabs *slabs, const BvhNode *node, const int sides[3], int axis) {
+    return (node->bounds[sides[axis]] - slabs->origin[axis]) * slabs->inverse[axis];
+}
+
+static inline uint32_t meet_boxes(const Slabs *slabs, const BvhNode *node, float limit,
+                                  Floats8 *near) {
+    *near = most8(most8(side(slabs, node, slabs->near, 0), side(slabs, node, slabs->near, 1)),
+                  most8(side(slabs, node, slabs->near, 2), (Floats8){0}));
+    Floats8 far = least8(least8(side(slabs, node, slabs->far, 0), side(slabs, node, slabs->far, 1)),
+                         side(slabs, node, slabs->far, 2));
+    return bits8((*near <= far * BOX_RESERVE) & (*near <= limit));
+}
+
+/* Put the children of a mask on the stack, the nearest on top; its new height. */
+static inline int push_children(const Query *query, const BvhNode *node, uint32_t met, Floats8 near,
+                                Visit *stack, int height) {
+    _Alignas(32) float nears[LANES];
+    store8(near, nears);
+    int bottom = height;
+    do {
+        int slot = __builtin_ctz(met), at = height++;
+        met &= met - 1;
+        int32_t child = node->child[slot];
+        prefetch(query, child);
+        for (; at > bottom && stack[at - 1].near < nears[slot]; at--)
+            stack[at] = stack[at - 1];
+        stack[at] = (Visit){nears[slot], child};
+    } while (met);
+    return height;
+}
+
+/* Search below a child for a ray's nearest hit, or for any; whether there is one. */
+static inline __attribute__((always_inline)) int descend_ray(Query *query, int lane, int32_t child,
+                                                             int ends_at_first) {
+    Visit stack[MAX_STACK];
+    int height = 1, has_hit = 0;
+    Slabs slabs = make_slabs(query, lane);
+    float limit = query->limit[lane] * LIMIT_RESERVE;
+    stack[0] = (Visit){0.0f, child};
+    while (height) {
+        Visit visit = stack[--height];
+        if (visit.near > limit)
+            continue;
+        int32_t at = visit.child;
+        while (at >= 0) {
+            const BvhNode *node = query->nodes + at;
+            Floats8 near;
+            uint32_t met = meet_boxes(&slabs, node, limit, &near);
+            at = NO_CHILD;
+            if (met & (met - 1))
+                height = push_children(query, node, met, near, stack, height);
+            else if (met)
+                at = node->child[__builtin_ctz(met)];
+        }
+        if (at != NO_CHILD && test_leaf(query, query->leaves + ~at, lane)) {
+            has_hit = 1;
+            if (ends_at_first)
+                break;
+            limit = query->limit[lane] * LIMIT_RESERVE;
+        }
+    }
+    return has_hit;
+}
+
+static __attribute__((noinline)) int find_nearest(Query *query, int lane, int32_t child) {
+    return descend_ray(query, lane, child, 0);
+}
+
+static __attribute__((noinline)) int find_any(Query *query, int lane, int32_t child) {
+    return descend_ray(query, lane, child, 1);
+}
+
+/* A frustum around all active rays, along the coordinate in which the first goes farthest: where a
+ * ray is at a depth along it, its two other coordinates are slope times depth. */
+typedef struct {
+    int axis[3]; /* two across, and the one along */
+    float sign;  /* of the rays' way along it */
+    float first[3], last[3]; /* least and largest coordinates of the origins */
+    float least[2], most[2]; /* slopes */
+    float width[2]; /* a narrower box, per depth, is missed by some of the rays */
+    float inverse_least[2], inverse_most[2]; /* of slopes that are not 0 */
+    _Alignas(64) float along[BLOCK_RAYS]; /* depth per distance */
+} Beam;
+
+/* Where all active rays begin: one viewpoint, or the box around their origins. */
+static void aim_origins(const Query *query, Beam *beam) {
+    Ints16 is_active = mask16(query->active);
+    for (int i = 0; i < 3; i++) {
+        const float *origins = query->rays->origin[beam->axis[i]];
+        beam->first[i] = beam->last[i] = origins[query->first];
+        if (!query->rays->has_origins)
+            continue;
+        Floats16 origin = select16(is_active, load16(origins), splat16(beam->first[i]));
+        beam->first[i] = least_of16(origin);
+        beam->last[i] = most_of16(origin);
+    }
+}
+
+/* A beam of at least one ray; 0 if the rays diverge too far. */
+static int aim_beam(const Query *query, Beam *beam) {
+    const RayBlock *rays = query->rays;
+    Ints16 is_active = mask16(query->active);
+    for (int i = 0; i < 3; i++)
+        beam->axis[i] = query->axis[i][query->first];
+    beam->sign = query->inverse[beam->axis[2]][query->first] < 0.0f ? -1.0f : 1.0f;
+    Floats16 along = load16(rays->direction[beam->axis[2]]) * beam->sign;
+    if (bits16(is_active & (along < LEAST_COSINE)))
+        return 0;
+    store16(along, beam->along);
+    Floats16 inverse = load16(query->inverse[beam->axis[2]]) * beam->sign;
+    for (int i = 0; i < 2; i++) {
+        Floats16 slope = load16(rays->direction[beam->axis[i]]) * inverse;
+        slope = select16(is_active, slope, splat16(slope[query->first]));
+        beam->least[i] = least_of16(slope) - BEAM_RESERVE;
+        beam->most[i] = most_of16(slope) + BEAM_RESERVE;
+        beam->width[i] = 2.0f * (beam->most[i] - beam->least[i]);
+        beam->inverse_least[i] = 1.0f / beam->least[i];
+        beam->inverse_most[i] = 1.0f / beam->most[i];
+    }
+    aim_origins(query, beam);
+    return 1;
+}
+
+/* Depth of the farthest active ray's limit. */
+static float find_depth(const Query *query, const Beam *beam) {
+    Floats16 end = load16(beam->along) * load16(query->limit);
+    return most_of16(select16(mask16(query->active), end, (Floats16){0})) * LIMIT_RESERVE;
+}
+
+typedef struct {
+    float near;
+    int32_t child;
+    int32_t parent, slot; /* whose box holds the child; no slot if all rays are taken to meet it */
+} BeamVisit;
+
+/* The boxes of a node's children that a ray within the beam may meet up to a depth; depths are
+ * from the ray's origin. */
+static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float depth,
+                                 Floats8 *near, uint32_t *narrow) {
+    int along = beam->axis[2];
+    Floats8 far;
+    if (beam->sign > 0.0f) {
+        *near = node->bounds[along] - beam->last[2];
+        far = node->bounds[3 + along] - beam->first[2];
+    } else {
+        *near = beam->first[2] - node->bounds[3 + along];
+        far = beam->last[2] - node->bounds[along];
+    }
+    *near = most8(*near, (Floats8){0});
+    Floats8 size[2];
+    for (int i = 0; i < 2; i++) {
+        Floats8 least = node->bounds[beam->axis[i]] - beam->last[i];
+        Floats8 most = node->bounds[3 + beam->axis[i]] - beam->first[i];
+        size[i] = most - least;
+        /* A box on the positive side is not reached before the largest slope does. */
+        if (beam->most[i] > 0.0f)
+            *near = most8(*near, least * beam->inverse_most[i]);
+        if (beam->least[i] < 0.0f)
+            *near = most8(*near, most * beam->inverse_least[i]);
+        /* Rays that all go to one side leave the box on that side for good. */
+        if (beam->least[i] > 0.0f)
+            far = least8(far, most8(most * beam->inverse_least[i], most * beam->inverse_most[i]));
+        if (beam->most[i] < 0.0f)
+            far = least8(far, most8(least * beam->inverse_least[i], least * beam->inverse_most[i]));
+    }
+    *narrow = bits8((size[0] < *near * beam->width[0]) | (size[1] < *near * beam->width[1]));
+    return bits8((load_ints8(node->child) != NO_CHILD) & (*near <= far * BOX_RESERVE) & (*near <= depth));
+}
+
+/* Rays that meet a box before their limits. */
+static uint32_t meet_box(const Query *query, const float bounds[6]) {
+    Floats16 near = (Floats16){0}, far = load16(query->limit) * LIMIT_RESERVE;
+    for (int axis = 0; axis < 3; axis++) {
+        Floats16 origin = load16(query->rays->origin[axis]), inverse = load16(query->inverse[axis]);
+        Floats16 first = (bounds[axis] - origin) * inverse;
+        Floats16 second = (bounds[3 + axis] - origin) * inverse;
+        near = most16(near, least16(first, second));
+        far = least16(far, most16(first, second) * BOX_RESERVE);
+    }
+    return bits16(near <= far) & query->active;
+}
+
+static uint32_t meet_child(const Query *query, const BvhNode *node, int slot) {
+    float bounds[6];
+    for (int side = 0; side < 6; side++)
+        bounds[side] = node->bounds[side][slot];
+    return meet_box(query, bounds);
+}
+
+static int push_parts(const Query *query, int32_t parent, uint32_t met, uint32_t narrow,
+                      Floats8 near, BeamVisit *stack, int height) {
+    const BvhNode *node = query->nodes + parent;
+    _Alignas(32) float nears[LANES];
+    store8(near, nears);
+    int bottom = height;
+    do {
+        int slot = __builtin_ctz(met), at = height++;
+        met &= met - 1;
+        int32_t child = node->child[slot];
+        prefetch(query, child);
+        for (; at > bottom && stack[at - 1].near < nears[slot]; at--)
+            stack[at] = stack[at - 1];
+        stack[at] = (BeamVisit){nears[slot], child, parent, narrow >> slot & 1 ? slot : -1};
+    } while (met);
+    return height;
+}
+
+/* Search below a child for the hits of some rays, one by one; whether one has a hit. */
+static int descend_rays(Query *query, uint32_t lanes, int32_t child, int ends_at_first) {
+    int has_hit = 0;
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        int is_met = ends_at_first ? find_any(query, lane, child) : find_nearest(query, lane, child);
+        if (is_met && ends_at_first)
+            query->active &= ~(1u << lane);
+        has_hit |= is_met;
+    }
+    return has_hit;
+}
+
+/* Triangles of a leaf that are not wholly beyond a side of a beam, wherever its rays begin. */
+static uint32_t meet_triangles(const Beam *beam, const BvhLeaf *leaf) {
+    Ints8 is_outside = (Ints8){0};
+    for (int i = 0; i < 2; i++) {
+        float least = beam->least[i] * beam->sign, most = beam->most[i] * beam->sign;
+        float least_start = least > 0.0f ? beam->last[2] : beam->first[2];
+        float most_start = most > 0.0f ? beam->first[2] : beam->last[2];
+        Floats8 above_least = splat8(-INFINITY), above_most = splat8(INFINITY);
+        for (int corner = 0; corner < 3; corner++) {
+            Floats8 across = leaf->corner[3 * corner + beam->axis[i]];
+            Floats8 along = leaf->corner[3 * corner + beam->axis[2]];
+            above_least = most8(above_least, across - beam->first[i] - least * (along - least_start));
+            above_most = least8(above_most, across - beam->last[i] - most * (along - most_start));
+        }
+        is_outside |= (above_least < 0.0f) | (above_most > 0.0f);
+    }
+    return bits8(~is_outside & (load_ints8(leaf->triangle) != NO_TRIANGLE));
+}
+
+/* Test rays that go farthest along the same axis against a triangle of a leaf; those for which it
+ * is nearer than all so far. */
+static inline uint32_t test_rays(Query *query, const BvhLeaf *leaf, int slot, uint32_t lanes) {
+    Floats16 start[3], corner[3][3];
+    Floats16 shear[2] = {load16(query->shear[0]), load16(query->shear[1])};
+    for (int i = 0; i < 3; i++) {
+        int axis = query->axis[i][query->first];
+        start[i] = load16(query->rays->origin[axis]);
+        for (int number = 0; number < 3; number++)
+            corner[number][i] = splat16(leaf->corner[3 * number + axis][slot]);
+    }
+    Ints16 is_inside = pass_inside16(start, shear, corner) & mask16(lanes);
+    if (!bits16(is_inside))
+        return 0;
+    is_inside &= pass_box16(start, shear, corner);
+    Floats16 distance = find_depth16(start, shear, corner) *
+                        load16(query->inverse[query->axis[2][query->first]]);
+    Floats16 limit = load16(query->limit);
+    Ints16 triangle = load_ints16(query->triangle);
+    int32_t number = leaf->triangle[slot];
+    Ints16 is_nearer = is_inside & (distance > 0.0f) &
+                       ((distance < limit) | ((distance == limit) & (number < triangle)));
+    store16(select16(is_nearer, distance, limit), query->limit);
+    store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);
+    return bits16(is_nearer);
+}
+
+static int test_leaf_singly(Query *query, uint32_t lanes, const BvhLeaf *leaf, int ends_at_first) {
+    int has_hit = 0;
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        int is_met = test_leaf(query, leaf, lane);
+        if (is_met && ends_at_first)
+            query->active &= ~(1u << lane);
+        has_hit |= is_met;
+    }
+    return has_hit;
+}
+
+static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, const BvhLeaf *leaf,
+                          int ends_at_first) {
+    if (!query->has_one_axis || __builtin_popcount(lanes) <= SINGLE_RAYS)
+        return test_leaf_singly(query, lanes, leaf, ends_at_first);
+    uint32_t met = 0;
+    for (uint32_t slots = meet_triangles(beam, leaf); slots; slots &= slots - 1)
+        met |= test_rays(query, leaf, __builtin_ctz(slots), lanes);
+    if (ends_at_first)
+        query->active &= ~met;
+    return met != 0;
+}
+
+static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
+    BeamVisit stack[MAX_STACK];
+    int height = 1;
+    float depth = find_depth(query, beam);
+    stack[0] = (BeamVisit){0.0f, 0, -1, -1};
+    while (height) {
+        BeamVisit visit = stack[--height];
+        if (visit.near > depth)
+            continue;
+        uint32_t lanes = visit.slot < 0
+                             ? query->active
+                             : meet_child(query, query->nodes + visit.parent, visit.slot);
+        if (!lanes)
+            continue;
+        int has_hit = 0;
+        if (visit.child < 0) {
+            has_hit = test_leaf_rays(query, beam, lanes, query->leaves + ~visit.child,
+                                     ends_at_first);
+        } else if (__builtin_popcount(lanes) <= SINGLE_RAYS) {
+            has_hit = descend_rays(query, lanes, visit.child, ends_at_first);
+        } else {
+            Floats8 near;
+            uint32_t narrow;
+            uint32_t met = meet_beam(beam, query->nodes + visit.child, depth, &near, &narrow);
+            if (met)
+                height = push_parts(query, visit.child, met, narrow, near, stack, height);
+        }
+        if (has_hit) {
+            if (!query->active)
+                return;
+            depth = find_depth(query, beam);
+        }
+    }
+}
+
+static void run_query(Query *query, int ends_at_first) {
+    Beam beam;
+    if (__builtin_popcount(query->active) <= SINGLE_RAYS || !aim_beam(query, &beam))
+        descend_rays(query, query->active, 0, ends_at_first);
+    else
+        descend_beam(query, &beam, ends_at_first);
+}
+
+void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hits) {
+    Query query;
+    if (!bvh->num_nodes || !rays->active)
+        return;
+    aim_query(&query, bvh, rays);
+    run_query(&query, 0);
+    Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
+    store16(load16(query.limit), rays->limit);
+    store_ints16((is_met & triangle) | (~is_met & load_ints16(hits->triangle)), hits->triangle);
+    store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
+}
+
+uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays) {
+    Query query;
+    if (!bvh->num_nodes || !rays->active)
+        return 0;
+    aim_query(&query, bvh, rays);
+    run_query(&query, 1);
+    return rays->active & ~query.active;
+}
+
+void meet_children(const BvhNode *node, const RayBlock *rays, uint32_t met[LANES]) {
+    Query query;
+    Bvh bvh = {.nodes = NULL};
+    aim_query(&query, &bvh, rays);
+    for (int slot = 0; slot < LANES; slot++)
+        met[slot] = meet_child(&query, node, slot);
+}

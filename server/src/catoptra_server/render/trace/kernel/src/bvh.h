@@ -1,0 +1,79 @@
+/* Bounding volume hierarchies of eight children a node, and the queries of rays.
+ *
+ * A block of coherent rays descends as one beam: four planes against eight boxes at once. Where at
+ * most SINGLE_RAYS of them meet a box they go on one by one: packets share nothing in the last
+ * levels, single rays nothing in the first.
+ *
+ * No ray slips between triangles that share an edge (Woop, Benthin, Wald, "Watertight Ray/Triangle
+ * Intersection", JCGT 2, 2013): each ray has a frame of its own, in which it is an axis, and the
+ * side on which it passes an edge is computed alike for both triangles of the edge. What is
+ * rounding off counts as inside for both. A hit follows from the ray and the triangle alone, and of
+ * two at one distance the triangle of the lower number is met: neither the hierarchy, nor the block
+ * that a ray belongs to, nor the processor changes what is seen.
+ */
+#ifndef CATOPTRA_BVH_H
+#define CATOPTRA_BVH_H
+
+#include "lanes.h"
+#include "ray_block.h"
+#include "workers.h"
+
+/* Children of a node, and triangles of a leaf. */
+enum { LANES = 8 };
+
+enum { LEAF_TRIANGLES = LANES, NO_TRIANGLE = -1, NO_CHILD = INT32_MIN };
+
+/* Products of three coordinates stay finite below it. */
+#define MOST_COORDINATE 1e12f
+
+/* Depth of the deepest node, and what a descent keeps on its stack at most. */
+enum { MAX_DEPTH = 40, MAX_STACK = MAX_DEPTH * (LANES - 1) + 1 };
+
+typedef struct {
+    float least[3];
+    int32_t item; /* what the box encloses */
+    float most[3];
+    int32_t spare;
+} ItemBox;
+
+/* Children lie at the front. Boxes of missing ones are turned inside out: nothing meets them. */
+typedef struct {
+    Floats8 bounds[6]; /* least x, y, z, most x, y, z */
+    int32_t child[LANES]; /* a node, ~leaf, or NO_CHILD */
+} BvhNode;
+
+typedef struct {
+    Floats8 corner[9];   /* x, y, z of the first corner, of the second, of the third */
+    int32_t triangle[LANES]; /* NO_TRIANGLE for unused lanes, whose corners are not numbers */
+} BvhLeaf;
+
+typedef struct {
+    ItemBox box;       /* of all; inside out without triangles */
+    BvhNode *nodes; /* the first is the root */
+    BvhLeaf *leaves;
+    int32_t num_nodes, num_leaves;
+} Bvh;
+
+/* Hierarchy of (count, 3, 3) corners; triangles that are not finite are left out. 0 if memory is
+ * short. */
+int build_bvh(Bvh *bvh, Workers *workers, const float *corners, int32_t count);
+
+void free_bvh(Bvh *bvh);
+
+/* Hierarchy of boxes, reordered, whose leaves are the boxes' items; its nodes go to `nodes`, with
+ * room for max_nodes(count, 1). */
+void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes);
+
+int32_t max_nodes(int32_t count, int32_t leaf_size);
+
+/* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit, `object`
+ * the object that it belongs to. */
+void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hits);
+
+/* Bit mask of the active rays that meet something nearer than their limits. */
+uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays);
+
+/* Bit masks of the active rays that meet the boxes of a node's children before their limits. */
+void meet_children(const BvhNode *node, const RayBlock *rays, uint32_t met[LANES]);
+
+#endif

@@ -1,0 +1,464 @@
+/* Provides bvh.h: the build, from the top down by the surface area heuristic in bins (Wald, "On
+ * fast Construction of SAH-based Bounding Volume Hierarchies", 2007), eight children at once.
+ * No twin. A hierarchy owns its nodes and leaves, from build_bvh to free_bvh.
+ * Threads: the pool's; each takes subtrees that nobody else has. Which node lies where in memory
+ * depends on them, which boxes there are does not. */
+#define _GNU_SOURCE
+#include "bvh.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef float Floats4 __attribute__((vector_size(16)));
+typedef int32_t Ints4 __attribute__((vector_size(16)));
+
+enum { MAX_BINS = 16, FEW_BINS = 8, FEW_BOXES = 64 };
+/* Subtrees from this size on are handed to whichever thread is free. */
+enum { SHARED_BOXES = 4096, LEAVES_AT_ONCE = 1024 };
+/* From this depth on halves, so that no input makes the stacks of the queries overflow: 2^31
+ * boxes are 11 levels more. */
+enum { DEEPEST_HEURISTIC = MAX_DEPTH - 12 };
+/* Centres that lie closer are one: the bins of a shorter range have no finite number to a metre. */
+#define LEAST_SIZE 1e-36f
+
+typedef struct {
+    Floats4 least, most; /* the fourth is not used */
+} Bounds;
+
+/* Boxes that lie together, in an order that is still open. */
+typedef struct {
+    int32_t first, count, depth;
+    int32_t has_no_copies; /* known so: of two equal triangles one was left out */
+    Bounds bounds, centres; /* of the boxes, and of twice their centres */
+} Range;
+
+typedef struct {
+    Range range;
+    int32_t node;
+} Subtree;
+
+typedef struct {
+    int32_t first, count;
+} LeafRange;
+
+typedef struct {
+    ItemBox *boxes;
+    BvhNode *nodes;
+    LeafRange *leaves; /* NULL: leaves are single boxes, named by their items */
+    int32_t leaf_size;
+    atomic_int num_nodes, num_leaves, unfinished;
+    pthread_mutex_t lock; /* guards the list of subtrees that wait for a thread */
+    Subtree *waiting;     /* NULL: one thread builds */
+    int num_waiting;
+    float padding; /* of the boxes, to all sides */
+    const float *corners;
+    BvhLeaf *filled;
+    atomic_int next_leaf;
+} Build;
+
+static inline Floats4 least4(Floats4 a, Floats4 b) {
+    Ints4 mask = a < b;
+    return (Floats4)((mask & (Ints4)a) | (~mask & (Ints4)b));
+}
+
+static inline Floats4 most4(Floats4 a, Floats4 b) {
+    Ints4 mask = a > b;
+    return (Floats4)((mask & (Ints4)a) | (~mask & (Ints4)b));
+}
+
+static inline Floats4 load4(const float *values) {
+    Floats4 loaded;
+    memcpy(&loaded, values, sizeof loaded);
+    return loaded;
+}
+
+static inline Bounds no_bounds(void) {
+    return (Bounds){(Floats4){0} + INFINITY, (Floats4){0} - INFINITY};
+}
+
+static inline void widen(Bounds *bounds, Floats4 least, Floats4 most) {
+    bounds->least = least4(bounds->least, least);
+    bounds->most = most4(bounds->most, most);
+}
+
+static inline Floats4 twice_centre(const ItemBox *box) { return load4(box->least) + load4(box->most); }
+
+static float half_area(const Bounds *bounds) {
+    Floats4 size = bounds->most - bounds->least;
+    return size[0] < 0.0f ? 0.0f : size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+}
+
+static int compare_triangles(const void *first, const void *second, void *all_corners) {
+    const ItemBox *a = first, *b = second;
+    const float *corners = all_corners;
+    int order = memcmp(corners + 9 * (size_t)a->item, corners + 9 * (size_t)b->item, 9 * sizeof *corners);
+    return order ? order : (a->item > b->item) - (a->item < b->item);
+}
+
+/* Triangles in one place cannot be divided, and a ray meets all: the first of equal ones stays. */
+static void drop_copies(const Build *build, Range *range) {
+    Floats4 size = range->centres.most - range->centres.least;
+    if (range->has_no_copies || !build->corners || range->count <= build->leaf_size ||
+        size[0] > LEAST_SIZE || size[1] > LEAST_SIZE || size[2] > LEAST_SIZE)
+        return;
+    ItemBox *boxes = build->boxes + range->first;
+    qsort_r(boxes, (size_t)range->count, sizeof *boxes, compare_triangles, (void *)build->corners);
+    int32_t kept = 1;
+    for (int32_t i = 1; i < range->count; i++)
+        if (memcmp(build->corners + 9 * (size_t)boxes[kept - 1].item,
+                   build->corners + 9 * (size_t)boxes[i].item, 9 * sizeof *build->corners))
+            boxes[kept++] = boxes[i];
+    range->count = kept;
+    range->has_no_copies = 1;
+}
+
+static void measure_range(const Build *build, Range *range) {
+    const ItemBox *boxes = build->boxes;
+    range->bounds = range->centres = no_bounds();
+    for (int32_t i = range->first; i < range->first + range->count; i++) {
+        Floats4 centre = twice_centre(&boxes[i]);
+        widen(&range->bounds, load4(boxes[i].least), load4(boxes[i].most));
+        widen(&range->centres, centre, centre);
+    }
+    drop_copies(build, range);
+}
+
+/* Where a range is divided: boxes up to a bin of an axis. */
+typedef struct {
+    int axis, bin;
+    float cost; /* infinite where no plane divides the centres */
+    Floats4 origin, scale; /* bin of a centre: (centre - origin) scale */
+} Division;
+
+static inline Ints4 find_bins(const Division *division, const ItemBox *box) {
+    return __builtin_convertvector((twice_centre(box) - division->origin) * division->scale, Ints4);
+}
+
+typedef struct {
+    Bounds bounds[3][MAX_BINS];
+    int32_t count[3][MAX_BINS];
+} Bins;
+
+static void fill_bins(const ItemBox *boxes, const Range *range, const Division *division,
+                      int num_bins, Bins *bins) {
+    for (int axis = 0; axis < 3; axis++)
+        for (int bin = 0; bin < num_bins; bin++) {
+            bins->bounds[axis][bin] = no_bounds();
+            bins->count[axis][bin] = 0;
+        }
+    for (int32_t i = range->first; i < range->first + range->count; i++) {
+        Floats4 least = load4(boxes[i].least), most = load4(boxes[i].most);
+        Ints4 bin = find_bins(division, &boxes[i]);
+        for (int axis = 0; axis < 3; axis++) {
+            widen(&bins->bounds[axis][bin[axis]], least, most);
+            bins->count[axis][bin[axis]]++;
+        }
+    }
+}
+
+/* Rays that meet a half, times the leaves that they meet there: half full, as they come out. */
+static float half_cost(const Bounds *bounds, int32_t count, int32_t leaf_size) {
+    int32_t half = leaf_size > 1 ? leaf_size / 2 : 1;
+    return half_area(bounds) * (float)((count + half - 1) / half);
+}
+
+static void sweep_axis(const Bins *bins, int axis, int num_bins, int32_t leaf_size,
+                       Division *best) {
+    float after[MAX_BINS];
+    Bounds bounds = no_bounds();
+    int32_t count = 0;
+    for (int bin = num_bins - 1; bin > 0; bin--) {
+        widen(&bounds, bins->bounds[axis][bin].least, bins->bounds[axis][bin].most);
+        count += bins->count[axis][bin];
+        after[bin] = count ? half_cost(&bounds, count, leaf_size) : INFINITY;
+    }
+    bounds = no_bounds();
+    count = 0;
+    for (int bin = 0; bin < num_bins - 1; bin++) {
+        widen(&bounds, bins->bounds[axis][bin].least, bins->bounds[axis][bin].most);
+        count += bins->count[axis][bin];
+        float cost = half_cost(&bounds, count, leaf_size) + after[bin + 1];
+        if (count && cost < best->cost) {
+            best->cost = cost;
+            best->axis = axis;
+            best->bin = bin;
+        }
+    }
+}
+
+static Division choose_division(const Build *build, const Range *range) {
+    int num_bins = range->count < FEW_BOXES ? FEW_BINS : MAX_BINS;
+    Floats4 size = range->centres.most - range->centres.least;
+    Division best = {.cost = INFINITY, .origin = range->centres.least};
+    for (int axis = 0; axis < 3; axis++)
+        /* A little less than all bins: the last centre belongs to the last bin. */
+        best.scale[axis] = size[axis] > LEAST_SIZE ? (float)num_bins * 0.9999f / size[axis] : 0.0f;
+    Bins bins;
+    fill_bins(build->boxes, range, &best, num_bins, &bins);
+    for (int axis = 0; axis < 3; axis++)
+        if (size[axis] > LEAST_SIZE)
+            sweep_axis(&bins, axis, num_bins, build->leaf_size, &best);
+    return best;
+}
+
+/* Bring the boxes before a division to the front; their number. */
+static int32_t partition(ItemBox *boxes, const Range *range, const Division *division) {
+    int32_t front = range->first, back = range->first + range->count - 1;
+    while (front <= back) {
+        if (find_bins(division, &boxes[front])[division->axis] <= division->bin) {
+            front++;
+        } else {
+            ItemBox swapped = boxes[front];
+            boxes[front] = boxes[back];
+            boxes[back--] = swapped;
+        }
+    }
+    return front - range->first;
+}
+
+static void divide_range(const Build *build, Range *range, Range *rest) {
+    int32_t count = 0;
+    if (range->depth < DEEPEST_HEURISTIC) {
+        Division division = choose_division(build, range);
+        if (division.cost < INFINITY)
+            count = partition(build->boxes, range, &division);
+    }
+    /* Boxes with one centre: no division is better than another. */
+    if (count == 0 || count == range->count)
+        count = range->count / 2;
+    *rest = (Range){.first = range->first + count,
+                    .count = range->count - count,
+                    .depth = range->depth,
+                    .has_no_copies = range->has_no_copies};
+    range->count = count;
+    measure_range(build, range);
+    measure_range(build, rest);
+}
+
+/* The largest part that is no leaf yet; -1 without. Where halves are taken, the fullest. */
+static int choose_part(const Build *build, const Range *parts, int count) {
+    int chosen = -1;
+    float largest = -1.0f;
+    for (int i = 0; i < count; i++) {
+        float size = parts[i].depth < DEEPEST_HEURISTIC ? half_area(&parts[i].bounds)
+                                                        : (float)parts[i].count;
+        if (parts[i].count > build->leaf_size && size > largest) {
+            largest = size;
+            chosen = i;
+        }
+    }
+    return chosen;
+}
+
+static int32_t make_leaf(Build *build, const Range *range) {
+    if (!build->leaves)
+        return ~build->boxes[range->first].item;
+    int32_t leaf = atomic_fetch_add(&build->num_leaves, 1);
+    build->leaves[leaf] = (LeafRange){range->first, range->count};
+    return ~leaf;
+}
+
+static void set_child(const Build *build, BvhNode *node, int slot, const Range *range) {
+    for (int axis = 0; axis < 3; axis++) {
+        node->bounds[axis][slot] = range ? range->bounds.least[axis] - build->padding : INFINITY;
+        node->bounds[3 + axis][slot] =
+            range ? range->bounds.most[axis] + build->padding : -INFINITY;
+    }
+}
+
+static void hand_over(Build *build, const Subtree *subtree) {
+    pthread_mutex_lock(&build->lock);
+    build->waiting[build->num_waiting++] = *subtree;
+    pthread_mutex_unlock(&build->lock);
+}
+
+static void build_subtree(Build *build, const Subtree *subtree) {
+    Range parts[LANES];
+    int count = 1, chosen, inner = 0;
+    parts[0] = subtree->range;
+    parts[0].depth++;
+    while (count < LANES && (chosen = choose_part(build, parts, count)) >= 0) {
+        divide_range(build, &parts[chosen], &parts[count]);
+        count++;
+    }
+    BvhNode *node = build->nodes + subtree->node;
+    for (int i = 0; i < LANES; i++)
+        set_child(build, node, i, i < count ? &parts[i] : NULL);
+    for (int i = 0; i < count; i++)
+        inner += parts[i].count > build->leaf_size;
+    int32_t next = atomic_fetch_add(&build->num_nodes, inner);
+    for (int i = 0; i < LANES; i++)
+        node->child[i] = i >= count                          ? NO_CHILD
+                         : parts[i].count > build->leaf_size ? next++
+                                                             : make_leaf(build, &parts[i]);
+    for (int i = 0; i < count; i++) {
+        if (parts[i].count <= build->leaf_size)
+            continue;
+        Subtree part = {parts[i], node->child[i]};
+        if (build->waiting && part.range.count >= SHARED_BOXES) {
+            atomic_fetch_add(&build->unfinished, 1);
+            hand_over(build, &part);
+        } else {
+            build_subtree(build, &part);
+        }
+    }
+}
+
+static int take_subtree(Build *build, Subtree *subtree) {
+    pthread_mutex_lock(&build->lock);
+    int is_taken = build->num_waiting > 0;
+    if (is_taken)
+        *subtree = build->waiting[--build->num_waiting];
+    pthread_mutex_unlock(&build->lock);
+    return is_taken;
+}
+
+static void build_subtrees(void *argument) {
+    Build *build = argument;
+    Subtree subtree;
+    while (atomic_load(&build->unfinished) > 0) {
+        if (take_subtree(build, &subtree)) {
+            build_subtree(build, &subtree);
+            atomic_fetch_sub(&build->unfinished, 1);
+        } else {
+            sched_yield();
+        }
+    }
+}
+
+static void fill_leaf(const Build *build, const LeafRange *range, BvhLeaf *leaf) {
+    for (int lane = 0; lane < LANES; lane++) {
+        int is_used = lane < range->count;
+        int32_t triangle = is_used ? build->boxes[range->first + lane].item : NO_TRIANGLE;
+        leaf->triangle[lane] = triangle;
+        for (int i = 0; i < 9; i++)
+            leaf->corner[i][lane] = is_used ? build->corners[9 * (size_t)triangle + (size_t)i] : NAN;
+    }
+}
+
+static void fill_leaves(void *argument) {
+    Build *build = argument;
+    int first, count = atomic_load(&build->num_leaves);
+    while ((first = atomic_fetch_add(&build->next_leaf, LEAVES_AT_ONCE)) < count)
+        for (int leaf = first; leaf < first + LEAVES_AT_ONCE && leaf < count; leaf++)
+            fill_leaf(build, build->leaves + leaf, build->filled + leaf);
+}
+
+static int make_box(const float *corners, int32_t triangle, ItemBox *box) {
+    for (int axis = 0; axis < 3; axis++) {
+        float a = corners[axis], b = corners[3 + axis], c = corners[6 + axis];
+        /* Comparisons are false for what is not a number. */
+        if (!(fabsf(a) <= MOST_COORDINATE && fabsf(b) <= MOST_COORDINATE &&
+              fabsf(c) <= MOST_COORDINATE))
+            return 0;
+        box->least[axis] = fminf(a, fminf(b, c));
+        box->most[axis] = fmaxf(a, fmaxf(b, c));
+    }
+    box->item = triangle;
+    box->spare = 0;
+    return 1;
+}
+
+static int32_t make_boxes(const float *corners, int32_t count, ItemBox *boxes) {
+    int32_t made = 0;
+    for (int32_t triangle = 0; triangle < count; triangle++)
+        made += make_box(corners + 9 * (size_t)triangle, triangle, boxes + made);
+    return made;
+}
+
+int32_t max_nodes(int32_t count, int32_t leaf_size) {
+    /* Nodes with less than eight children have more boxes than a leaf, and no node below: one for
+     * each nine boxes. Others have eight children, which hold a box each: one for each seven. */
+    return leaf_size > 1 ? count / 3 + 2 : count + 1;
+}
+
+static Range whole_range(const Build *build, int32_t count) {
+    Range range = {.count = count};
+    measure_range(build, &range);
+    return range;
+}
+
+/* A ray in the plane of a box's side meets the box only if the side is a little farther out. */
+static float find_padding(const Bounds *bounds) {
+    float largest = 0.0f;
+    for (int axis = 0; axis < 3; axis++)
+        largest = fmaxf(largest, fmaxf(fabsf(bounds->least[axis]), fabsf(bounds->most[axis])));
+    return 0x1p-22f * largest + 1e-30f;
+}
+
+void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes) {
+    Build build = {.boxes = boxes, .nodes = nodes, .leaf_size = 1, .num_nodes = 1};
+    Subtree root = {whole_range(&build, count), 0};
+    build.padding = find_padding(&root.range.bounds);
+    build_subtree(&build, &root);
+}
+
+static int allocate(Build *build, int32_t count) {
+    build->boxes = malloc(sizeof *build->boxes * (size_t)count);
+    build->leaves = malloc(sizeof *build->leaves * (size_t)count);
+    build->nodes = aligned_alloc(64, (sizeof *build->nodes * (size_t)max_nodes(count, LEAF_TRIANGLES) + 63) / 64 * 64);
+    build->waiting = malloc(sizeof *build->waiting * (size_t)(count / SHARED_BOXES + 1));
+    return build->boxes && build->leaves && build->nodes && build->waiting;
+}
+
+static void store_box(const Range *range, float padding, ItemBox *box) {
+    for (int axis = 0; axis < 3; axis++) {
+        box->least[axis] = range->bounds.least[axis] - padding;
+        box->most[axis] = range->bounds.most[axis] + padding;
+    }
+}
+
+static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
+    int32_t used = make_boxes(build->corners, count, build->boxes);
+    Subtree root = {whole_range(build, used), 0};
+    build->padding = find_padding(&root.range.bounds);
+    store_box(&root.range, used ? build->padding : 0.0f, &bvh->box);
+    if (!used)
+        return 1;
+    build->num_nodes = 1;
+    build->unfinished = 1;
+    hand_over(build, &root);
+    if (used < SHARED_BOXES)
+        workers_run_alone(build_subtrees, build);
+    else
+        workers_run(workers, build_subtrees, build);
+    bvh->num_nodes = atomic_load(&build->num_nodes);
+    bvh->num_leaves = atomic_load(&build->num_leaves);
+    bvh->leaves = build->filled = aligned_alloc(64, sizeof *bvh->leaves * (size_t)bvh->num_leaves);
+    if (!bvh->leaves)
+        return 0;
+    if (bvh->num_leaves <= LEAVES_AT_ONCE)
+        workers_run_alone(fill_leaves, build);
+    else
+        workers_run(workers, fill_leaves, build);
+    return 1;
+}
+
+int build_bvh(Bvh *bvh, Workers *workers, const float *corners, int32_t count) {
+    Build build = {.corners = corners, .leaf_size = LEAF_TRIANGLES};
+    *bvh = (Bvh){.num_nodes = 0};
+    if (!count) {
+        store_box(&(Range){.bounds = no_bounds()}, 0.0f, &bvh->box);
+        return 1;
+    }
+    pthread_mutex_init(&build.lock, NULL);
+    int is_built = allocate(&build, count) && run_build(&build, bvh, workers, count);
+    pthread_mutex_destroy(&build.lock);
+    free(build.boxes);
+    free(build.leaves);
+    free(build.waiting);
+    bvh->nodes = build.nodes;
+    if (!is_built)
+        free_bvh(bvh);
+    return is_built;
+}
+
+void free_bvh(Bvh *bvh) {
+    free(bvh->nodes);
+    free(bvh->leaves);
+    *bvh = (Bvh){.num_nodes = 0};
+}
