@@ -200,6 +200,29 @@ def test_rays_along_axes_meet_edges_corners_and_borders_of_boxes() -> None:
         assert (distance == 0.5).all()
 
 
+def test_triangles_as_small_as_rounding_are_met_by_no_ray_beside_them() -> None:
+    rng, step = np.random.default_rng(5), np.spacing(5.0)
+    wall = np.array([[(4.0, -9.0, -9.0), (4.0, 9.0, -9.0), (4.0, 0.0, 9.0)]])
+    for _ in range(100):
+        tiny = (3.0, 5.0, 1.0) + step * rng.integers(-3, 4, (7, 3, 3))
+        directions = np.column_stack((np.ones(50), rng.uniform(-0.1, 0.1, (50, 2))))
+        found = TriangleSearch(np.concatenate((tiny, wall))).first_hits(
+            np.zeros((50, 3)), directions
+        )
+        assert set(found[1].tolist()) == {7}
+
+
+def test_triangles_in_the_plane_of_a_ray_are_not_met_beside_them() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        # The ray's plane contains the triangle, which begins beside the ray.
+        directions, aside = rng.normal(size=(2, 3))
+        along, off = rng.uniform(1.0, 9.0, (2, 3, 1))
+        corners = (along * directions + off * aside)[None]
+        found = TriangleSearch(corners).first_hits(np.zeros((1, 3)), directions[None])
+        assert found[1].tolist() == [-1]
+
+
 def test_degenerate_and_non_finite_triangles_are_never_met() -> None:
     a, b, c = CORNERS[0]
     nan, inf = np.full(3, np.nan), np.full(3, np.inf)

@@ -9,6 +9,7 @@ Watertight: no ray slips between triangles that share an edge. Space is sheared 
 an axis; an edge's test is a difference of two products of the sheared coordinates, which has the
 exact difference's sign or is zero, and is negated exactly where the other triangle runs through the
 edge the other way. Zero counts as inside. Boxes are enlarged by more than the shear's rounding.
+Twin in float32: `render/trace/kernel/src/bvh.c`.
 
 Source: Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection".
 """
@@ -150,6 +151,9 @@ class TriangleSearch:
         lowest, highest = np.minimum(np.minimum(u, v), w), np.maximum(np.maximum(u, v), w)
         distance = (z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0])) / total) * shear[2]
         is_met = ((lowest >= 0.0) | (highest <= 0.0)) & (distance > shear[3])
+        # Beside a triangle as small as rounding, or in its plane, all products round alike.
+        for across in (x, y):
+            is_met &= (across.min(axis=0) <= 0.0) & (across.max(axis=0) >= 0.0)
         distance = np.where(is_met, distance, np.inf)
         # The first of equals is the one of the lowest number, since leaves are sorted.
         slot, column = distance.argmin(axis=0), np.arange(len(some))
