@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,18 +15,18 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.renderer import Image, RenderPlan, RenderSettings, View
+from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from cost.bare_packets import BarePacketScene
+from cost.embree_packets import EmbreePackets
 from cost.race import Quartiles, RaceTimes, RenderCall, race
 from measurements.scenes import make_camera
 
-try:
+HAS_EMBREEX = importlib.util.find_spec("embreex") is not None
+if HAS_EMBREEX:
     from cost.embreex_numpy import EmbreexNumpy
-except ImportError:
-    EmbreexNumpy = None  # type: ignore[assignment,misc]
-    print("no column of embreex: pip install embreex")
 
 STATES = 60  # camera states, a cycle
 COMPARED_STATES = 3
@@ -41,17 +43,19 @@ class Cell:
     required_factor: float
     """Least time of embreex with NumPy over ours."""
     required_bare_share: float | None = None
-    """Least time of bare packets over ours; None where nothing is required."""
+    """Least time of our bare rays over ours; None where nothing is required."""
+    max_bare_ratio: float | None = None
+    """Greatest time of our bare rays over Embree's packets; None where nothing is required."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellRow:
-    """Frame times of ours, of embreex with NumPy and of bare packets."""
+    """Frame times of ours, of embreex with NumPy and of bare rays: ours and Embree's packets."""
 
     cell: Cell
     rounds: int
     wall_ms: dict[str, float]
-    """Median elapsed time by contestant: ours and, where there are such, embreex and bare."""
+    """Median elapsed time by contestant: ours and, where there are such, embreex, bare, packets."""
     processor_ms: dict[str, float]
     """Median processor time of all threads."""
     factor: Quartiles | None
@@ -59,7 +63,9 @@ class CellRow:
     processor_factor: Quartiles | None
     """The same of processor times."""
     bare_share: Quartiles | None
-    """Elapsed time of bare packets over ours."""
+    """Elapsed time of our bare rays over ours."""
+    bare_ratio: Quartiles | None
+    """Elapsed time of our bare rays over Embree's packets."""
     max_difference: int | None
     """Largest difference of the pictures, grey levels."""
     different_share: float | None
@@ -88,19 +94,22 @@ class CostRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Racers:
-    """The product's renderer, the yardstick and bare packets, each with the scene."""
+    """The product's renderer, its bare rays and the yardsticks, each with the scene."""
 
     choice: RendererChoice
-    embreex: EmbreexNumpy | None
     bare: BarePacketScene
+    embreex: EmbreexNumpy | None
+    packets: EmbreePackets | None
 
     @classmethod
     def open(cls, world: World) -> Racers:
         """Build the scene for all."""
         scene = build_scene(world)
         choice = choose_renderer("trace", scene, world)
-        embreex = EmbreexNumpy(scene, world) if EmbreexNumpy else None
-        return cls(choice, embreex, BarePacketScene(scene, world))
+        bare = BarePacketScene(scene, world)
+        if not HAS_EMBREEX:
+            return cls(choice, bare, None, None)
+        return cls(choice, bare, EmbreexNumpy(scene, world), EmbreePackets(scene))
 
     def plan(self, camera: OmniCamera, samples: int) -> RenderPlan:
         """Plan with a number of samples along a pixel's side, defaults for the rest."""
@@ -143,7 +152,8 @@ def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
     """Race one scene at one size for some seconds, then compare the pictures."""
     states, camera = make_states(), make_camera(cell.size_px)
     ours = racers.prepare(cell.size_px, cell.samples)
-    bare = racers.bare.prepare(camera, racers.plan(camera, cell.samples))
+    plan = racers.plan(camera, cell.samples)
+    bare = racers.bare.prepare(camera, plan)
     calls: dict[str, RenderCall] = {"ours": ours.render}
     other = None
     if racers.embreex is not None:
@@ -151,6 +161,8 @@ def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
         calls["embreex"] = other.render
     if bare is not None:
         calls["bare"] = bare.trace
+    if racers.packets is not None:
+        calls["packets"] = partial(racers.packets.trace, omni_ray_table(camera, plan))
     times = race(calls, states, seconds=seconds)
     differences = None
     if other is not None:
@@ -166,7 +178,7 @@ def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
 def _make_row(
     cell: Cell, times: RaceTimes, differences: tuple[int, float] | None, chunks: str | None
 ) -> CellRow:
-    has_embreex = "embreex" in times.wall_ms
+    has_embreex, has_bare = "embreex" in times.wall_ms, "bare" in times.wall_ms
     return CellRow(
         cell=cell,
         rounds=times.rounds,
@@ -174,7 +186,8 @@ def _make_row(
         processor_ms=times.median_processor_ms(),
         factor=times.ratio("embreex", "ours") if has_embreex else None,
         processor_factor=times.processor_ratio("embreex", "ours") if has_embreex else None,
-        bare_share=times.ratio("bare", "ours") if "bare" in times.wall_ms else None,
+        bare_share=times.ratio("bare", "ours") if has_bare else None,
+        bare_ratio=times.ratio("bare", "packets") if has_bare and has_embreex else None,
         max_difference=None if differences is None else differences[0],
         different_share=None if differences is None else differences[1],
         embreex_chunks=chunks,
