@@ -251,7 +251,7 @@ CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, cons
 CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins,
                                    const float *directions, float *range_m, int32_t *triangle);
 
-/* Trace all rays of a view against the static scene, and nothing else: the bare packet rate. */
+/* Trace all rays of a view against the static scene, and nothing else: the rate of bare rays. */
 CATOPTRA_EXPORT int32_t catoptra_trace(Device *device, const Scene *scene, const View *view,
                                        const Frame *frame, char *error);
 
