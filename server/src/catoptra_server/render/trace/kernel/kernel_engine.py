@@ -44,6 +44,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
     caster_arrays,
     encoded_table,
+    find_flat_surfaces,
     hemisphere_struct,
     light_array,
     occlusion_struct,
@@ -307,7 +308,7 @@ class KernelEngine:
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
-            surfaces=self._keep(surfaces_struct(self._mesh, self.centre)),
+            surfaces=self._keep(surfaces_struct(find_flat_surfaces(self._mesh, self._device))),
             occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self.centre)),
         )
         if self._mesh.occlusion is not None:

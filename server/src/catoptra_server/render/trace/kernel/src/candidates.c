@@ -1,7 +1,7 @@
 /* Provides candidates.h: lists of what a part of the image may show, kept by beam.
  * No twin: conservative bounds. A list owns one block of floats, from candidates_allocate to
  * candidates_free.
- * Threads: the thread that has the list; the frame's first list is only read by the others. */
+ * Threads: the thread that has the list; the frame's list of objects is only read by the others. */
 #include "candidates.h"
 
 #include <math.h>
@@ -66,22 +66,96 @@ void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     to->id[next] = from->id[at];
 }
 
-static void append_surfaces(const FrameState *state, CandidateList *list) {
-    const Scene *scene = state->scene;
-    Vec3 viewpoint = vec3(state->camera.translation);
-    for (int i = 0; i < scene->surfaces.num_triangles; i++) {
-        const float *corners =
-            scene->mesh->arrays.corners + 9 * (size_t)scene->surfaces.triangles[i];
-        Vec3 relative[3];
-        for (int corner = 0; corner < 3; corner++)
-            relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
-        append(state, list, relative, 0.0f, i);
+/* Rounding errors of boxes, normals and sums of products, relative to the coordinates. */
+#define BOX_ROUNDING 2e-6f
+/* A leaf is one sphere only if it is seen smaller by this: its few triangles may be listed. */
+#define LEAF_SHARE 0.5f
+
+/* The children of a node as bit masks: those that may reach into a beam, and those seen smaller
+ * than a tile, or than a part of it. */
+typedef struct {
+    uint32_t inside, small, tiny;
+} Children;
+
+static Children find_children(const FrameState *state, const BvhNode *node,
+                              const BeamSides *sides) {
+    const float *viewpoint = state->camera.translation;
+    const Vec3 apex = sides->apex;
+    Floats8 least[3], most[3], distance = {0}, diagonal = {0};
+    Floats8 extent = splat8(fabsf(apex.x) + fabsf(apex.y) + fabsf(apex.z));
+    for (int axis = 0; axis < 3; axis++) {
+        least[axis] = node->bounds[axis] - viewpoint[axis];
+        most[axis] = node->bounds[3 + axis] - viewpoint[axis];
+        Floats8 twice = least[axis] + most[axis], side = most[axis] - least[axis];
+        distance += twice * twice;
+        diagonal += side * side;
+        extent += most8(absolute8(least[axis]), absolute8(most[axis]));
     }
-    for (int i = 0; i < scene->surfaces.num_clusters; i++) {
-        const float *cluster = scene->surfaces.clusters + 4 * i;
-        Vec3 centre = subtract(vec3(cluster), viewpoint);
-        append(state, list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
+    /* The viewpoint moves, and turns: points by so much at their distance. */
+    Floats8 reach = (BOX_ROUNDING + state->turn) * extent + state->shift;
+    Ints8 is_outside = {0};
+    for (int i = 0; i < 4; i++) {
+        Vec3 n = sides->normal[i];
+        Floats8 nearest = n.x * (n.x > 0.0f ? most[0] : least[0]) +
+                          n.y * (n.y > 0.0f ? most[1] : least[1]) +
+                          n.z * (n.z > 0.0f ? most[2] : least[2]);
+        is_outside |= nearest < dot(n, apex) - reach;
     }
+    float tile = 0.25f * sides->tile * sides->tile;
+    return (Children){~bits8(is_outside) & ((1u << LANES) - 1), bits8(diagonal < tile * distance),
+                      bits8(diagonal < LEAF_SHARE * LEAF_SHARE * tile * distance)};
+}
+
+static void append_cluster(const FrameState *state, const BvhNode *node, int child,
+                           CandidateList *list) {
+    float centre[3], squared = 0.0f, extent = 0.0f;
+    for (int axis = 0; axis < 3; axis++) {
+        float least = node->bounds[axis][child], most = node->bounds[3 + axis][child];
+        centre[axis] = 0.5f * (least + most) - state->camera.translation[axis];
+        squared += (most - least) * (most - least);
+        extent += fabsf(least) + fabsf(most);
+    }
+    Vec3 corner = vec3(centre);
+    append(state, list, (Vec3[3]){corner, corner, corner},
+           0.5f * sqrtf(squared) + BOX_ROUNDING * extent, CLUSTER);
+}
+
+/* Corners of a triangle of the static scene, relative to the viewpoint. */
+static void append_triangle(const FrameState *state, int32_t triangle, CandidateList *list) {
+    const float *corners = state->scene->mesh->arrays.corners + 9 * (size_t)triangle;
+    Vec3 viewpoint = vec3(state->camera.translation), relative[3];
+    for (int corner = 0; corner < 3; corner++)
+        relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
+    append(state, list, relative, 0.0f, triangle);
+}
+
+int add_scene(const FrameState *state, const BeamSides *sides, int max_count,
+              CandidateList *list) {
+    const Bvh *bvh = &state->scene->mesh->bvh;
+    int32_t stack[MAX_STACK] = {0};
+    int height = bvh->num_nodes > 0, num_visited = 0;
+    while (height) {
+        const BvhNode *node = bvh->nodes + stack[--height];
+        Children children = find_children(state, node, sides);
+        /* All of a node's children fit, or none is looked at. */
+        if (list->count + LANES * LEAF_TRIANGLES > max_count || ++num_visited > max_count)
+            return 0;
+        for (uint32_t left = children.inside; left; left &= left - 1) {
+            int slot = __builtin_ctz(left);
+            int32_t child = node->child[slot];
+            if (child == NO_CHILD)
+                continue;
+            if ((child < 0 ? children.tiny : children.small) >> slot & 1)
+                append_cluster(state, node, slot, list);
+            else if (child >= 0)
+                stack[height++] = child;
+            else
+                for (int lane = 0; lane < LEAF_TRIANGLES; lane++)
+                    if (bvh->leaves[~child].triangle[lane] != NO_TRIANGLE)
+                        append_triangle(state, bvh->leaves[~child].triangle[lane], list);
+        }
+    }
+    return 1;
 }
 
 /* Corners of a box, numbered by their signs in x (4), y (2) and z (1). */
@@ -155,11 +229,8 @@ static void append_box(const FrameState *state, CandidateList *list, int box) {
 
 int candidates_collect(CandidateList *list, const FrameState *state) {
     const Frame *frame = state->frame;
-    const Surfaces *surfaces = &state->scene->surfaces;
-    int count = surfaces->num_triangles + surfaces->num_clusters;
-    if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_boxes))
+    if (!candidates_allocate(list, BOX_TRIANGLES * frame->num_boxes))
         return 0;
-    append_surfaces(state, list);
     for (int box = 0; box < frame->num_boxes; box++)
         append_box(state, list, box);
     return 1;
@@ -188,6 +259,8 @@ void find_sides(const FrameState *state, const BeamLevel *parts, int part, BeamS
     sides->normal[2] = inward(rotation, beam->b, beam->b_min, 1.0f, beam->axis);
     sides->normal[3] = inward(rotation, beam->b, beam->b_max, -1.0f, beam->axis);
     sides->axis = rotate(rotation, beam->axis);
+    int level = (int)(parts - state->view->levels);
+    sides->tile = fminf(beam->a_max - beam->a_min, beam->b_max - beam->b_min) / (float)(1 << level);
     for (int i = 0; i < 4; i++) {
         Vec3 edge = cross(sides->normal[i / 2], sides->normal[2 + i % 2]);
         sides->edge[i] = dot(edge, sides->axis) < 0.0f ? scale(-1.0f, edge) : edge;
