@@ -59,6 +59,8 @@ Vec3 corner_from_apex(const CandidateList *list, int at, int corner, const BeamS
 
 void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     int next = to->count++;
+    if (to == from && next == at)
+        return;
     for (int component = 0; component < 9; component++)
         to->corner[component][next] = from->corner[component][at];
     to->radius[next] = from->radius[at];
@@ -68,13 +70,13 @@ void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
 
 /* Rounding errors of boxes, normals and sums of products, relative to the coordinates. */
 #define BOX_ROUNDING 2e-6f
-/* A leaf is one sphere only if it is seen smaller by this: its few triangles may be listed. */
-#define LEAF_SHARE 0.5f
+/* A node is one sphere if it is seen smaller than so many tiles: with larger ones more tiles beside
+ * things are traced, with smaller ones lists are longer. */
+#define CLUSTER_TILES 3.0f
 
-/* The children of a node as bit masks: those that may reach into a beam, and those seen smaller
- * than a tile, or than a part of it. */
+/* The children of a node as bit masks: those that may reach into a beam, and those seen small. */
 typedef struct {
-    uint32_t inside, small, tiny;
+    uint32_t inside, small;
 } Children;
 
 static Children find_children(const FrameState *state, const BvhNode *node,
@@ -101,9 +103,9 @@ static Children find_children(const FrameState *state, const BvhNode *node,
                           n.z * (n.z > 0.0f ? most[2] : least[2]);
         is_outside |= nearest < dot(n, apex) - reach;
     }
-    float tile = 0.25f * sides->tile * sides->tile;
-    return (Children){~bits8(is_outside) & ((1u << LANES) - 1), bits8(diagonal < tile * distance),
-                      bits8(diagonal < LEAF_SHARE * LEAF_SHARE * tile * distance)};
+    float size = 0.5f * CLUSTER_TILES * sides->tile;
+    return (Children){~bits8(is_outside) & ((1u << LANES) - 1),
+                      bits8(diagonal < size * size * distance)};
 }
 
 static void append_cluster(const FrameState *state, const BvhNode *node, int child,
@@ -145,7 +147,7 @@ int add_scene(const FrameState *state, const BeamSides *sides, int max_count,
             int32_t child = node->child[slot];
             if (child == NO_CHILD)
                 continue;
-            if ((child < 0 ? children.tiny : children.small) >> slot & 1)
+            if (children.small >> slot & 1)
                 append_cluster(state, node, slot, list);
             else if (child >= 0)
                 stack[height++] = child;

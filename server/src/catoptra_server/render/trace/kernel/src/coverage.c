@@ -20,9 +20,9 @@
 /* Parts with more candidates than this are split without a search for a surface that covers them:
  * hardly any is covered. */
 enum { MAX_SEARCHED = 64 };
-/* So much of the scene is listed for a part. Of a larger one the quarters are tried, down to a level;
- * the rest is left to rays: it shows many small things. */
-enum { MAX_LISTED = 1024, FINEST_LISTED = 3 };
+/* Parts that may show more than this of the scene are left to rays: their triangles are many and
+ * small. */
+enum { MAX_LISTED = 768 };
 /* A plane seen at less than two milliradians is left to rays: its distances lose three of float32's
  * seven digits. */
 #define MIN_PLANE_SINE 2e-3f
@@ -295,14 +295,11 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     int is_whole = list_part(search, sides, part);
     part->content.triangle = is_whole ? find_cover(search, kept, sides) : SURFACE_UNKNOWN;
     part->content.object = find_object(kept);
-    if (!is_whole) {
-        part->candidates = part->level > FINEST_LISTED ? search->objects : NULL;
-        return;
-    }
     /* Nothing but small things: no quarter of it can be proven. */
-    int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
+    int is_hopeless =
+        part->level <= search->finest_proven || !is_whole || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
-    if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN)
+    if (is_hopeless && is_whole && part->content.triangle == SURFACE_UNKNOWN)
         list_triangles(search, kept, sides, &part->content);
 }
 

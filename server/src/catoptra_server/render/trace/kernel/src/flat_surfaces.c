@@ -10,6 +10,8 @@
 #include <string.h>
 
 enum { BUCKETS = 512, TRIANGLES_AT_ONCE = 512 };
+/* Of a bucket, in its sort; up to so many edges are sorted by insertion. */
+enum { PARTS = 256, FEW_EDGES = 64 };
 
 /* Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad. */
 #define SAME_NORMAL (1.0 - 5e-11)
@@ -61,9 +63,9 @@ static void list_edges(const FacetSource *facets, int32_t triangle, Edge edges[3
         edges[side] = (Edge){corners[side] + corners[(side + 1) % 3], 3 * triangle + side};
 }
 
-static int find_bucket(const Edge *edge) {
-    return (int)((edge->hash * 0x9e3779b97f4a7c15u) >> 32) & (BUCKETS - 1);
-}
+static int find_bucket(const Edge *edge) { return (int)(edge->hash >> 40) & (BUCKETS - 1); }
+
+static int find_part(const Edge *edge) { return (int)(edge->hash >> 56) & (PARTS - 1); }
 
 /* Count the edges of each bucket, or put them there. */
 static void deal_edges(void *argument) {
@@ -89,6 +91,44 @@ static int compare_edges(const void *first, const void *second) {
     const Edge *a = first, *b = second;
     return a->hash != b->hash ? (a->hash > b->hash) - (a->hash < b->hash)
                               : (a->side > b->side) - (a->side < b->side);
+}
+
+static void sort_few(Edge *edges, int32_t count) {
+    for (int32_t i = 1; i < count; i++) {
+        Edge edge = edges[i];
+        int32_t at = i;
+        for (; at > 0 && compare_edges(&edge, edges + at - 1) < 0; at--)
+            edges[at] = edges[at - 1];
+        edges[at] = edge;
+    }
+}
+
+/* Sort a bucket: in parts by further bits of the hashes, each edge moved to its part's next place. */
+static void sort_edges(Edge *edges, int32_t count) {
+    int32_t next[PARTS] = {0}, begin[PARTS + 1] = {0};
+    for (int32_t i = 0; i < count; i++)
+        begin[find_part(edges + i) + 1]++;
+    for (int part = 0; part < PARTS; part++) {
+        next[part] = begin[part];
+        begin[part + 1] += begin[part];
+    }
+    for (int part = 0; part < PARTS; part++) {
+        while (next[part] < begin[part + 1]) {
+            Edge edge = edges[next[part]];
+            for (int other; (other = find_part(&edge)) != part;) {
+                Edge displaced = edges[next[other]];
+                edges[next[other]++] = edge;
+                edge = displaced;
+            }
+            edges[next[part]++] = edge;
+        }
+        Edge *first = edges + begin[part];
+        int32_t size = begin[part + 1] - begin[part];
+        if (size <= FEW_EDGES)
+            sort_few(first, size);
+        else
+            qsort(first, (size_t)size, sizeof *edges, compare_edges);
+    }
 }
 
 static int are_equal(const double *a, const double *b, int count) {
@@ -155,14 +195,14 @@ static int is_met(const FacetSource *facets, int32_t triangle) {
 
 /* Whether two triangles are coplanar and of one material. */
 static int are_alike(const FacetSource *facets, int32_t a, int32_t b) {
-    return is_met(facets, a) && is_met(facets, b) &&
-           dot3(facets->normals + 3 * (size_t)a, facets->normals + 3 * (size_t)b) > SAME_NORMAL &&
+    return dot3(facets->normals + 3 * (size_t)a, facets->normals + 3 * (size_t)b) > SAME_NORMAL &&
            are_equal(facets->albedo + 3 * (size_t)a, facets->albedo + 3 * (size_t)b, 3) &&
            facets->unlit[a] == facets->unlit[b] &&
            /* One surface has one label. */
            facets->object[a] == facets->object[b] && facets->texture[a] == facets->texture[b] &&
            !facets->has_colours[a] && !facets->has_colours[b] &&
-           (facets->texture[a] < 0 || continues_texture(facets, a, b));
+           (facets->texture[a] < 0 || continues_texture(facets, a, b)) && is_met(facets, a) &&
+           is_met(facets, b);
 }
 
 static void join_sides(void *argument) {
@@ -171,14 +211,14 @@ static void join_sides(void *argument) {
     while ((bucket = atomic_fetch_add(&sort->next, 1)) < BUCKETS) {
         Edge *edges = sort->edges + sort->begin[bucket];
         int32_t count = sort->begin[bucket + 1] - sort->begin[bucket], end;
-        qsort(edges, (size_t)count, sizeof *edges, compare_edges);
+        sort_edges(edges, count);
         for (int32_t i = 0; i < count; i = end) {
             for (end = i + 1; end < count && edges[end].hash == edges[i].hash;)
                 end++;
             int32_t a = edges[i].side, b = edges[end - 1].side;
             /* One edge, two sides: at others it is not said what continues what. */
-            int is_inner = end - i == 2 && pass_oppositely(sort->facets, a, b) &&
-                           are_alike(sort->facets, a / 3, b / 3);
+            int is_inner = end - i == 2 && are_alike(sort->facets, a / 3, b / 3) &&
+                           pass_oppositely(sort->facets, a, b);
             for (int32_t at = i; at < end; at++)
                 sort->neighbours[edges[at].side] = is_inner ? (at == i ? b : a) / 3 : -1;
         }
