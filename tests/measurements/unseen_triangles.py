@@ -27,6 +27,7 @@ from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,
@@ -104,7 +105,7 @@ def main() -> None:
     for title, worlds in make_families():
         engines = []
         for world in worlds:
-            scene = build_scene(world)
+            scene = build_scene(world, MemoryBudget(2**32))
             begin = time.perf_counter()
             engines.append(
                 KernelEngine(scene, world, threads=arguments.threads, scene_lights=world.lights)
