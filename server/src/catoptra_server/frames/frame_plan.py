@@ -14,7 +14,9 @@ error bounds may be read by any thread.
   budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
   The price of a budget: bytes depend on the machine.
 * The bound of a frame is the plan's and the share of the scene's coordinates: 4 microseconds a
-  frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles.
+  frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles. A plan is chosen
+  with the share of the start poses. Where a frame's exceeds its tolerance the plan stays, and
+  `target_met`, the plan's text and the log say so.
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ from catoptra_server.frames.plan.camera import (
     choose_viewpoint,
     shows_ego_body,
 )
-from catoptra_server.frames.plan.error_bound import ErrorBound, add_scene, coordinate_errors
+from catoptra_server.frames.plan.error_bound import ErrorBound, angle_error, coordinate_errors
+from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
     DEFAULT_SAMPLES,
@@ -59,6 +62,7 @@ from catoptra_server.frames.plan.plans import (
     limit_time_samples,
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.objects import CameraState
 
@@ -145,18 +149,26 @@ ErrorBoundTable = dict[CameraSpec, ErrorBound | None]
 class CameraPlan:
     """Plan that the frames of a camera follow until their times demand another."""
 
-    def __init__(self, camera: CameraSpec, plan: _Plan, choice: PlanChoice | None = None) -> None:
+    def __init__(
+        self,
+        camera: CameraSpec,
+        plan: _Plan,
+        choice: PlanChoice | None = None,
+        coordinate_errors: Mapping[RendererKind, CoordinateErrors] | None = None,
+    ) -> None:
         """Follow a plan.
 
         Args:
             camera: Camera of the frames.
             plan: Plan to begin with.
             choice: The same plan with its bound; None for a perspective camera.
+            coordinate_errors: Errors of each renderer's coordinates of the scene.
         """
         self.camera = camera
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
+        self.coordinate_errors = coordinate_errors or {}
         self.summary_fields = summary_fields(camera.effect_settings)
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
@@ -169,7 +181,6 @@ class CameraPlan:
         self.status = _BudgetStatus.WITHIN_BUDGET
         self.is_unreachable = False
         """Whether planning found nothing faster although the budget is exceeded; logged once."""
-        self.bounds: dict[str, float] | None = None
         self._derive()
 
     def _derive(self) -> None:
@@ -177,35 +188,40 @@ class CameraPlan:
         # The reason quotes targets and predicted times.
         self.view_key: ViewKey = (self.camera.camera, replace(self.plan, reason=""))
         self.plan_text = str(self.plan)
-        self.coordinate_errors: CoordinateErrors | None = None
+        self.bounds: dict[str, float] | None = None
         self._plan_choice = self.choice  # with the bound of the plan alone
-        self._scene_angle_rad: float | None = None
-        if self.choice is not None and self.choice.bound is not None:
-            camera = cast(OmniCamera, self.camera.camera)
-            self.coordinate_errors = coordinate_errors(camera, self.choice.plan)
-            self.bounds = self.choice.bound.numbers_by_name()
+        self._scene_angles_rad: Mapping[RendererKind, float] | None = None
+        self._is_excess_logged = False
 
     def set_choice(self, choice: PlanChoice) -> None:
-        """Replace the plan by a new choice."""
+        """Replace the plan by a new choice, with the bound of the plan alone."""
         self.plan, self.choice = choice.plan, choice
         self._derive()
 
-    def bound_frame(self, scene_angle_rad: float) -> None:
-        """Add to the plan's bound what a frame's scene contributes.
+    def place(self, scene_angles_rad: Mapping[RendererKind, float]) -> PlanChoice | None:
+        """Choice with the bounds of a frame at a place; None for a perspective camera.
 
         Args:
-            scene_angle_rad: Largest displacement by the scene's coordinates.
+            scene_angles_rad: Largest displacement there by each renderer's coordinates.
         """
-        choice = self._plan_choice
-        if choice is None or choice.bound is None or scene_angle_rad == self._scene_angle_rad:
+        if self._plan_choice is None or scene_angles_rad == self._scene_angles_rad:
+            return self.choice
+        camera = cast(OmniCamera, self.camera.camera)
+        return self._plan_choice.place(_place_scene(camera, scene_angles_rad))
+
+    def bound_frame(self, scene_angles_rad: Mapping[RendererKind, float]) -> None:
+        """Add to the plan's bound what a frame's scene contributes; arguments as of `place`."""
+        choice = self.place(scene_angles_rad)
+        if choice is None or choice.bound is None or choice is self.choice:
             return
-        self._scene_angle_rad = scene_angle_rad
-        camera = cast(OmniCameraSpec, self.camera)
-        bound = add_scene(choice.bound, camera.camera, scene_angle_rad)
-        tolerance_px = camera.render_settings.accuracy_target.max_error_px
-        is_exceeded = 0.0 < tolerance_px < bound.outline_error_px
-        self.choice = replace(choice, bound=bound, target_met=choice.target_met and not is_exceeded)
-        self.bounds = bound.numbers_by_name()
+        size = f"{self.camera.camera.width_px} x {self.camera.camera.height_px} px"
+        if self._scene_angles_rad is None:
+            log.info("error bound of %s: %s", size, choice.bound)
+        if choice.excess and not self._is_excess_logged:
+            self._is_excess_logged = True
+            log.warning("accuracy target of %s: %s", size, choice.excess)
+        self._scene_angles_rad, self.choice = scene_angles_rad, choice
+        self.bounds, self.plan_text = choice.bound.numbers_by_name(), choice.text
 
 
 class FramePlanner:
@@ -239,8 +255,6 @@ class FramePlanner:
         self._cameras: LruDict[CameraSpec, CameraPlan] = LruDict(
             _MAX_CAMERAS, on_remove=lambda camera: self._error_bounds.pop(camera, None)
         )
-        self._last_drawn: LruDict[OmniCameraSpec, OmniCameraSpec] = LruDict(_MAX_CAMERAS)
-        """Of mirrors without a viewpoint, the camera that the last frame drew."""
 
     def decide(self, camera: CameraSpec, camera_state: CameraState) -> FramePlan:
         """Decide everything that a frame of a camera follows.
@@ -258,8 +272,7 @@ class FramePlanner:
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
-        if (errors := camera_plan.coordinate_errors) is not None:
-            camera_plan.bound_frame(self._summarizer.max_rounding_angle_rad(limited, errors))
+        camera_plan.bound_frame(self._find_scene_angles(camera_plan.coordinate_errors, unlimited))
         # Planned, so that its bound is removed with its plan.
         own_plan = camera_plan if drawn is camera else self.plan_camera(camera)
         if camera_plan.choice is not None and own_plan.choice is not None:
@@ -312,14 +325,15 @@ class FramePlanner:
         camera_plan.decisions = decisions
         return decisions
 
-    def find_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Plan that the next frame of a camera will have; prepares no view."""
-        camera = self._last_drawn.get(camera) or camera
-        camera_plan = self._cameras.get(camera)
-        if camera_plan is None or camera_plan.choice is None:
-            # Not kept: clients that try budgets would push out the cameras that are rendered.
-            return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
-        choice = self._planner.update_times(camera, camera_plan.choice)
+    def find_state(self, camera: OmniCameraSpec, camera_state: CameraState) -> ViewState:
+        """Plan that a frame of a camera would have; prepares no view."""
+        drawn = self._choose_viewpoint(camera, camera_state)
+        # Not kept: clients that try budgets would push out the cameras that are rendered.
+        camera_plan = self._cameras.get(drawn) or self._plan_camera(drawn)
+        shown = apply_scene_effects(camera_state, self._decide_effects(camera_plan, camera_state))
+        choice = camera_plan.place(self._find_scene_angles(camera_plan.coordinate_errors, shown))
+        assert choice is not None, "the plan of an omnidirectional camera is a choice"
+        choice = self._planner.update_times(cast(OmniCameraSpec, drawn), choice)
         return ViewState(choice, camera_plan.monitor.median_ms)
 
     def forget_all(self) -> None:
@@ -339,9 +353,14 @@ class FramePlanner:
         nearest_m = self._summarizer.min_distance_m(
             camera_state, has_ego_body=shows_ego_body(camera)
         )
-        chosen = choose_viewpoint(camera, nearest_m)
-        self._last_drawn.put(camera, chosen)
-        return chosen
+        return choose_viewpoint(camera, nearest_m)
+
+    def _find_scene_angles(
+        self, errors: Mapping[RendererKind, CoordinateErrors], camera_state: CameraState
+    ) -> dict[RendererKind, float]:
+        """Largest displacement by each renderer's coordinates, radians."""
+        find = self._summarizer.max_rounding_angle_rad
+        return {kind: find(camera_state, one) for kind, one in errors.items()}
 
     def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -386,7 +405,7 @@ class FramePlanner:
             camera.render_settings.accuracy_target.budget_ms,
             "too slow" if is_over else "headroom",
         )
-        choice = self._choose_plan(camera)
+        choice = self._choose_plan(camera, camera_plan.coordinate_errors)
         camera_plan.monitor.reset(status)
         # The reason quotes predicted milliseconds, which differ each time.
         is_same = camera_plan.plan == replace(choice.plan, reason=camera_plan.plan.reason)
@@ -397,19 +416,27 @@ class FramePlanner:
 
     def _plan_camera(self, camera: CameraSpec) -> CameraPlan:
         if isinstance(camera, OmniCameraSpec):
-            choice = self._choose_plan(camera)
-            return CameraPlan(camera, choice.plan, choice)
+            scene = self._summarizer.scene
+            errors = {kind: coordinate_errors(camera.camera, kind, scene) for kind in RendererKind}
+            choice = self._choose_plan(camera, errors)
+            return CameraPlan(camera, choice.plan, choice, errors if choice.bound else None)
         pool = self._planner.renderers
         reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
         plan = PerspectivePlan(pool.default_kind, DEFAULT_SAMPLES, reason)
         return CameraPlan(camera, plan)
 
-    def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
-        """Choose the plan of a camera and log it."""
-        choice = self._planner.choose_plan(spec, self._calibration_states)
-        camera = spec.camera
-        log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
-        log.info("error bound: %s", choice.bound or "none")
+    def _choose_plan(
+        self, spec: OmniCameraSpec, errors: Mapping[RendererKind, CoordinateErrors]
+    ) -> PlanChoice:
+        """Choose the plan of a camera for the start poses, and log it."""
+        camera, states, scene = spec.camera, self._calibration_states, None
+        # Without a target nothing is weighed.
+        if spec.render_settings.accuracy_target.is_set:
+            every = [self._find_scene_angles(errors, state) for state in states]
+            scene = _place_scene(camera, {kind: max(one[kind] for one in every) for kind in errors})
+        choice = self._planner.choose_plan(spec, states, scene)
+        placed = choice.place(scene) if scene else choice
+        log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, placed)
         return choice
 
 
@@ -423,6 +450,13 @@ def _leaves_choice(camera: OmniCameraSpec) -> bool:
         and not camera.render_settings.accuracy_target.max_error_px
         and not camera.camera.is_central
     )
+
+
+def _place_scene(
+    camera: OmniCamera, angles_rad: Mapping[RendererKind, float]
+) -> dict[RendererKind, GeometricError]:
+    """Displacement by the scene's coordinates, of angles by renderer."""
+    return {kind: angle_error(camera, angle_rad) for kind, angle_rad in angles_rad.items()}
 
 
 # A second at 30 Hz: long enough for a stable median, short enough to react.
