@@ -125,11 +125,11 @@ def test_plan_frame_log_and_explain_state_one_bound(
             assert f"accuracy target of 64 x 64 px: {excess}" in server.log.read_text()
     # A bound is logged with the first frame of each plan; here each target had one at the start.
     logged = BOUND_IN_LOG.findall(server.log.read_text())
-    assert logged == [f"{frame.error_bound_px:.3g}" for frame in frames[:4]]
+    assert set(logged) == {f"{frame.error_bound_px:.3g}" for frame in frames[:4]}
     capsys.readouterr()
     arguments = ["--robot", str(robot), "--world", str(world), "--renderer", "trace"]
     assert explain([*arguments, "--json"]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     assert report["error_bounds"] == frames[0].error_bounds
     assert explain(arguments) == 0
-    assert f"at most {frames[0].error_bound_px:.3g} px (edge" in capsys.readouterr().out
+    assert f"at most {frames[0].error_bound_px:.3g} px (" in capsys.readouterr().out

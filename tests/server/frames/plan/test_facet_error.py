@@ -149,7 +149,7 @@ def test_error_by_radius_bounds_every_ring_and_its_largest_is_the_whole(
 ) -> None:
     tessellation = Tessellation(sectors, rings, interpolation)
     by_radius = facet_errors(CAMERA, tessellation).by_radius_px
-    assert len(by_radius) == module._NUM_RADII
+    assert len(by_radius) == NUM_RADII
     # Straight outer sides end within the rim: only there a ring may hold no facet.
     assert min(by_radius[: len(by_radius) // 2]) > 0.0
     assert max(by_radius) == pytest.approx(facet_error(CAMERA, tessellation).max_px)
