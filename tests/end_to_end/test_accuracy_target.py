@@ -59,7 +59,7 @@ def test_tolerance_when_set_is_met_by_the_next_frame(
 def test_tolerance_when_no_plan_meets_it_is_reported(client: StreamClient) -> None:
     plan = client.set_accuracy(max_error_px=0.001)
     assert not plan.target_met
-    assert "0.001 px is not met: edge has 0.0884 of 0.0" in plan.plan
+    assert "0.001 px is not met: edge 0.0884 of 0.0" in plan.plan
 
 
 def test_budget_when_negative_is_rejected(client: StreamClient) -> None:
@@ -121,7 +121,6 @@ def test_plan_frame_log_and_explain_state_one_bound(
         assert (excess in plan.plan) is not plan.target_met
         if not plan.target_met:
             assert f" of {bound_px:.3g} px (" in plan.plan
-            assert " would help" in plan.plan
             assert f"accuracy target of 64 x 64 px: {excess}" in server.log.read_text()
     # A bound is logged with the first frame of each plan; here each target had one at the start.
     logged = BOUND_IN_LOG.findall(server.log.read_text())
@@ -132,4 +131,4 @@ def test_plan_frame_log_and_explain_state_one_bound(
     (report,) = json.loads(capsys.readouterr().out)
     assert report["error_bounds"] == frames[0].error_bounds
     assert explain(arguments) == 0
-    assert f"at most {frames[0].error_bound_px:.3g} px (" in capsys.readouterr().out
+    assert f" outline_px {frames[0].error_bound_px:.3g}, " in capsys.readouterr().out

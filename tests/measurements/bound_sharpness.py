@@ -53,8 +53,9 @@ GREY = Material((0.5, 0.5, 0.5))
 
 
 def make_plain(extent_m: float, near_m: float) -> World:
-    """A ground of one rectangle, and boxes around the viewpoint at a distance."""
-    items = [Item("ground", Rectangle((extent_m, extent_m)), Pose.identity(), GREY)]
+    """A ground of one rectangle near its edge, and boxes around the viewpoint at a distance."""
+    ground = Pose.from_rpy((0.5 * extent_m - 1.0, 0.3 * extent_m, 0.0))
+    items = [Item("ground", Rectangle((extent_m, extent_m)), ground, GREY)]
     for index, turn in enumerate(np.arange(0.0, 6.0, 0.7)):
         place = (0.02 + near_m) * np.array((np.cos(turn), np.sin(turn), 0.3 * np.sin(9 * turn)))
         pose = Pose.from_rpy(place - (0.0, 0.0, HEIGHT_M), (turn, 0.3, 2 * turn))
@@ -158,8 +159,9 @@ class Outlines:
             return np.zeros(1)
         seen, is_seen = self._bisect(is_exact=False)
         # What is thinner than a pixel may lie between the pixels around.
-        places = [np.full(len(seen), place) for place in np.linspace(0.0, 1.0, 9)]
-        between = [self._meet(self._at(place))[0] for place in (seen - 1e-6, seen + 1e-6, *places)]
+        places = [np.full(len(seen), place) for place in np.linspace(0.0, 1.0, 33)]
+        places += [seen + offset for offset in (-1e-3, -1e-5, 1e-5, 1e-3)]
+        between = [self._meet(self._at(place))[0] for place in places]
         self._near = np.column_stack((self._near, *between))
         exact, is_exact = self._bisect(is_exact=True)
         left, right = (self._bisect(is_exact=True, offset_px=offset)[0] for offset in (1e-3, -1e-3))
@@ -172,7 +174,9 @@ class Outlines:
         # One outline alone passes where both disagree all the way from one place to the other.
         for place in (0.2, 0.5, 0.8):
             pixels = self._at(place * seen + (1.0 - place) * exact)
-            kernel, truth = self._meet(pixels)[0], self._meet_exactly(pixels)[0]
+            kernel = self._meet(pixels)[0]
+            self._near = np.column_stack((self._near, kernel))
+            truth = self._meet_exactly(pixels)[0]
             usable &= (self._surface[kernel] != self._surface[truth]) | (
                 np.abs(seen - exact) < 1e-3
             )

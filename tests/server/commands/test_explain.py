@@ -43,7 +43,7 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     assert main(["--robot", "p2at_omni_real", *QUESTION]) == 0
     printed = capsys.readouterr().out.splitlines()
     head, bound, _, *rows, cost = printed
-    assert bound.startswith("error bound: outlines are displaced by at most 0.3")
+    assert bound.startswith("error bound: max_px 0.0")
     assert head.startswith("USARBot.OmniP2AT OmniCamPillar_Link4: trace")
     names = [row.split()[0] for row in rows]
     assert names == [name for name in EFFECT_TYPES if name in names], "in optical order"

@@ -21,11 +21,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
-from catoptra_server.config.startup import (
-    StartupConfig,
-    make_start_states,
-    read_startup_config,
-)
+from catoptra_server.config.startup import StartupConfig, make_start_states, read_startup_config
 from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
@@ -153,8 +149,6 @@ class _CameraEffectReport:
     """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
     error_bounds: Mapping[str, float] | None = None
     """Error bound of the frame and its parts, as in its header; None without."""
-    error_bound: str = ""
-    """The same in words; empty without."""
 
     def __str__(self) -> str:
         # Sums of the numbers as printed, so that the lines agree to the last digit.
@@ -165,11 +159,12 @@ class _CameraEffectReport:
             f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
             f"{other_ms:.1f} ms for all else"
         )
-        bound = f"error bound: {self.error_bound or 'none'}"
+        parts = (self.error_bounds or {}).items()
+        bound = ", ".join(f"{name} {value:.3g}" for name, value in parts) or "none"
         # Only a mirror without a viewpoint has this line.
         viewpoint = (self.viewpoint,) if self.viewpoint else ()
         effects = format_decisions(self.effects, self.effect_ms)
-        return "\n".join((head, bound, *viewpoint, effects, cost))
+        return "\n".join((head, f"error bound: {bound}", *viewpoint, effects, cost))
 
 
 def _explain_robot(
@@ -188,7 +183,6 @@ def _explain_robot(
     try:
         for name, request in requests.items():
             view, effect_ms, other_ms = measure_effect_times(views.render, request)
-            bound = view.frame_plan.choice and view.frame_plan.choice.bound
             yield _CameraEffectReport(
                 robot.class_name,
                 name,
@@ -198,7 +192,6 @@ def _explain_robot(
                 other_ms,
                 _explain_viewpoint(request, summarizer),
                 view.frame_plan.bounds,
-                str(bound) if bound else "",
             )
     finally:
         views.close()

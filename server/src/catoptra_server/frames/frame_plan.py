@@ -52,12 +52,12 @@ from catoptra_server.frames.plan.camera import (
     shows_ego_body,
 )
 from catoptra_server.frames.plan.error_bound import ErrorBound, angle_error, coordinate_errors
-from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
     DEFAULT_SAMPLES,
     PerspectivePlan,
     PlanChoice,
+    SceneErrors,
     explain_limit,
     limit_time_samples,
 )
@@ -190,7 +190,7 @@ class CameraPlan:
         self.plan_text = str(self.plan)
         self.bounds: dict[str, float] | None = None
         self._plan_choice = self.choice  # with the bound of the plan alone
-        self._scene_angles_rad: Mapping[RendererKind, float] | None = None
+        self._scene: SceneErrors | None = None
         self._is_excess_logged = False
 
     def set_choice(self, choice: PlanChoice) -> None:
@@ -198,29 +198,23 @@ class CameraPlan:
         self.plan, self.choice = choice.plan, choice
         self._derive()
 
-    def place(self, scene_angles_rad: Mapping[RendererKind, float]) -> PlanChoice | None:
-        """Choice with the bounds of a frame at a place; None for a perspective camera.
+    def place(self, scene: SceneErrors) -> PlanChoice | None:
+        """Choice with the bounds of a frame at a place; None for a perspective camera."""
+        is_same = self._plan_choice is None or scene == self._scene
+        return self.choice if is_same else self._plan_choice.place(scene)
 
-        Args:
-            scene_angles_rad: Largest displacement there by each renderer's coordinates.
-        """
-        if self._plan_choice is None or scene_angles_rad == self._scene_angles_rad:
-            return self.choice
-        camera = cast(OmniCamera, self.camera.camera)
-        return self._plan_choice.place(_place_scene(camera, scene_angles_rad))
-
-    def bound_frame(self, scene_angles_rad: Mapping[RendererKind, float]) -> None:
-        """Add to the plan's bound what a frame's scene contributes; arguments as of `place`."""
-        choice = self.place(scene_angles_rad)
+    def bound_frame(self, scene: SceneErrors) -> None:
+        """Add to the plan's bound what a frame's scene contributes."""
+        choice = self.place(scene)
         if choice is None or choice.bound is None or choice is self.choice:
             return
         size = f"{self.camera.camera.width_px} x {self.camera.camera.height_px} px"
-        if self._scene_angles_rad is None:
+        if self._scene is None:
             log.info("error bound of %s: %s", size, choice.bound)
         if choice.excess and not self._is_excess_logged:
             self._is_excess_logged = True
             log.warning("accuracy target of %s: %s", size, choice.excess)
-        self._scene_angles_rad, self.choice = scene_angles_rad, choice
+        self._scene, self.choice = scene, choice
         self.bounds, self.plan_text = choice.bound.numbers_by_name(), choice.text
 
 
@@ -272,7 +266,8 @@ class FramePlanner:
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
-        camera_plan.bound_frame(self._find_scene_angles(camera_plan.coordinate_errors, unlimited))
+        coordinates = camera_plan.coordinate_errors
+        camera_plan.bound_frame(self._find_scene_errors(drawn.camera, coordinates, unlimited))
         # Planned, so that its bound is removed with its plan.
         own_plan = camera_plan if drawn is camera else self.plan_camera(camera)
         if camera_plan.choice is not None and own_plan.choice is not None:
@@ -331,7 +326,8 @@ class FramePlanner:
         # Not kept: clients that try budgets would push out the cameras that are rendered.
         camera_plan = self._cameras.get(drawn) or self._plan_camera(drawn)
         shown = apply_scene_effects(camera_state, self._decide_effects(camera_plan, camera_state))
-        choice = camera_plan.place(self._find_scene_angles(camera_plan.coordinate_errors, shown))
+        coordinates = camera_plan.coordinate_errors
+        choice = camera_plan.place(self._find_scene_errors(drawn.camera, coordinates, shown))
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
         choice = self._planner.update_times(cast(OmniCameraSpec, drawn), choice)
         return ViewState(choice, camera_plan.monitor.median_ms)
@@ -355,12 +351,18 @@ class FramePlanner:
         )
         return choose_viewpoint(camera, nearest_m)
 
-    def _find_scene_angles(
-        self, errors: Mapping[RendererKind, CoordinateErrors], camera_state: CameraState
-    ) -> dict[RendererKind, float]:
-        """Largest displacement by each renderer's coordinates, radians."""
+    def _find_scene_errors(
+        self,
+        camera: OmniCamera | PerspectiveCamera,
+        errors: Mapping[RendererKind, CoordinateErrors],
+        *states: CameraState,
+    ) -> SceneErrors:
+        """Displacement by each renderer's coordinates of the scene, the largest of some states."""
         find = self._summarizer.max_rounding_angle_rad
-        return {kind: find(camera_state, one) for kind, one in errors.items()}
+        return {
+            kind: angle_error(cast(OmniCamera, camera), max(find(state, one) for state in states))
+            for kind, one in errors.items()
+        }
 
     def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -432,8 +434,7 @@ class FramePlanner:
         camera, states, scene = spec.camera, self._calibration_states, None
         # Without a target nothing is weighed.
         if spec.render_settings.accuracy_target.is_set:
-            every = [self._find_scene_angles(errors, state) for state in states]
-            scene = _place_scene(camera, {kind: max(one[kind] for one in every) for kind in errors})
+            scene = self._find_scene_errors(camera, errors, *states)
         choice = self._planner.choose_plan(spec, states, scene)
         placed = choice.place(scene) if scene else choice
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, placed)
@@ -450,13 +451,6 @@ def _leaves_choice(camera: OmniCameraSpec) -> bool:
         and not camera.render_settings.accuracy_target.max_error_px
         and not camera.camera.is_central
     )
-
-
-def _place_scene(
-    camera: OmniCamera, angles_rad: Mapping[RendererKind, float]
-) -> dict[RendererKind, GeometricError]:
-    """Displacement by the scene's coordinates, of angles by renderer."""
-    return {kind: angle_error(camera, angle_rad) for kind, angle_rad in angles_rad.items()}
 
 
 # A second at 30 Hz: long enough for a stable median, short enough to react.

@@ -196,8 +196,7 @@ def test_unreachable_tolerance_takes_the_most_accurate_plan_and_reports_so() -> 
     assert choice.more_accurate is None
     assert choice.plan.reason == "chosen as the most accurate"
     assert choice.excess == (
-        "0.01 px is not met: edge has 0.0884 of 0.0884 px (8 x 8 samples a pixel); more samples "
-        "would help"
+        "0.01 px is not met: edge 0.0884 of 0.0884 px (8 x 8 samples a pixel: more would help)"
     )
     assert choice.text == f"{choice.plan.description}: {choice.excess}; {choice.plan.reason}"
 
@@ -230,7 +229,7 @@ def test_tolerance_beyond_the_budget_yields_to_the_budget_and_reports_so() -> No
     assert choice.predicted_ms is not None
     assert choice.predicted_ms <= 30.0
     assert choice.plan.reason == "chosen as the most accurate within 30 ms"
-    assert choice.excess.startswith("0.1 px is not met: edge has 0.354 of 0.354 px")
+    assert choice.excess.startswith("0.1 px is not met: edge 0.354 of 0.354 px")
 
 
 @pytest.mark.parametrize(

@@ -138,16 +138,13 @@ class ErrorBound:
     def _parts(self) -> tuple[_ErrorComponent, ...]:
         """Parts of the outline's error, that of the samples last."""
         samples = self.sampling.samples
-        reason = f"{samples} x {samples} samples a pixel"
+        reason = f"{samples} x {samples} samples a pixel: more would help"
         return *self.components, _ErrorComponent("edge", self.sampling.edge_error_px, reason)
 
     def explain_size(self) -> str:
         """Total and largest part, with what would make that smaller."""
-        largest = max(self._parts, key=lambda part: part.max_px)
-        return (
-            f"{largest.name} has {largest.max_px:.3g} of {self.outline_error_px:.3g} px "
-            f"({largest.reason}); {_REMEDIES[largest.name]} would help"
-        )
+        part = max(self._parts, key=lambda one: one.max_px)
+        return f"{part.name} {part.max_px:.3g} of {self.outline_error_px:.3g} px ({part.reason})"
 
     def __str__(self) -> str:
         geometric, footprint = self.geometric, self.sampling.texel_footprint
@@ -172,18 +169,7 @@ class _ErrorComponent:
     max_px: float
     """Largest displacement by this cause alone."""
     reason: str
-
-
-# What makes a component smaller.
-_REMEDIES = {
-    "polygons": "more polygons, or none,",
-    "rim": "more sectors of polygons, or none,",
-    "faces": "finer faces, or trace,",
-    "corners": "more samples",
-    "rounding": "a smaller image",
-    "scene": "smaller triangles, or a viewpoint farther from the nearest,",
-    "edge": "more samples",
-}
+    """The cause, and what would make it smaller."""
 
 
 # Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
@@ -234,7 +220,7 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     if isinstance(plan.surface, Tessellation):
         gap = rim_gap(camera, plan.surface)
         geometric = apply_floor(geometric, gap)
-        reason = f"{plan.surface.sectors} straight sides end within the rim"
+        reason = f"{plan.surface.sectors} straight sides end within the rim: more would help"
         components = (*components, ("rim", gap, reason))
     named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
@@ -251,7 +237,7 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
 
 def add_scene(bound: ErrorBound, scene: GeometricError) -> ErrorBound:
     """Bound of a frame, from the plan's and the displacement by the scene's coordinates."""
-    reason = "float32 coordinates of corners and viewpoint"
+    reason = "float32 coordinates of near or large triangles: smaller ones or distance would help"
     return replace(
         bound,
         geometric=sum_errors((bound.geometric, scene)),
@@ -295,21 +281,24 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
     # Trace intersects no rasterized corner: the mesh is evaluated in float64 at each sample.
     if has_faces and has_mesh:
         corners = _corner_error(camera, plan.samples)
-        components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
-    cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
+        cause = "snapped to 256ths of a sample: more samples would help"
+        components.append(("corners", corners, cause))
+    what = "atlas coordinates" if has_faces else "rays, rotated"
+    cause = f"float32 {what}: a smaller image would help"
     return (*components, ("rounding", _rounding_error(camera, plan), cause))
 
 
 def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
     size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
     reason = f"{size}, {tessellation.interpolation.value} interpolated"
-    return "polygons", facet_errors(camera, tessellation), reason
+    return "polygons", facet_errors(camera, tessellation), f"{reason}: more would help"
 
 
 def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
     error = _face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
     displacement = _max_edge_displacement_texels(plan.face_samples)
-    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
+    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face: "
+    reason += "finer faces, or trace, would help"
     return "faces", error, reason
 
 
@@ -377,29 +366,18 @@ def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     return sum_errors((angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
 
 
+# A frame asks for the angle of the last one, most often.
+@lru_cache(maxsize=256)
 def angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
     """Displacement of directions that are off by an angle at most."""
-    one = _radian_error(camera)
-    return GeometricError(
-        max_px=angle_rad * one.max_px,
-        rms_px=angle_rad * one.rms_px,
-        max_deg=angle_rad * one.max_deg,
-        rms_deg=angle_rad * one.rms_deg,
-        by_radius_px=tuple(angle_rad * px for px in one.by_radius_px),
-    )
-
-
-@lru_cache(maxsize=64)
-def _radian_error(camera: OmniCamera) -> GeometricError:
-    """Displacement by one radian, were the image as wide as it is at each place."""
     scale = compute_image_scale(camera)
-    largest = np.maximum(scale.radial, scale.tangential)
+    largest_px = angle_rad * np.maximum(scale.radial, scale.tangential)
     return GeometricError(
-        max_px=scale.max_px_per_rad,
-        rms_px=_RMS_FRACTION_OF_MAX * scale.rms_px_per_rad,
-        max_deg=math.degrees(1.0),
-        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(1.0),
-        by_radius_px=max_by_radius(camera, scale.radius_px, largest),
+        max_px=angle_rad * scale.max_px_per_rad,
+        rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
+        max_deg=math.degrees(angle_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
+        by_radius_px=max_by_radius(camera, scale.radius_px, largest_px),
     )
 
 
