@@ -200,8 +200,9 @@ class CameraPlan:
 
     def place(self, scene: SceneErrors) -> PlanChoice | None:
         """Choice with the bounds of a frame at a place; None for a perspective camera."""
-        is_same = self._plan_choice is None or scene == self._scene
-        return self.choice if is_same else self._plan_choice.place(scene)
+        if self._plan_choice is None or scene == self._scene:
+            return self.choice
+        return self._plan_choice.place(scene)
 
     def bound_frame(self, scene: SceneErrors) -> None:
         """Add to the plan's bound what a frame's scene contributes."""
