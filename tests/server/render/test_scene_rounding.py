@@ -86,7 +86,7 @@ def frame_bound_rad(world: World, kind: RendererKind, state: CameraState) -> flo
 
 def bound_frame(world: World, kind: RendererKind, state: CameraState) -> ErrorBound:
     scene = build_scene(world)
-    errors = coordinate_errors(CAMERA, kind, scene)
+    errors = coordinate_errors(CAMERA, kind, is_large=scene.is_large)
     angle_rad = SceneSummarizer(scene, world).max_rounding_angle_rad(state, errors)
     return add_scene(error_bound(CAMERA, make_plan(kind)), angle_error(CAMERA, angle_rad))
 

@@ -13,8 +13,8 @@ error bounds may be read by any thread.
   frame is planned anew. Headroom, a more accurate plan predicted to take at most 0.85 of the
   budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
   The price of a budget: bytes depend on the machine.
-* The bound of a frame is the plan's and the share of the scene's coordinates: 4 microseconds a
-  frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles. A plan is chosen
+* The bound of a frame is the plan's and the share of the scene's coordinates: 8 microseconds
+  a frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles. A plan is chosen
   with the share of the start poses. Where a frame's exceeds its tolerance the plan stays, and
   `target_met`, the plan's text and the log say so.
 """
@@ -51,13 +51,13 @@ from catoptra_server.frames.plan.camera import (
     choose_viewpoint,
     shows_ego_body,
 )
-from catoptra_server.frames.plan.error_bound import ErrorBound, angle_error, coordinate_errors
+from catoptra_server.frames.plan.error_bound import ErrorBound, coordinate_errors
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
     DEFAULT_SAMPLES,
     PerspectivePlan,
     PlanChoice,
-    SceneErrors,
+    SceneAngles,
     explain_limit,
     limit_time_samples,
 )
@@ -149,26 +149,19 @@ ErrorBoundTable = dict[CameraSpec, ErrorBound | None]
 class CameraPlan:
     """Plan that the frames of a camera follow until their times demand another."""
 
-    def __init__(
-        self,
-        camera: CameraSpec,
-        plan: _Plan,
-        choice: PlanChoice | None = None,
-        coordinate_errors: Mapping[RendererKind, CoordinateErrors] | None = None,
-    ) -> None:
+    def __init__(self, camera: CameraSpec, plan: _Plan, choice: PlanChoice | None = None) -> None:
         """Follow a plan.
 
         Args:
             camera: Camera of the frames.
             plan: Plan to begin with.
             choice: The same plan with its bound; None for a perspective camera.
-            coordinate_errors: Errors of each renderer's coordinates of the scene.
         """
         self.camera = camera
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
-        self.coordinate_errors = coordinate_errors or {}
+        self.coordinate_errors: Mapping[RendererKind, CoordinateErrors] = {}
         self.summary_fields = summary_fields(camera.effect_settings)
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
@@ -190,7 +183,7 @@ class CameraPlan:
         self.plan_text = str(self.plan)
         self.bounds: dict[str, float] | None = None
         self._plan_choice = self.choice  # with the bound of the plan alone
-        self._scene: SceneErrors | None = None
+        self._scene: SceneAngles | None = None
         self._is_excess_logged = False
 
     def set_choice(self, choice: PlanChoice) -> None:
@@ -198,13 +191,13 @@ class CameraPlan:
         self.plan, self.choice = choice.plan, choice
         self._derive()
 
-    def place(self, scene: SceneErrors) -> PlanChoice | None:
+    def place(self, scene: SceneAngles) -> PlanChoice | None:
         """Choice with the bounds of a frame at a place; None for a perspective camera."""
         if self._plan_choice is None or scene == self._scene:
             return self.choice
-        return self._plan_choice.place(scene)
+        return self._plan_choice.place(cast(OmniCamera, self.camera.camera), scene)
 
-    def bound_frame(self, scene: SceneErrors) -> None:
+    def bound_frame(self, scene: SceneAngles) -> None:
         """Add to the plan's bound what a frame's scene contributes."""
         choice = self.place(scene)
         if choice is None or choice.bound is None or choice is self.choice:
@@ -267,8 +260,7 @@ class FramePlanner:
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
-        coordinates = camera_plan.coordinate_errors
-        camera_plan.bound_frame(self._find_scene_errors(drawn.camera, coordinates, unlimited))
+        camera_plan.bound_frame(self._find_angles(camera_plan.coordinate_errors, unlimited))
         # Planned, so that its bound is removed with its plan.
         own_plan = camera_plan if drawn is camera else self.plan_camera(camera)
         if camera_plan.choice is not None and own_plan.choice is not None:
@@ -327,8 +319,7 @@ class FramePlanner:
         # Not kept: clients that try budgets would push out the cameras that are rendered.
         camera_plan = self._cameras.get(drawn) or self._plan_camera(drawn)
         shown = apply_scene_effects(camera_state, self._decide_effects(camera_plan, camera_state))
-        coordinates = camera_plan.coordinate_errors
-        choice = camera_plan.place(self._find_scene_errors(drawn.camera, coordinates, shown))
+        choice = camera_plan.place(self._find_angles(camera_plan.coordinate_errors, shown))
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
         choice = self._planner.update_times(cast(OmniCameraSpec, drawn), choice)
         return ViewState(choice, camera_plan.monitor.median_ms)
@@ -352,18 +343,16 @@ class FramePlanner:
         )
         return choose_viewpoint(camera, nearest_m)
 
-    def _find_scene_errors(
-        self,
-        camera: OmniCamera | PerspectiveCamera,
-        errors: Mapping[RendererKind, CoordinateErrors],
-        *states: CameraState,
-    ) -> SceneErrors:
-        """Displacement by each renderer's coordinates of the scene, the largest of some states."""
+    def _find_coordinate_errors(self, camera: OmniCamera) -> dict[RendererKind, CoordinateErrors]:
+        is_large = self._summarizer.scene.is_large
+        return {kind: coordinate_errors(camera, kind, is_large=is_large) for kind in RendererKind}
+
+    def _find_angles(
+        self, errors: Mapping[RendererKind, CoordinateErrors], *states: CameraState
+    ) -> SceneAngles:
+        """Largest displacement in any of some states."""
         find = self._summarizer.max_rounding_angle_rad
-        return {
-            kind: angle_error(cast(OmniCamera, camera), max(find(state, one) for state in states))
-            for kind, one in errors.items()
-        }
+        return {kind: max(find(state, one) for state in states) for kind, one in errors.items()}
 
     def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -408,7 +397,7 @@ class FramePlanner:
             camera.render_settings.accuracy_target.budget_ms,
             "too slow" if is_over else "headroom",
         )
-        choice = self._choose_plan(camera, camera_plan.coordinate_errors)
+        choice = self._choose_plan(camera)
         camera_plan.monitor.reset(status)
         # The reason quotes predicted milliseconds, which differ each time.
         is_same = camera_plan.plan == replace(choice.plan, reason=camera_plan.plan.reason)
@@ -419,25 +408,24 @@ class FramePlanner:
 
     def _plan_camera(self, camera: CameraSpec) -> CameraPlan:
         if isinstance(camera, OmniCameraSpec):
-            scene = self._summarizer.scene
-            errors = {kind: coordinate_errors(camera.camera, kind, scene) for kind in RendererKind}
-            choice = self._choose_plan(camera, errors)
-            return CameraPlan(camera, choice.plan, choice, errors if choice.bound else None)
+            choice = self._choose_plan(camera)
+            camera_plan = CameraPlan(camera, choice.plan, choice)
+            camera_plan.coordinate_errors = self._find_coordinate_errors(camera.camera)
+            return camera_plan
         pool = self._planner.renderers
         reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
         plan = PerspectivePlan(pool.default_kind, DEFAULT_SAMPLES, reason)
         return CameraPlan(camera, plan)
 
-    def _choose_plan(
-        self, spec: OmniCameraSpec, errors: Mapping[RendererKind, CoordinateErrors]
-    ) -> PlanChoice:
+    def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
         """Choose the plan of a camera for the start poses, and log it."""
-        camera, states, scene = spec.camera, self._calibration_states, None
+        camera, states = spec.camera, self._calibration_states
         # Without a target nothing is weighed.
+        scene = None
         if spec.render_settings.accuracy_target.is_set:
-            scene = self._find_scene_errors(camera, errors, *states)
+            scene = self._find_angles(self._find_coordinate_errors(camera), *states)
         choice = self._planner.choose_plan(spec, states, scene)
-        placed = choice.place(scene) if scene else choice
+        placed = choice.place(camera, scene) if scene else choice
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, placed)
         return choice
 

@@ -75,7 +75,6 @@ from catoptra_server.frames.plan.facet_error import (
 from catoptra_server.render.renderer import FaceRegion, PerPixel, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
-from catoptra_server.world.scene_mesh import SceneMesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,13 +257,13 @@ _RASTER_COORDINATES = (CoordinateErrors(0.0, 32.0), CoordinateErrors(0.0, 32.0))
 
 
 def coordinate_errors(
-    camera: OmniCamera, renderer: RendererKind, scene: SceneMesh
+    camera: OmniCamera, renderer: RendererKind, *, is_large: bool
 ) -> CoordinateErrors:
     """Errors of a renderer's coordinates of a scene, and the miss of an approximated viewpoint."""
     of_renderer = _RASTER_COORDINATES if renderer.uses_faces else _TRACE_COORDINATES
     has_viewpoint = renderer.uses_faces or camera.is_approximated
     miss_m = max_miss_m(camera) if has_viewpoint else 0.0
-    return replace(of_renderer[scene.is_large], miss_m=miss_m)
+    return replace(of_renderer[is_large], miss_m=miss_m)
 
 
 _Component = tuple[str, GeometricError, str]  # name, error, reason
@@ -366,8 +365,8 @@ def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     return sum_errors((angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
 
 
-# A frame asks for the angle of the last one, most often.
-@lru_cache(maxsize=256)
+# All candidates of a target ask for two angles.
+@lru_cache(maxsize=64)
 def angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
     """Displacement of directions that are off by an angle at most."""
     scale = compute_image_scale(camera)

@@ -40,7 +40,7 @@ from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import (
     PlanChoice,
     PlanOption,
-    SceneErrors,
+    SceneAngles,
     choose_by_settings,
     choose_plan,
     needs_exact_rays,
@@ -321,7 +321,7 @@ class RenderPlanner:
         self,
         camera: OmniCameraSpec,
         camera_states: Sequence[CameraState],
-        scene: SceneErrors | None = None,
+        scene: SceneAngles | None = None,
     ) -> PlanChoice:
         """Choose the plan of a camera; the reason names the renderer, with engine and device.
 
@@ -339,7 +339,7 @@ class RenderPlanner:
         self,
         camera: OmniCameraSpec,
         camera_states: Sequence[CameraState],
-        scene: SceneErrors | None,
+        scene: SceneAngles | None,
     ) -> PlanChoice:
         target = camera.render_settings.accuracy_target
         if not target.is_set:
@@ -355,7 +355,9 @@ class RenderPlanner:
             plan = replace(choice.plan, reason=reason)
             return PlanChoice(plan, None, target=target, fits_budget=False)
         correct = self._corrections.correct
-        placed = [one.place(scene) for one in table.options] if scene else table.options
+        placed = table.options
+        if scene:
+            placed = tuple(one.place(camera.camera, scene) for one in placed)
         # Corrected by drawn frames.
         corrected = (
             replace(one, predicted_ms=correct(camera, one.plan.renderer, one.predicted_ms))

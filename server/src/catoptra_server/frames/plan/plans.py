@@ -35,9 +35,13 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.error_bound import ErrorBound, add_scene, error_bound
+from catoptra_server.frames.plan.error_bound import (
+    ErrorBound,
+    add_scene,
+    angle_error,
+    error_bound,
+)
 from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
-from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.render.renderer import (
     AccuracyTarget,
     MirrorSurface,
@@ -171,8 +175,8 @@ class PerspectivePlan:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 
 
-SceneErrors = Mapping[RendererKind, GeometricError]
-"""Displacement at a place by the coordinates that each renderer has of the scene."""
+SceneAngles = Mapping[RendererKind, float]
+"""Largest displacement at a place by each renderer's coordinates of the scene, radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +195,9 @@ class PlanOption:
         """Largest displacement of an outline."""
         return self.plan_bound_px + self.scene_px
 
-    def place(self, scene: SceneErrors) -> PlanOption:
+    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanOption:
         """Same option at a place."""
-        return replace(self, scene_px=scene[self.plan.renderer].max_px)
+        return replace(self, scene_px=angle_error(camera, scene[self.plan.renderer]).max_px)
 
     def __str__(self) -> str:
         numbers = f"{self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
@@ -236,15 +240,16 @@ class PlanChoice:
         reasons = (self.excess, self.plan.reason) if self.excess else (self.plan.reason,)
         return str(replace(self.plan, reason="; ".join(reasons)))
 
-    def place(self, scene: SceneErrors) -> PlanChoice:
+    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanChoice:
         """Same choice with the bounds of frames at a place; from one with those of plans alone.
 
         A neighbour that the scene makes no longer one is left out.
         """
         if self.bound is None:
             return self
-        bound = add_scene(self.bound, scene[self.plan.renderer])
-        better, faster = (one and one.place(scene) for one in (self.more_accurate, self.faster))
+        bound = add_scene(self.bound, angle_error(camera, scene[self.plan.renderer]))
+        neighbours = self.more_accurate, self.faster
+        better, faster = (one and one.place(camera, scene) for one in neighbours)
         own_px = bound.outline_error_px
         return replace(
             self,
