@@ -47,7 +47,7 @@ WORLDS = Path(__file__).parents[2] / "configs/worlds"
 SHIPPED = ("four_legged_2006", "corridor", "rescue", "warehouse", "incidence_rings")
 HEIGHT_M = 0.6
 # Around each start pose, metres.
-PLACES = ((0.0, 0.0), (0.7, 0.2), (-0.3, 0.5))
+PLACES = ((0.01317, -0.00773), (0.71239, 0.20191), (-0.33171, 0.51713))
 MAX_PAIRS, STEPS = 1000, 26
 GREY = Material((0.5, 0.5, 0.5))
 
