@@ -20,7 +20,13 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.frames.plan.error_bound import add_scene, coordinate_errors, error_bound
+from catoptra_server.frames.plan.error_bound import (
+    ErrorBound,
+    add_scene,
+    angle_error,
+    coordinate_errors,
+    error_bound,
+)
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
@@ -75,10 +81,14 @@ def lit_pixels(renderer: Renderer, kind: RendererKind, state: CameraState) -> tu
 
 def frame_bound_rad(world: World, kind: RendererKind, state: CameraState) -> float:
     """Bound of a frame, as the server states it."""
-    plan = make_plan(kind)
-    summarizer = SceneSummarizer(build_scene(world), world)
-    angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(CAMERA, plan))
-    return math.radians(add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad).geometric.max_deg)
+    return math.radians(bound_frame(world, kind, state).geometric.max_deg)
+
+
+def bound_frame(world: World, kind: RendererKind, state: CameraState) -> ErrorBound:
+    scene = build_scene(world)
+    errors = coordinate_errors(CAMERA, kind, is_large=scene.is_large)
+    angle_rad = SceneSummarizer(scene, world).max_rounding_angle_rad(state, errors)
+    return add_scene(error_bound(CAMERA, make_plan(kind)), angle_error(CAMERA, angle_rad))
 
 
 def make_state(seed: int) -> CameraState:
@@ -232,8 +242,5 @@ def test_shipped_scale_costs_thousandths_of_a_pixel() -> None:
     floor = Item("floor", Rectangle((10.0, 8.0)), Pose.identity(), BLACK)
     world = World("field", (floor,))
     for kind, most_px in ((RendererKind.TRACE, 0.002), (RendererKind.RASTER, 0.02)):
-        plan = make_plan(kind)
-        summarizer = SceneSummarizer(build_scene(world), world)
-        angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(CAMERA, plan))
-        bound = add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad)
-        assert 0.0 < bound.numbers_by_name()["scene_px"] < most_px
+        scene_px = bound_frame(world, kind, state).numbers_by_name()["scene_px"]
+        assert 0.0 < scene_px < most_px
