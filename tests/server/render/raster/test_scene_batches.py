@@ -19,7 +19,6 @@ from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     FacetLighting,
     SceneBatches,
-    object_distance_range,
     upload_values,
 )
 from catoptra_server.world.objects import CameraState
@@ -120,7 +119,6 @@ def test_colours_are_interpolated_between_corners(
 
 
 WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
-ZERO = Pose.identity().translation
 
 
 def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
@@ -131,7 +129,7 @@ def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
     monkeypatch.setattr(
         DynamicObjectBuffer,
         "upload",
-        lambda self, objects: (created.append(self), original(self, objects)),
+        lambda self, *arguments: (created.append(self), original(self, *arguments)),
     )
     empty = World("empty", ())
     renderer = make_raster(device, empty)
@@ -182,18 +180,3 @@ def test_object_in_a_world_of_textures_only_gets_the_plain_program(
     view.render(WITH_ROBOTS)
     assert "face" in renderer.program_names
     view.close()
-
-
-def test_distance_range_without_objects_is_empty() -> None:
-    assert object_distance_range((), ZERO, 0.1) == (float("inf"), 0.0)
-
-
-def test_distance_range_of_a_near_object_begins_at_its_nearest_triangle() -> None:
-    nearest, farthest = object_distance_range((place_cube(0.25, 0.0, 0.0),), ZERO, 0.1)
-    assert nearest == pytest.approx(0.05)
-    assert farthest >= 0.45
-
-
-def test_distance_range_of_a_far_object_is_that_of_its_sphere() -> None:
-    nearest, _ = object_distance_range((place_cube(5.0, 0.0, 0.0),), ZERO, 0.1)
-    assert nearest == pytest.approx(5.0 - 0.2 * 3**0.5)

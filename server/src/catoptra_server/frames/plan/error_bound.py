@@ -67,6 +67,7 @@ from catoptra_server.frames.plan.facet_error import (
     rim_gap,
     sum_errors,
 )
+from catoptra_server.render.projection.large_triangles import MAX_SIZE_PER_DISTANCE
 from catoptra_server.render.renderer import FaceRegion, PerPixel, RenderPlan
 from catoptra_server.world.mirror_mesh import Tessellation
 
@@ -247,11 +248,13 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
 # on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
 # displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
 # rounding of corners included (tests/server/render/test_scene_rounding.py).
-_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0, object_ulps=8.0)
 # Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
 # difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
 # their size over distance in llvmpipe.
-_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+_RASTER_COORDINATES = CoordinateErrors(
+    position_ulps=0.0, size_ulps=32.0, max_size_per_distance=MAX_SIZE_PER_DISTANCE
+)
 
 
 def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
