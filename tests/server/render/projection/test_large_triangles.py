@@ -89,7 +89,7 @@ def test_number_of_pieces_grows_with_the_logarithm_of_size_over_distance(side_m:
     corners = make_sheet(1, side_m, cells=1)
     viewpoint = corners[0].mean(axis=0) + 0.02 * np.array((0.3, 0.9, -0.3))
     pieces = make_large(corners)[0].split(viewpoint)
-    assert len(pieces.parents) <= 25 * np.log2(side_m / 0.02)
+    assert len(pieces.parents) <= 5 * np.log2(side_m / 0.02)
 
 
 def test_weights_interpolate_the_corners() -> None:
@@ -115,7 +115,7 @@ def test_pieces_hold_in_the_whole_cell_and_follow_from_the_viewpoint_alone() -> 
         last = pieces
         assert edge_ratios(pieces.corners, viewpoint).max() <= MAX_SIZE_PER_DISTANCE
     np.testing.assert_array_equal(again.split(viewpoint).corners, last.corners)
-    assert same > 100, "most viewpoints share a cell with the one before"
+    assert same > 80, "most viewpoints share a cell with the one before"
 
 
 def test_surfaces_that_are_small_for_their_distance_are_never_split() -> None:
@@ -132,7 +132,10 @@ def test_degenerate_triangles_end() -> None:
     line = np.array([[[-1e5, 0.0, 0.0], [1e5, 0.0, 0.0], [3.0, 0.0, 0.0]], np.zeros((3, 3))])
     whole, _ = make_large(line)[0].replace(np.array((0.0, 0.0, 1e-5)))
     assert np.isfinite(whole).all()
-    assert edge_ratios(whole[doubled_areas(whole) > 0.0], np.zeros(3)).max(initial=0.0) < 65.0
+    assert (
+        edge_ratios(whole[doubled_areas(whole) > 0.0], np.zeros(3)).max(initial=0.0)
+        <= MAX_SIZE_PER_DISTANCE
+    )
 
 
 def test_runs_leave_out_what_is_replaced_and_end_with_the_pieces() -> None:

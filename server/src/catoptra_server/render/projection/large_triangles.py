@@ -25,16 +25,18 @@ from catoptra_server.world.triangles import (
     visible_runs,
 )
 
-MAX_SIZE_PER_DISTANCE = 64.0
-"""Length over distance that no edge exceeds: 0.6 m above a floor, edges of 38 m."""
+MAX_SIZE_PER_DISTANCE = 128.0
+"""Length over distance that no edge exceeds: 0.3 m above a floor, edges of 38 m. In llvmpipe errors
+are proportional to this ratio up to a thousand at least; at ten thousand whole parts are missing
+(tests/server/render/test_scene_rounding.py)."""
 # Depth of the near plane in glsl/face.vert: nothing is seen at a smaller distance.
 _NEAR_M = 0.001
 _CELL_SIDES_M = (0.5, 0.125, 1.0 / 32.0, 1.0 / 128.0)
 # Half a cell's diagonal over the distance of any triangle that is split.
 _MAX_CELL_LOSS = 1.0 / 3.0
-# Place of the cut on the half of an edge whose end is nearest: the longer piece is 31 times as long
-# as it is far, or 47 times from elsewhere in the cell.
-_MAX_CUT = 15.0 / 16.0
+# Place of the cut on the half of an edge whose end is nearest: the longer piece is 63 times as long
+# as it is far, or 95 times from elsewhere in the cell.
+_MAX_CUT = 31.0 / 32.0
 # Of a corner, where the foot of the perpendicular is inside a triangle and not, but for rounding,
 # on an edge.
 _MIN_WEIGHT = 1e-6
