@@ -267,14 +267,17 @@ def test_raster_displaces_edges_by_the_stated_part_of_their_size_and_not_by_far_
 ) -> None:
     errors = coordinate_errors(CAMERA, make_plan(RendererKind.RASTER))
     limit = errors.max_size_per_distance
-    # Just below what is split, and far above: of 200 km, 2 cm near.
-    whole, split = (
-        max(measure_ulps(make_renderer, size, seed) for seed in range(60))
-        for size in (0.95 * limit, 1e7)
-    )
-    stated = errors.size_ulps * (limit + 1.0)
-    assert stated / 3.0 < whole <= stated
-    assert split <= stated
+    # Just below what is split, where it is off the most, and far above: of 200 km, 2 cm near.
+    sizes = 0.5 * limit, 0.945 * limit, 1e7
+    worst_ulps = [
+        max(
+            measure_ulps(make_renderer, size, seed) / (min(size, limit) + 1.0) for seed in range(40)
+        )
+        for size in sizes
+    ]
+    assert max(worst_ulps) <= errors.size_ulps
+    # Other drivers and processors err otherwise: of 500 edges the worst had more than a third.
+    assert max(worst_ulps) >= errors.size_ulps / 6.0
 
 
 @pytest.mark.parametrize("extent_m", [2e3, 2e4, 2e5])

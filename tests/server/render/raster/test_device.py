@@ -62,14 +62,14 @@ def test_driver_without_clip_control_is_reported(monkeypatch: pytest.MonkeyPatch
 
 
 def test_depth_buffer_keeps_small_depths_apart(device: GlDevice) -> None:
-    with device.context as context:
-        depth = module.make_depth_buffer(context, (4, 4))
-        target = context.framebuffer([context.texture((4, 4), 4)], depth)
-        shown = []
-        for value in (3e-8, 4e-8):
-            target.clear(depth=value)
-            data = target.read(attachment=-1, components=1, dtype="f4")
-            shown.append(float(np.frombuffer(data, dtype=np.float32)[0]))
+    context = device.context
+    depth = module.make_depth_buffer(context, (4, 4))
+    target = context.framebuffer([context.texture((4, 4), 4)], depth)
+    shown = []
+    for value in (3e-8, 4e-8):
+        target.clear(depth=value)
+        data = target.read(attachment=-1, components=1, dtype="f4")
+        shown.append(float(np.frombuffer(data, dtype=np.float32)[0]))
     assert shown == [float(np.float32(3e-8)), float(np.float32(4e-8))]
 
 
