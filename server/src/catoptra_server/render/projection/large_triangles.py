@@ -177,9 +177,11 @@ def _split(corners: Floats, viewpoint: Floats, reach_m: float) -> tuple[Indices,
             break
         # The longest first: its pieces are the least narrow. The order of cuts moves none.
         longest = np.where(is_long, sizes, 0.0)[is_cut].argmax(axis=1)
-        feet = np.einsum("nk,nki->ni", weights[has_foot], rows[has_foot])
-        children = (*_cut_edges(rows[is_cut], longest, cuts[is_cut]), *_fan(rows[has_foot], feet))
-        rows = np.concatenate(children)
+        halves = _cut_edges(rows[is_cut], longest, cuts[is_cut])
+        feet = np.einsum("nk,nki->ni", weights[has_foot], rows[has_foot])[:, None]
+        corners_of_fan = np.eye(3, dtype=bool)[..., None]
+        fan = [np.where(corner, feet, rows[has_foot]) for corner in corners_of_fan]
+        rows = np.concatenate((*halves, *fan))
         parents = np.concatenate((*[parents[is_cut]] * 2, *[parents[has_foot]] * 3))
     else:
         done.append((parents, rows))
@@ -230,14 +232,6 @@ def _cut_edges(rows: Floats, edges: Indices, cuts: Floats) -> tuple[Floats, Floa
     one[index, (edges + 1) % 3] = cut
     other[index, edges] = cut
     return one, other
-
-
-def _fan(rows: Floats, feet: Floats) -> list[Floats]:
-    """Three parts of (n, 3, 6) triangles around (n, 6) inner corners."""
-    parts = [rows.copy() for _ in range(3)]
-    for corner, part in enumerate(parts):
-        part[:, corner] = feet
-    return parts
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
