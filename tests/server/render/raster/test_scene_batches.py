@@ -13,6 +13,7 @@ import trimesh
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.projection import large_triangles
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, split_positions
 from catoptra_server.render.raster.scene_batches import (
@@ -180,3 +181,24 @@ def test_object_in_a_world_of_textures_only_gets_the_plain_program(
     view.render(WITH_ROBOTS)
     assert "face" in renderer.program_names
     view.close()
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_pieces_look_like_the_triangles_that_they_replace(
+    device: GlDevice, tmp_path: Path, has_shadows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lights = (HEMISPHERE_LIGHT, POINT_LIGHT)
+    world = make_test_world(lights=lights, texture=write_smooth_texture(tmp_path / "t.png"))
+    state = replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=has_shadows)
+    images, triangles = [], []
+    for limit in (128.0, 4.0):
+        monkeypatch.setattr(large_triangles, "MAX_SIZE_PER_DISTANCE", limit)
+        monkeypatch.setattr(large_triangles, "_MAX_CUT", 0.5)
+        view = make_raster(device, world).prepare(CAMERA, make_plan(CAMERA))
+        images.append(view.render(state).rgb.astype(int))
+        triangles.append(view.face_counts.num_triangles)
+        view.close()
+    assert triangles[1] > triangles[0] + 20
+    differences = np.abs(images[1] - images[0]).max(axis=-1)
+    # Only where a corner on the rasterizer's grid moves an edge.
+    assert (differences > 2).mean() < 1e-3
