@@ -1,13 +1,16 @@
 """Rounding: of a scene's coordinates, as an angle, and of bounds and viewpoints, outward.
 
 Coordinates: the angle by which the rounding of a scene's coordinates displaces things, seen from a
-viewpoint. Renderers hold corners and viewpoint as float32, relative to the centre of the scene. A
+viewpoint. Trace holds corners and viewpoint as float32, relative to the centre of the scene; in
+large worlds it meets corners in float64 relative to the viewpoint, and no size matters. A
 corner is off by a part in 2^24 of its distance from there, a point of a triangle by what its
 farthest corner is off, and the arithmetic on both by as much again: all are lengths, proportional
 to the viewpoint's distance from the centre and to the triangle's size. Over the triangle's distance
-from the viewpoint a length is an angle; the largest of all triangles counts. Thousandths of a pixel
-in the bundled worlds; tests exceed the bound nowhere in worlds of 2 to 200 km with things 2 to 30
-cm near.
+from the viewpoint a length is an angle; the largest of all triangles counts. Raster's coordinates
+are relative to the viewpoint, and it splits triangles that are large for their distance
+(`render/projection/large_triangles.py`): only size over distance is left, and that has a limit.
+Thousandths of a pixel in the bundled worlds; tests exceed the bound nowhere in worlds of 2 to 200
+km with things 2 to 30 cm near.
 
 Like the bounds of `distances`, the result holds for all viewpoints of a cell of a fixed grid, and
 does not depend on earlier queries. Of four sizes the largest cell counts whose result is little
@@ -33,7 +36,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
-from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.triangles import (
     Indices,
     make_clusters,
@@ -157,6 +160,10 @@ class CoordinateErrors:
     """Of any point, over the viewpoint's distance from the centre of the scene."""
     size_ulps: float
     """Of the points of a triangle, over the sum of its size and distance."""
+    max_size_per_distance: float = math.inf
+    """Size over distance above which the renderer splits triangles."""
+    object_ulps: float = 0.0
+    """Of the points of a dynamic object, over its radius: rounded in its own frame."""
     miss_m: float = 0.0
     """Not by coordinates: distance at which rays taken to meet in the viewpoint pass it, metres."""
 
@@ -177,23 +184,23 @@ class CoordinateRounding:
     def max_angle_rad(
         self, viewpoint: Floats, objects: tuple[DynamicObject, ...], errors: CoordinateErrors
     ) -> float:
-        """Rounding: of a scene's coordinates, as an angle, and of bounds and viewpoints, outward.
+        """The angle by which no point is displaced farther; at most pi.
 
-        Coordinates: the angle by which no point is displaced farther; at most pi.
-
-                Args:
-                    viewpoint: (3,) metres, world frame.
-                    objects: Dynamic objects in view.
-                    errors: Errors of the renderer's coordinates.
+        Args:
+            viewpoint: (3,) metres, world frame.
+            objects: Dynamic objects in view.
+            errors: Errors of the renderer's coordinates.
         """
         centre_m = math.dist(viewpoint.tolist(), self._centre.tolist())
-        position_m = errors.position_ulps * centre_m + errors.miss_m / UNIT_ROUNDOFF
-        size_ulps = errors.size_ulps
-        angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, size_ulps)
+        miss_m = errors.miss_m / UNIT_ROUNDOFF
+        position_m = errors.position_ulps * centre_m + miss_m
+        angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, errors)
+        # A camera far from the centre is the origin of its frames' objects.
+        if np.abs(viewpoint - self._centre).max() > MAX_FLOAT_REACH_M:
+            position_m = miss_m
         for one, near in zip(objects, self._object_proximities(objects, viewpoint), strict=True):
-            # Its corners are rounded in its own frame, within its sphere.
-            own_m = position_m + 2.0 * size_ulps * one.mesh.radius_m
-            angle_ulps = max(angle_ulps, near.angle_ulps(own_m, size_ulps))
+            own_m = position_m + errors.object_ulps * one.mesh.radius_m
+            angle_ulps = max(angle_ulps, near.angle_ulps(own_m, errors))
         return min(angle_ulps * UNIT_ROUNDOFF, math.pi)
 
     def min_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
@@ -238,10 +245,11 @@ class _Proximity(NamedTuple):
     size_per_distance: float = 0.0
     """Longest edge of a triangle over its distance."""
 
-    def angle_ulps(self, position_ulp_m: float, size_ulps: float) -> float:
+    def angle_ulps(self, position_ulp_m: float, errors: CoordinateErrors) -> float:
         """Angle of a displacement by a length, and by a multiple of size and distance."""
+        size_per_distance = min(self.size_per_distance, errors.max_size_per_distance)
         by_position = position_ulp_m * self.inverse_distance_per_m
-        return by_position + size_ulps * self.size_per_distance + size_ulps
+        return by_position + errors.size_ulps * (size_per_distance + 1.0)
 
 
 _CELL_SIDES_M = (0.5, 0.25, 0.0625)
