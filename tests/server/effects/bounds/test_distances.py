@@ -16,15 +16,15 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import NUM_RINGS
 from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
-    RingDistanceBvh,
     ViewpointBox,
+    bound_ring_distances,
     box_distance_bounds,
     image_rings,
     mirror_axis,
     rotation_to_axis,
 )
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import World
+from catoptra_server.world.triangles import TriangleHierarchy
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import FLOOR
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
@@ -87,12 +87,16 @@ def test_box_around_the_viewpoint_has_distance_zero_in_every_ring() -> None:
 HERE = ViewpointBox(np.zeros(3), np.zeros(3), np.eye(3))
 
 
-def soup(count: int, *, seed: int = 0, size_m: float = 0.3) -> tuple[Floats, Floats]:
-    """Corners and normals of small triangles all around."""
-    rng = np.random.default_rng(seed)
-    corners = rng.uniform(-4.0, 4.0, (count, 1, 3)) + rng.uniform(-size_m, size_m, (count, 3, 3))
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+def bound(
+    corners: Floats, viewpoints: ViewpointBox = HERE, *, cutoff: Floats | None = None
+) -> Floats:
+    return bound_ring_distances(TriangleHierarchy(corners), viewpoints, RINGS, cutoff=cutoff)
+
+
+def soup(count: int, *, size_m: float = 0.3) -> Floats:
+    """Corners of small triangles all around."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(-4.0, 4.0, (count, 1, 3)) + rng.uniform(-size_m, size_m, (count, 3, 3))
 
 
 def min_point_distances(corners: Floats, viewpoint: Floats, turn: Floats) -> Floats:
@@ -108,44 +112,32 @@ def min_point_distances(corners: Floats, viewpoint: Floats, turn: Floats) -> Flo
 def test_no_point_of_any_triangle_is_nearer_than_its_ring_bound(
     count: int, axis: tuple[float, float, float]
 ) -> None:
-    corners, normals = soup(count)
+    corners = soup(count)
     turn = rotation_to_axis(axis)
-    bounds = RingDistanceBvh(corners, normals).bounds(
-        ViewpointBox(np.zeros(3), np.zeros(3), turn), RINGS
-    )
+    bounds = bound(corners, ViewpointBox(np.zeros(3), np.zeros(3), turn))
     assert (bounds <= min_point_distances(corners, np.zeros(3), turn)).all()
 
 
 def test_bounds_of_many_triangles_are_those_of_the_nearest() -> None:
-    corners, normals = soup(1500, size_m=0.05)
-    bounds = RingDistanceBvh(corners, normals).bounds(HERE, RINGS)
+    corners = soup(1500, size_m=0.05)
+    bounds = bound(corners)
     shares = bounds / min_point_distances(corners, np.zeros(3), np.eye(3))
     # A box may reach into a ring that its triangle just misses.
     assert np.median(shares) > 0.95
 
 
 def test_bounds_of_a_box_of_viewpoints_hold_for_each() -> None:
-    corners, normals = soup(400)
+    corners = soup(400)
     half = np.array((0.2, 0.1, 0.05))
-    bvh = RingDistanceBvh(corners, normals)
-    of_box = bvh.bounds(ViewpointBox(np.zeros(3), half, np.eye(3)), RINGS)
+    of_box = bound(corners, ViewpointBox(np.zeros(3), half, np.eye(3)))
     for point in np.random.default_rng(2).uniform(-half, half, (20, 3)):
         assert (of_box <= min_point_distances(corners, point, np.eye(3))).all()
 
 
-def test_bounds_with_few_triangles_are_looser_and_hold() -> None:
-    corners, normals = soup(1500)
-    bvh = RingDistanceBvh(corners, normals)
-    hasty, patient = (bvh.bounds(HERE, RINGS, max_triangles=0), bvh.bounds(HERE, RINGS))
-    assert (hasty <= patient).all()
-    assert (hasty < patient).any()
-
-
 def test_bounds_with_a_cutoff_reach_the_cutoff_or_hold() -> None:
-    corners, normals = soup(1500)
-    bvh = RingDistanceBvh(corners, normals)
-    whole = bvh.bounds(HERE, RINGS)
-    enough = bvh.bounds(HERE, RINGS, cutoff=0.5 * whole)
+    corners = soup(1500)
+    whole = bound(corners)
+    enough = bound(corners, cutoff=0.5 * whole)
     assert (enough >= 0.5 * whole).all()
     assert (enough <= whole).all()
 
@@ -154,7 +146,7 @@ def test_oblique_wall_is_as_far_as_its_plane() -> None:
     c, s = np.cos(0.7), np.sin(0.7)
     along, up, out = np.array((-s, c, 0.0)), np.array((0.0, 0.0, 1.0)), np.array((c, s, 0.0))
     corners = (out + np.array([[-5 * along - up, 5 * along - up, 5 * along + up]]))[0][None]
-    bounds = RingDistanceBvh(corners, out[None]).bounds(HERE, RINGS)
+    bounds = bound(corners)
     level = int(np.searchsorted(EDGES, 0.5 * np.pi)) - 1
     assert bounds[level] == pytest.approx(1.0, rel=1e-4)
 
@@ -162,19 +154,18 @@ def test_oblique_wall_is_as_far_as_its_plane() -> None:
 def test_viewpoints_on_both_sides_of_a_plane_are_no_distance_from_its_triangle() -> None:
     corners = np.array([[[-50.0, -50.0, 0.02], [0.0, 90.0, 0.02], [50.0, -50.0, 0.02]]])
     around = ViewpointBox(np.zeros(3), np.array((0.0, 0.0, 0.05)), np.eye(3))
-    bounds = RingDistanceBvh(corners, np.array([[0.0, 0.0, 1.0]])).bounds(around, RINGS)
+    bounds = bound(corners, around)
     assert bounds.tolist() == [0.0] * NUM_RINGS
 
 
 def test_triangle_without_area_has_its_own_distance() -> None:
     corners = np.array([[[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]]])
-    bounds = RingDistanceBvh(corners, np.zeros((1, 3))).bounds(HERE, RINGS)
+    bounds = bound(corners)
     assert bounds[np.isfinite(bounds)] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_empty_set_is_infinitely_far() -> None:
-    nothing = RingDistanceBvh(np.zeros((0, 3, 3)), np.zeros((0, 3)))
-    assert np.isinf(nothing.bounds(HERE, RINGS)).all()
+    assert np.isinf(bound(np.zeros((0, 3, 3)))).all()
 
 
 ROOM = build_scene(make_test_world())
@@ -200,13 +191,16 @@ def test_axis_of_upright_robots_does_not_depend_on_heading() -> None:
 def test_distances_do_not_depend_on_earlier_queries() -> None:
     rng = np.random.default_rng(3)
     poses = [Pose.from_rpy((*rng.uniform(-1.5, 1.5, 2), -0.5)) for _ in range(10)]
-    known = DistanceBoundCache(ROOM)
+    known = DistanceBoundCache(TriangleHierarchy(ROOM.corners))
     forth = [known.min_distances_m(pose, CAMERA) for pose in poses]
-    assert forth == [DistanceBoundCache(ROOM).min_distances_m(pose, CAMERA) for pose in poses]
+    assert forth == [
+        DistanceBoundCache(TriangleHierarchy(ROOM.corners)).min_distances_m(pose, CAMERA)
+        for pose in poses
+    ]
 
 
 def test_distances_along_a_short_drive_are_evaluated_once() -> None:
-    surroundings = DistanceBoundCache(ROOM)
+    surroundings = DistanceBoundCache(TriangleHierarchy(ROOM.corners))
     begin = surroundings.min_distances_m(CAMERA_STATE.world_from_mirror, CAMERA)
     found = surroundings.num_evaluations
     aside = np.array((0.002, 0.001, 0.0))
@@ -219,7 +213,7 @@ def test_distances_along_a_short_drive_are_evaluated_once() -> None:
 
 
 def test_open_floor_shares_large_cells() -> None:
-    surroundings = DistanceBoundCache(build_scene(FLOOR))
+    surroundings = DistanceBoundCache(TriangleHierarchy(build_scene(FLOOR).corners))
     for x in np.linspace(0.0, 10.0, 101):
         nearest = surroundings.min_distances_m(Pose.from_rpy((x, 0.0, -0.6)), CAMERA)
         assert 0.5 < nearest[0] <= 0.6
@@ -227,7 +221,6 @@ def test_open_floor_shares_large_cells() -> None:
 
 
 def test_empty_world_is_infinitely_far() -> None:
-    nearest = DistanceBoundCache(build_scene(World("empty", ()))).min_distances_m(
-        Pose.identity(), CAMERA
-    )
+    nothing = TriangleHierarchy(np.zeros((0, 3, 3)))
+    nearest = DistanceBoundCache(nothing).min_distances_m(Pose.identity(), CAMERA)
     assert set(nearest) == {math.inf}
