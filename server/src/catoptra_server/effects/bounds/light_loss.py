@@ -141,12 +141,14 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
         (n, 3) irradiance, and (n,) metres from the light to the nearest point of each triangle's
             box.
     """
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    position = np.asarray(light.position_m)
+    # Coordinates first: a minimum of three along an axis takes ten times as long.
+    first, second, third = np.moveaxis(corners - np.asarray(light.position_m), 0, -1)
+    low = np.minimum(np.minimum(first, second), third)
+    high = np.maximum(np.maximum(first, second), third)
     # The nearest point of a box needs no case distinction, and is never farther than the
     # triangle's.
-    outside = np.maximum(np.maximum(low - position, position - high), 0.0)
-    squared = np.maximum(np.square(outside).sum(axis=-1), MIN_LIGHT_DISTANCE_M**2)
+    outside = np.maximum(np.maximum(low, -high), 0.0)
+    squared = np.maximum(np.square(outside).sum(axis=0), MIN_LIGHT_DISTANCE_M**2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
 

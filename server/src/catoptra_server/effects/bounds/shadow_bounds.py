@@ -49,7 +49,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
 )
 from catoptra_server.world.shapes import bounding_box
-from catoptra_server.world.triangles import Indices, TriangleHierarchy, row_blocks, select_rows
+from catoptra_server.world.triangles import Indices, TriangleHierarchy, row_blocks
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 
 # Triangles tested at once: the first, and at most. Most often the first ones are hidden.
@@ -184,55 +184,61 @@ _NUM_PROBED_TRIANGLES = 500
 
 def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     """(n,) triangles that the light faces and a surface of the scene might occlude."""
-    none = np.zeros(len(scene), dtype=bool)
-    # A copy of a million triangles takes a tenth of a second.
-    casting = select_rows(scene.corners, scene.casts_shadows)
-    if not len(casting):
-        return none
-    facing = _signed_light_distances(scene, light) > 0.0
+    height = _signed_light_distances(scene, light)
     # Unlit and black surfaces look the same in a shadow.
-    facing &= ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
-    receivers = np.flatnonzero(facing)
-    casters = _extreme_points(casting, num_planes=len(receivers))
-    normals = scene.normals.take(receivers, axis=0)
-    farthest = (normals @ casters.T).max(axis=1)
-    receivers = receivers[farthest - _plane_offsets(scene, receivers) > _IN_PLANE_M]
-    if not len(receivers) or not _has_separating_plane(
-        scene, light, scene.corners.take(receivers, axis=0)
-    ):
-        return none
-    none[receivers] = True
-    return none
+    facing = (height > 0.0) & ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
+    num_facing = int(np.count_nonzero(facing))
+    casters = _extreme_points(scene.corners, scene.casts_shadows, num_planes=num_facing)
+    for block in row_blocks(len(scene)):
+        facing[block] &= _are_passed(scene.normals[block], scene.corners[block, 0], casters)
+    is_separated = _has_separating_plane(scene, height, facing)
+    return facing if is_separated else np.zeros_like(facing)
 
 
-def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: Floats) -> bool:
-    """Whether the plane of some caster separates the light from a corner of (k, 3, 3)."""
-    casters = np.flatnonzero(scene.casts_shadows)
-    height = _signed_light_distances(scene, light)[casters]
-    reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
-    casters, height = casters[reaches], height[reaches]
-    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
-    away = -np.sign(height)[:, None]
-    receivers = _extreme_points(corners, num_planes=len(casters))
-    # In most scenes a sample of the triangles already has such a plane.
-    for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
-        normals = away[part] * scene.normals[casters[part]]
-        offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if ((normals @ receivers.T).max(axis=1) - offset > _IN_PLANE_M).any():
-            return True
-    return False
-
-
-def _extreme_points(corners: Floats, *, num_planes: int) -> Floats:
-    """(m, 3) points whose convex hull contains (n, 3, 3) triangles, at least one.
+def _has_separating_plane(scene: SceneMesh, height: Floats, receivers: Bools) -> bool:
+    """Whether the plane of some caster separates the light from a corner of (n,) receivers.
 
     Args:
-        num_planes: Number of normals that the points will be multiplied with.
+        scene: Triangles.
+        height: (n,) signed distances of the light from their planes.
+        receivers: (n,) triangles that might be occluded.
     """
-    points = corners.reshape(-1, 3)
-    if num_planes * len(points) <= _MAX_PRODUCTS:
-        return np.unique(points, axis=0)
-    return np.array(list(product(*zip(*bounding_box(corners), strict=True))))
+    casters = np.flatnonzero(scene.casts_shadows & (np.abs(height) > _MIN_LIGHT_DISTANCE))
+    points = _extreme_points(scene.corners, receivers, num_planes=len(casters))
+    # In most scenes a sample of the triangles already has such a plane.
+    sample = slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES)
+    rows = (casters[part] for part in (sample, *row_blocks(len(casters))))
+    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
+    return any(
+        _are_passed(
+            -np.sign(height[some])[:, None] * scene.normals[some], scene.corners[some, 0], points
+        ).any()
+        for some in rows
+    )
+
+
+def _extreme_points(corners: Floats, mask: Bools, *, num_planes: int) -> Floats:
+    """(m, 3) points whose convex hull contains those of (n, 3, 3) triangles in a mask.
+
+    Args:
+        corners: Triangles.
+        mask: (n,) triangles that count.
+        num_planes: Number of planes that the points will be compared with.
+    """
+    if num_planes * 3 * int(np.count_nonzero(mask)) <= _MAX_PRODUCTS:
+        return np.unique(corners[mask].reshape(-1, 3), axis=0)
+    # A copy of a million triangles takes a tenth of a second.
+    boxes = [bounding_box(corners[block][mask[block]]) for block in row_blocks(len(corners))]
+    low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+    return np.array(list(product(*zip(low, high, strict=True))))
+
+
+def _are_passed(normals: Floats, on_planes: Floats, points: Floats) -> Bools:
+    """(k,) whether any of (m, 3) points lies in front of planes with (k, 3) normals and points."""
+    # Points first: a maximum along a short last axis takes ten times as long.
+    farthest = (points @ normals.T).max(axis=0, initial=-np.inf)
+    is_passed: Bools = farthest - np.einsum("ki,ki->k", normals, on_planes) > _IN_PLANE_M
+    return is_passed
 
 
 def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
@@ -243,12 +249,6 @@ def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floa
     to_light = np.asarray(light.position_m) - scene.corners[:, 0]
     height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
     return height
-
-
-def _plane_offsets(scene: SceneMesh, triangles: np.ndarray) -> Floats:
-    normals = scene.normals.take(triangles, axis=0)
-    offsets: Floats = np.einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
-    return offsets
 
 
 # Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
@@ -305,6 +305,7 @@ class LightShafts:
                 pending.append((level - 1, receiver[parents], boxes))
             else:
                 rows = self._triangles.rows(boxes)
+                max_pairs -= rows.size
                 receiver = np.repeat(receiver, rows.shape[1])
                 hidden[self._select_hidden(receivers, receiver, rows.ravel())] = True
         return hidden, max_pairs
