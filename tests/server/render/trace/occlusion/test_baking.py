@@ -122,6 +122,11 @@ def test_thing_that_casts_no_shadow_occludes_nothing() -> None:
     assert (scene.occlusion.patch_of[:2] == -1).all()
 
 
+def test_scene_without_casters_needs_no_map() -> None:
+    world = World("floor", (replace(FLOOR, casts_shadows=False),), lights=(SKY,))
+    assert bake_scene(world).occlusion is None
+
+
 def test_unlit_facets_have_no_grid() -> None:
     world = make_box_world()
     glowing = replace(world.items[1], material=Material((1, 1, 1), unlit=True))

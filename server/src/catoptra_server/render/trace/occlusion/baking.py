@@ -392,14 +392,22 @@ def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
     limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + RADIUS_M
     pairs = [(np.zeros(0, dtype=np.intp),) * 2]
     # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
-    for first in range(0, len(middle), _SURFACES_AT_ONCE):
+    for first in range(0, len(middle) if len(boxes.half) else 0, _SURFACES_AT_ONCE):
         part = slice(first, first + _SURFACES_AT_ONCE)
         offset = boxes.centre - middle[part, None]
         outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
-        near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
+        squared = np.einsum("mbi,mbi->mb", outside, outside)
+        near = squared < limit[part, None] ** 2
         height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
         reach = np.abs(frames.normal[part]) @ boxes.half.T
         near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < RADIUS_M)
+        # Where the nearest box is within the radius of all nodes, no other adds one.
+        squared[~near] = np.inf
+        nearest = squared.argmin(axis=1)
+        reserve = np.maximum(2.0 * RADIUS_M - limit[part], 0.0)
+        is_whole = np.flatnonzero(squared.min(axis=1, initial=np.inf) < reserve**2)
+        near[is_whole] = False
+        near[is_whole, nearest[is_whole]] = True
         surface, box = np.nonzero(near)
         pairs.append((surface + first, box))
     surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
