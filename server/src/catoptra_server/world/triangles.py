@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -294,44 +293,34 @@ _MAX_BOX_RATIO = 8.0
 class TriangleHierarchy:
     """Triangles in groups of neighbours, with a hierarchy of boxes around the groups.
 
-    Made at the first query: 0.1 s for a million triangles.
+    A million triangles take 0.1 s.
     """
 
+    corners: Floats
+    """(n, 3, 3) corners, row by row."""
+    sizes: Floats
+    """(n,) longest edge of the triangle at each row."""
+    levels: list[Floats]
+    """(7, m) boxes of each level, as by `_group_triangles`: groups first, roots last."""
+    order: Indices | None = None
+    """(n,) index of the triangle at each row; None for the given order."""
+
     def __init__(self, corners: Floats) -> None:
-        """Keep (n, 3, 3) corners."""
-        self._given = corners
-
-    def __len__(self) -> int:
-        """Number of triangles."""
-        return len(self._given)
-
-    @cached_property
-    def order(self) -> Indices | None:
-        """(n,) index of the triangle at each row; None for the given order."""
+        """Group (n, 3, 3) corners."""
+        self.corners = corners
+        self.sizes, boxes = _group_triangles(corners)
         # Neighbours in a file are most often neighbours in space, and to sort a million triangles
         # takes 0.4 s: only an order without any sense is mended.
-        if not _are_large(self._given_groups[1]):
-            return None
-        return make_clusters(self._given, np.zeros(len(self), dtype=np.intp)).order
-
-    @cached_property
-    def corners(self) -> Floats:
-        """(n, 3, 3) corners, row by row."""
-        return self._given if self.order is None else self._given[self.order]
-
-    @property
-    def sizes(self) -> Floats:
-        """(n,) longest edge of the triangle at each row."""
-        return self._groups[0]
-
-    @cached_property
-    def levels(self) -> list[Floats]:
-        """(7, m) boxes of each level, as by `_group_triangles`: groups first, roots last."""
-        levels = [self._groups[1].take(self._numbers, axis=1)]
-        while (count := levels[-1].shape[1]) > _MAX_ROOTS:
+        if _are_large(boxes):
+            self.order = make_clusters(corners, np.zeros(len(corners), dtype=np.intp)).order
+            self.corners = corners[self.order]
+            self.sizes, boxes = _group_triangles(self.corners)
+        # Groups that are neighbours in space share larger boxes.
+        self._numbers = np.argsort(_morton_codes(boxes[:3] - boxes[3:6]), kind="stable")
+        self.levels = [boxes.take(self._numbers, axis=1)]
+        while (count := self.levels[-1].shape[1]) > _MAX_ROOTS:
             first = np.arange(0, count, _BRANCHING)
-            levels.append(np.minimum.reduceat(levels[-1], first, axis=1))
-        return levels
+            self.levels.append(np.minimum.reduceat(self.levels[-1], first, axis=1))
 
     def children(self, level: int, boxes: Indices) -> tuple[Indices, Indices]:
         """Positions among (k,) boxes of a level, and their parts in the level below."""
@@ -342,21 +331,7 @@ class TriangleHierarchy:
     def rows(self, groups: Indices) -> Indices:
         """(k, GROUP_SIZE) rows of groups; a shorter one has its last row several times."""
         rows: Indices = self._numbers[groups, None] * GROUP_SIZE + np.arange(GROUP_SIZE)
-        return np.minimum(rows, len(self) - 1)
-
-    @cached_property
-    def _given_groups(self) -> tuple[Floats, Floats]:
-        return _group_triangles(self._given)
-
-    @cached_property
-    def _groups(self) -> tuple[Floats, Floats]:
-        return self._given_groups if self.order is None else _group_triangles(self.corners)
-
-    @cached_property
-    def _numbers(self) -> Indices:
-        """(m,) place among the rows of each group: neighbours in space share larger boxes."""
-        boxes = self._groups[1]
-        return np.argsort(_morton_codes(boxes[:3] - boxes[3:6]), kind="stable")
+        return np.minimum(rows, len(self.corners) - 1)
 
 
 def _group_triangles(corners: Floats) -> tuple[Floats, Floats]:

@@ -29,7 +29,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import NUM_RINGS
 from catoptra_server.effects.bounds.coordinate_rounding import POINT_M, ViewpointCells, round_down
 from catoptra_server.world.shapes import facet_normals
-from catoptra_server.world.triangles import Indices, TriangleHierarchy
+from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import Vector3
 
 _CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
@@ -251,28 +251,52 @@ def bound_ring_distances(
     """
     cutoff = np.full(NUM_RINGS, np.inf) if cutoff is None else cutoff
     found = np.full(NUM_RINGS, np.inf)
-    top = len(triangles.levels) - 1
-    roots = np.arange(triangles.levels[top].shape[1])
-    pending = [_bound_boxes(triangles, top, roots, viewpoints, rings)]
+    level = len(triangles.levels) - 1
+    boxes = np.arange(triangles.levels[level].shape[1])
+    pending = [(level, boxes, *_bound_boxes(triangles.levels[level], viewpoints, rings))]
     while pending:
-        group = pending.pop()
+        level, boxes, bounds, is_large = pending.pop()
         limit = np.where(found < cutoff, _REFINE_FRACTION * found, cutoff)
-        is_needed = (group.bounds < limit).any(axis=1) & group.is_large
+        is_needed = (bounds < limit).any(axis=1) & is_large
         # Boxes that are not refined count with their own bound.
-        found = np.minimum(found, group.bounds[~is_needed].min(axis=0, initial=np.inf))
+        found = np.minimum(found, bounds[~is_needed].min(axis=0, initial=np.inf))
         if not is_needed.any():
             continue
-        nearest_group, others = group.select(is_needed).split_nearest(limit)
-        if len(others.boxes):
-            pending.append(others)
-        if group.level > 0:
-            _, parts = triangles.children(group.level, nearest_group.boxes)
-            pending.append(_bound_boxes(triangles, group.level - 1, parts, viewpoints, rings))
+        boxes, bounds = boxes[is_needed], bounds[is_needed]
+        is_nearest = _are_nearest(bounds, limit)
+        if not is_nearest.all():
+            others = boxes[~is_nearest]
+            pending.append((level, others, bounds[~is_nearest], np.ones(len(others), dtype=bool)))
+        if level > 0:
+            _, parts = triangles.children(level, boxes[is_nearest])
+            of_parts = triangles.levels[level - 1].take(parts, axis=1)
+            pending.append((level - 1, parts, *_bound_boxes(of_parts, viewpoints, rings)))
             continue
-        corners = triangles.corners[triangles.rows(nearest_group.boxes).ravel()]
-        of_triangles = _bound_triangles(corners, viewpoints, rings)
-        found = np.minimum(found, of_triangles.min(axis=0))
+        corners = triangles.corners[triangles.rows(boxes[is_nearest]).ravel()]
+        found = np.minimum(found, _bound_triangles(corners, viewpoints, rings).min(axis=0))
     return found
+
+
+def _are_nearest(bounds: Floats, limit: Floats) -> Bools:
+    """(n,) boxes that are among the nearest in any ring, of (n, NUM_RINGS) bounds below limits."""
+    is_nearest = np.full(len(bounds), len(bounds) <= _BATCH_SIZE)
+    # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
+    if len(bounds) > _BATCH_SIZE:
+        of_open = np.where(bounds < limit, bounds, np.inf)
+        is_nearest[np.argpartition(of_open, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
+    return is_nearest
+
+
+def _bound_boxes(
+    boxes: Floats, viewpoints: ViewpointBox, rings: ImageRings
+) -> tuple[Floats, Bools]:
+    """(m, NUM_RINGS) bounds of (7, m) boxes, and whether each looks large."""
+    low, high = boxes[:3].T, -boxes[3:6].T
+    centre = (0.5 * (low + high) - viewpoints.centre) @ viewpoints.axis_rotation.T
+    half = (0.5 * (high - low) + viewpoints.half_extent) @ np.abs(viewpoints.axis_rotation).T
+    bounds = box_distance_bounds(centre - half, centre + half, rings)
+    diagonal = np.linalg.norm(high - low, axis=-1)
+    return bounds, diagonal > _REFINE_SIZE * bounds.min(axis=1)
 
 
 def _bound_triangles(corners: Floats, viewpoints: ViewpointBox, rings: ImageRings) -> Floats:
@@ -291,48 +315,3 @@ def _bound_triangles(corners: Floats, viewpoints: ViewpointBox, rings: ImageRing
     # so a degenerate triangle's does no harm.
     cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
     return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _BoxBounds:
-    """Boxes of one level with their bounds."""
-
-    level: int
-    boxes: Indices
-    """(n,) indices within the level."""
-    is_large: Bools
-    """(n,) whether a box looks large from the viewpoints."""
-    bounds: Floats
-    """(n, NUM_RINGS) metres."""
-
-    def select(self, mask: Bools) -> _BoxBounds:
-        """Boxes of a (n,) mask."""
-        return _BoxBounds(self.level, self.boxes[mask], self.is_large[mask], self.bounds[mask])
-
-    def split_nearest(self, cutoff: Floats) -> tuple[_BoxBounds, _BoxBounds]:
-        """Boxes that are nearest in any ring and nearer than the (NUM_RINGS,) cutoff; and the
-        rest."""
-        is_nearest = np.ones(len(self.boxes), dtype=bool)
-        # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
-        if len(is_nearest) > _BATCH_SIZE:
-            open_bounds = np.where(self.bounds < cutoff, self.bounds, np.inf)
-            is_nearest[:] = False
-            is_nearest[np.argpartition(open_bounds, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
-        return self.select(is_nearest), self.select(~is_nearest)
-
-
-def _bound_boxes(
-    triangles: TriangleHierarchy,
-    level: int,
-    boxes: Indices,
-    viewpoints: ViewpointBox,
-    rings: ImageRings,
-) -> _BoxBounds:
-    least, most = triangles.levels[level][:6].take(boxes, axis=1).T.reshape(-1, 2, 3).swapaxes(0, 1)
-    low, high = least, -most
-    centre = (0.5 * (low + high) - viewpoints.centre) @ viewpoints.axis_rotation.T
-    half = (0.5 * (high - low) + viewpoints.half_extent) @ np.abs(viewpoints.axis_rotation).T
-    bounds = box_distance_bounds(centre - half, centre + half, rings)
-    diagonal = np.linalg.norm(high - low, axis=-1)
-    is_large = diagonal > _REFINE_SIZE * bounds.min(axis=1, initial=np.inf)
-    return _BoxBounds(level, boxes, is_large, bounds)

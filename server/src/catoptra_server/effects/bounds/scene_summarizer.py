@@ -74,12 +74,25 @@ class SceneSummarizer:
         self.scene = scene
         """The scene."""
         self._world = world
-        triangles = TriangleHierarchy(scene.corners)
-        self._distance_bounds = DistanceBoundCache(triangles)
         self._object_radiances = ObjectRadiances(world)
         self._object_bounds = _DynamicObjectBounds()
-        self._shadows = ShadowBounds(scene, world, triangles)
-        self._rounding = CoordinateRounding(scene, triangles)
+
+    # On demand: many cameras need no bounds of many triangles.
+    @cached_property
+    def _triangles(self) -> TriangleHierarchy:
+        return TriangleHierarchy(self.scene.corners)
+
+    @cached_property
+    def _distance_bounds(self) -> DistanceBoundCache:
+        return DistanceBoundCache(self._triangles)
+
+    @cached_property
+    def _shadows(self) -> ShadowBounds:
+        return ShadowBounds(self.scene, self._world, self._triangles)
+
+    @cached_property
+    def _rounding(self) -> CoordinateRounding:
+        return CoordinateRounding(self.scene, self._triangles)
 
     @cached_property
     def max_radiance(self) -> float:

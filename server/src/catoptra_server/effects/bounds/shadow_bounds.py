@@ -34,7 +34,7 @@ from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
-    max_facet_irradiance,
+    max_irradiance,
     max_visible_loss,
     visible_losses,
 )
@@ -139,19 +139,16 @@ class ShadowBounds:
     def _lose(self, rows: slice | Indices, is_lost: Bools) -> tuple[Floats, Floats]:
         """(m, 3) largest radiance that triangles lose by (l, m) lights, and least that remains."""
         scene = self._scene
-        normals = scene.normals[rows]
-        remaining = facet_irradiance(self._hemisphere_lights, normals)
+        remaining = facet_irradiance(self._hemisphere_lights, scene.normals[rows])
         # What the scene hides of the sky is dark already.
         remaining = scene.smallest_sky_factors(rows)[:, None] * remaining
         lost = np.zeros_like(remaining)
         for light, is_hidden in zip(self._lights, is_lost, strict=True):
+            irradiance = max_irradiance(scene, light, rows)
             if isinstance(light, DirectionalLight):
-                irradiance = facet_irradiance((light,), normals)
                 # A point light's irradiance is an upper bound, so only a directional light may
                 # count as remaining.
                 remaining += np.where(is_hidden[:, None], 0.0, irradiance)
-            else:
-                irradiance = max_facet_irradiance(scene.corners[rows], normals, light)
             lost += np.where(is_hidden[:, None], irradiance, 0.0)
         lit = scene.max_albedo(rows) * ~scene.unlit[rows, None]
         return lost * lit, remaining * lit
