@@ -14,8 +14,10 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import NUM_RINGS
+from catoptra_server.effects.bounds import distances
 from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
+    ImageRings,
     ViewpointBox,
     bound_ring_distances,
     box_distance_bounds,
@@ -140,6 +142,50 @@ def test_bounds_with_a_cutoff_reach_the_cutoff_or_hold() -> None:
     enough = bound(corners, cutoff=0.5 * whole)
     assert (enough >= 0.5 * whole).all()
     assert (enough <= whole).all()
+
+
+def make_room(rings: int) -> Floats:
+    """Inside of a ball of 3 m about (0.5, 0, 0), of 4 rings^2 triangles."""
+    theta = np.linspace(0.01, np.pi - 0.01, rings + 1)
+    theta, phi = np.meshgrid(theta, np.linspace(0.0, 2.0 * np.pi, 2 * rings + 1), indexing="ij")
+    points = np.stack(
+        (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)), axis=-1
+    )
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    room: Floats = 3.0 * np.stack((a, b, c, a, c, d), axis=-2).reshape(-1, 3, 3)
+    return room + np.array((0.5, 0.0, 0.0))
+
+
+def count_bounded(monkeypatch: pytest.MonkeyPatch, corners: Floats) -> int:
+    """Number of boxes and triangles that a cell of viewpoints needs."""
+    numbers: list[int] = []
+
+    def bound_boxes(low: Floats, high: Floats, rings: ImageRings) -> Floats:
+        numbers.append(len(low))
+        return box_distance_bounds(low, high, rings)
+
+    monkeypatch.setattr(distances, "box_distance_bounds", bound_boxes)
+    bound(corners, ViewpointBox(np.zeros(3), np.array((0.06, 0.06, 0.01)), np.eye(3)))
+    return sum(numbers)
+
+
+def test_room_of_many_triangles_is_as_far_as_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse, fine = make_room(30), make_room(300)
+    # All these are about as near, and there are twenty times as many as once were looked at.
+    assert len(fine) == 360_000
+    # The coarse room's facets cut the ball's edge by 4 mm.
+    exact = min_point_distances(coarse, np.zeros(3), np.eye(3))
+    for shares in (bound(corners) / exact for corners in (coarse, fine)):
+        assert shares.max() <= 1.002
+        assert shares.min() > 0.8
+    assert count_bounded(monkeypatch, fine) < 4.0 * count_bounded(monkeypatch, coarse)
+
+
+def test_many_triangles_behind_a_wall_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall = np.array([[[1.0, -9.0, -9.0], [1.0, 9.0, -9.0], [1.0, 0.0, 18.0]]])
+    behind = [np.concatenate((wall, 0.05 * make_room(n) + (2.0, 0.0, 0.0))) for n in (25, 250)]
+    few, many = (count_bounded(monkeypatch, corners) for corners in behind)
+    assert many < 1.5 * few
 
 
 def test_oblique_wall_is_as_far_as_its_plane() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     unshadowed_irradiance,
 )
-from catoptra_server.world.shapes import box
+from catoptra_server.world.shapes import box, facet_normals
 from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import (
     Box,
@@ -32,6 +32,7 @@ from catoptra_server.world.world_description import (
     Light,
     Material,
     PointLight,
+    SphereBand,
     World,
     srgb_from_linear,
 )
@@ -171,6 +172,69 @@ def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
     light = shadow_casting_lights(world.lights)[0]
     names = {scene.item_names[scene.item_index[i]] for i in np.flatnonzero(suspect(scene, light))}
     assert "floor" in names
+
+
+def make_bumps(quads: int, *, height_m: float) -> SceneMesh:
+    """Bumpy ground of 2 quads^2 triangles that the lights of a world can see."""
+    x, y = np.meshgrid(*2 * [np.linspace(-2.0, 2.0, quads + 1)], indexing="ij")
+    points = np.stack((x, y, height_m * np.sin(5.0 * x) * np.cos(7.0 * y)), axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return repeat_floor(np.stack((a, c, b, a, d, c), axis=-2).reshape(-1, 3, 3))
+
+
+def repeat_floor(corners: Floats) -> SceneMesh:
+    """Scene of (n, 3, 3) triangles with the looks of a floor's first one."""
+    floor = build_scene(make_world(floor_item()))
+    arrays = {
+        field.name: np.repeat(value[:1], len(corners), axis=0)
+        for field in fields(SceneMesh)
+        if field.init and isinstance(value := getattr(floor, field.name), np.ndarray)
+    }
+    return replace(floor, **arrays | {"corners": corners, "normals": facet_normals(corners)[0]})
+
+
+@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
+def test_hierarchy_finds_what_all_pairs_of_triangles_find(light: ShadowCastingLight) -> None:
+    scene = make_bumps(30, height_m=0.3)
+    shafts = LightShafts(scene, light, TriangleHierarchy(scene.corners))
+    towards = shafts._towards(scene.corners[:, 0])
+    receivers = np.flatnonzero(np.einsum("ni,ni->n", scene.normals, towards) > 0.0)[::7]
+    receiver, rows = np.indices((len(receivers), len(scene))).reshape(2, -1)
+    expected = np.isin(np.arange(len(receivers)), shafts._select_hidden(receivers, receiver, rows))
+    assert 0 < np.count_nonzero(expected) < len(receivers)
+    hidden, pairs_left = shafts.find_hidden(receivers, 10**9)
+    assert pairs_left > 0
+    np.testing.assert_array_equal(hidden, expected)
+    # What is not tested counts as hidden.
+    for most in (0, 20_000):
+        assert not (expected & ~shafts.find_hidden(receivers, most)[0]).any()
+
+
+def test_triangles_without_a_shadow_change_no_loss_however_many_there_are() -> None:
+    lights = (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
+    for items in ((floor_item(),), (floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))):
+        world = make_world(*items, lights=lights)
+        alone = bound_scene(build_scene(world), world)
+        sky = Item(
+            "sky",
+            SphereBand(50.0, 0.0, 3.1, sectors=500, rings=101),
+            Pose.identity(),
+            Material((0.5, 0.6, 0.9), unlit=True),
+            casts_shadows=False,
+        )
+        under_sky = make_world(*items, sky, lights=lights)
+        scene = build_scene(under_sky)
+        assert len(scene) > 100_000
+        assert bound_scene(scene, under_sky) == alone
+
+
+def test_loss_of_many_triangles_in_shadow_is_that_of_few() -> None:
+    losses = []
+    for quads in (30, 240):
+        scene = make_bumps(quads, height_m=0.6)
+        world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT))
+        losses.append(grey_level_change(bound_scene(scene, world)))
+    assert losses[1] == pytest.approx(losses[0], rel=0.05)
 
 
 INSIDE = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
