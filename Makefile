@@ -38,11 +38,11 @@ define show_packages
   /ERROR|error:/ { print } /^status / { status = $$2 } { fflush() } END { exit status }'
 endef
 
-# What demo and live need: 0.5 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
+# What demo and live need: 0.4 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
 COMPILER := ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
-	@echo "Setting up $(VENV), one to two minutes and 0.5 GB; details are in $(INSTALL_LOG)"
+	@echo "Setting up $(VENV), one to two minutes and 0.4 GB; details are in $(INSTALL_LOG)"
 	$(PYTHON) -m venv $(VENV)
 	@echo "1 of 2: the compiler of the kernel, which is removed after its work"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt setuptools)
@@ -113,6 +113,7 @@ format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
+	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)
 	PYTHONPATH=tests $(BIN)/python -m cost.trace_speed
 	-PYTHONPATH=tests $(BIN)/python -m cost.serving
 

@@ -48,6 +48,9 @@ from catoptra_server.world.world_description import (
     World,
 )
 
+MAX_FLOAT_REACH_M = 64.0
+"""Coordinates up to it are precise enough as float32, beside a camera: steps of 4 micrometres."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneMesh:
@@ -106,6 +109,12 @@ class SceneMesh:
         Origin of renderers' float32 coordinates: precise in a world far from its origin.
         """
         return 0.5 * (self.box_min + self.box_max) if len(self) else np.zeros(3)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether float32 relative to the centre is too coarse for what is near a camera."""
+        reach_m = 0.5 * (self.box_max - self.box_min) if len(self) else np.zeros(3)
+        return bool(reach_m.max() > MAX_FLOAT_REACH_M)
 
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""

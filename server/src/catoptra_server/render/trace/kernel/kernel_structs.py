@@ -28,6 +28,7 @@ class MeshArrays(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
+        *_addresses("fine_corners"),
     ]
 
 
@@ -49,6 +50,7 @@ class LightStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("kind", c_int32),
         ("lights_scene", c_int32),
+        ("position", c_double * 3),
         ("vector", c_float * 3),
         ("intensity", c_float * 3),
     ]
@@ -83,6 +85,7 @@ class OcclusionPatchStruct(ctypes.Structure):
         ("top", c_int32),
         ("right", c_int32),
         ("bottom", c_int32),
+        ("offset", c_double * 2),
     ]
 
 
@@ -92,7 +95,9 @@ class OcclusionStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("width", c_int32),
         ("height", c_int32),
-        *_addresses("texels", "patch_of", "patches", "dark_sums"),
+        *_addresses("texels", "patch_of", "patches"),
+        ("num_patches", c_int32),
+        *_addresses("dark_sums"),
     ]
 
 
@@ -163,6 +168,7 @@ class FrameStruct(ctypes.Structure):
     """One exposure and its outputs."""
 
     _fields_: ClassVar[Fields] = [
+        ("origin", c_double * 3),
         ("num_poses", c_int32),
         ("camera", c_void_p),
         ("num_objects", c_int32),

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
@@ -144,7 +145,7 @@ class KernelDevice:
     def cast(
         self,
         mesh: int,
-        origins: _Float32s,
+        origins: Floats,
         directions: _Float32s,
         ranges: _Float32s,
         triangles: npt.NDArray[np.int32],

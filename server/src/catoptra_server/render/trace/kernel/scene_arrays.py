@@ -37,7 +37,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
     OPEN,
     OcclusionMap,
@@ -113,8 +113,9 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
 
 def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
     """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown."""
-    relative = _round_corners(corners, centre)
-    return OwningStruct(MeshArrays(len(corners), corners=_address(relative)), (relative,))
+    arrays = _corner_members(corners, centre)
+    addresses = {name: _address(array) for name, array in arrays.items()}
+    return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
 
 
 def _mesh_arrays(
@@ -127,7 +128,7 @@ def _mesh_arrays(
 ) -> OwningStruct:
     """Triangles with their materials; optional: members of `MeshArrays` that some meshes have."""
     arrays = {
-        "corners": _round_corners(corners, centre),
+        **_corner_members(corners, centre),
         "normals": _float32(normals),
         "albedo": _float32(albedo),
         "flags": flags,
@@ -137,11 +138,12 @@ def _mesh_arrays(
     return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
 
 
-def _round_corners(corners: Floats, centre: Floats) -> npt.NDArray[np.float32]:
-    """(n, 3, 3) corners relative to a centre."""
+def _corner_members(corners: Floats, centre: Floats) -> dict[str, npt.NDArray[Any] | None]:
+    """(n, 3, 3) corners relative to a centre, in double precision besides where they are far."""
     relative = np.zeros(corners.shape, dtype=np.float32)
     np.subtract(corners, centre, out=relative, casting="same_kind")
-    return relative
+    is_large = np.abs(relative).max(initial=0.0) > MAX_FLOAT_REACH_M
+    return {"corners": relative, "fine_corners": corners - centre if is_large else None}
 
 
 def _float32(array: npt.NDArray[Any] | None) -> npt.NDArray[np.float32] | None:
@@ -153,12 +155,11 @@ def _address(array: npt.NDArray[Any] | None) -> int | None:
     return None if array is None else array.ctypes.data
 
 
-def _uv_frames(uv: Floats) -> npt.NDArray[np.float32]:
+def _uv_frames(uv: Floats) -> Floats:
     """(n, 6) texture coordinates of each triangle's first corner and of its two edges."""
     first, second, third = np.moveaxis(uv, 1, 0)
     # Edges instead of corners: coordinates at a point are then two products and two sums.
-    frames = np.concatenate((first, second - first, third - first), axis=-1)
-    return np.ascontiguousarray(frames, dtype=np.float32)
+    return np.concatenate((first, second - first, third - first), axis=-1)
 
 
 def _has_corner_colours(scene: SceneMesh) -> Bools:
@@ -230,9 +231,11 @@ def _light_struct(
 ) -> LightStruct:
     if isinstance(light, DirectionalLight):
         towards = -np.asarray(light.direction)
-        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, tuple(towards), tuple(light.irradiance))
-    position = np.asarray(light.position_m) - centre
-    return LightStruct(LIGHT_POINT, lights_scene, tuple(position), tuple(light.intensity))
+        nowhere = (0.0, 0.0, 0.0)
+        vectors = (nowhere, tuple(towards), tuple(light.irradiance))
+        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, *vectors)
+    position = tuple(np.asarray(light.position_m) - centre)
+    return LightStruct(LIGHT_POINT, lights_scene, position, position, tuple(light.intensity))
 
 
 def hemisphere_struct(lights: Sequence[Light]) -> HemisphereStruct:
@@ -257,6 +260,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     for struct, (column, row, bounds) in zip(structs, rows, strict=True):
         struct.column[:], struct.row[:] = column, row
         struct.left, struct.top, struct.right, struct.bottom = bounds
+        struct.offset[:] = column[3], row[3]
     height, width = occlusion.texels.shape
     sums = _sum_dark_nodes(occlusion.texels)
     struct = OcclusionStruct(
@@ -265,6 +269,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
         texels=occlusion.texels.ctypes.data,
         patch_of=occlusion.patch_of.ctypes.data,
         patches=ctypes.addressof(structs),
+        num_patches=len(structs),
         dark_sums=sums.ctypes.data,
     )
     return OwningStruct(struct, (occlusion, structs, sums))

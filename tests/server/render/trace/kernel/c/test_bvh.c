@@ -229,7 +229,7 @@ static void test_structures(Workers *const workers[2]) {
             for (int pool = 0; pool < 2; pool++) {
                 Bvh bvh;
                 threads = workers_count(workers[pool]);
-                CHECK(build_bvh(&bvh, workers[pool], corners, counts[c]));
+                CHECK(build_bvh(&bvh, workers[pool], corners, NULL, counts[c]));
                 hash[pool] = check_structure(&bvh, corners, counts[c]);
                 free_bvh(&bvh);
             }
@@ -242,7 +242,7 @@ static void test_structures(Workers *const workers[2]) {
 static void test_copies(Workers *workers) {
     float *corners = make_mesh(&KINDS[2], 1000000);
     Bvh bvh;
-    CHECK(build_bvh(&bvh, workers, corners, 1000000));
+    CHECK(build_bvh(&bvh, workers, corners, NULL, 1000000));
     CHECK(bvh.num_nodes == 1 && bvh.num_leaves == 1);
     CHECK(bvh.leaves[0].triangle[0] + bvh.leaves[0].triangle[1] == 3);
     free_bvh(&bvh);
@@ -398,10 +398,12 @@ static int check_rays(const void *scene, const RayBlock *rays, const Expected *e
 }
 
 static void intersect_mesh(const void *bvh, RayBlock *rays, HitBlock *hits) {
-    intersect_bvh(bvh, OBJECT_STATIC, rays, hits);
+    intersect_bvh(bvh, NULL, OBJECT_STATIC, rays, hits);
 }
 
-static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) { return occlude_bvh(bvh, rays); }
+static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) {
+    return occlude_bvh(bvh, NULL, rays);
+}
 
 static void test_queries(Workers *workers, int rounds) {
     for (int k = 0; k < NUM_KINDS; k++) {
@@ -409,7 +411,7 @@ static void test_queries(Workers *workers, int rounds) {
         int met = 0;
         float *corners = make_mesh(&KINDS[k], count);
         Bvh bvh;
-        CHECK(build_bvh(&bvh, workers, corners, count));
+        CHECK(build_bvh(&bvh, workers, corners, NULL, count));
         for (int round = 0; round < rounds; round++) {
             float size = KINDS[k].largest;
             if (KINDS[k].put == put_exponential)
@@ -468,8 +470,8 @@ enum { NUM_OBJECTS = 12, OBJECT_TRIANGLES = 60 };
 static void test_instances(Workers *workers, int num_poses, int rounds) {
     float *corners = make_mesh(&KINDS[0], OBJECT_TRIANGLES);
     Mesh mesh = {.arrays = {.corners = corners}}, empty = {.arrays = {.num_triangles = 0}};
-    CHECK(build_bvh(&mesh.bvh, workers, corners, OBJECT_TRIANGLES));
-    CHECK(build_bvh(&empty.bvh, workers, NULL, 0));
+    CHECK(build_bvh(&mesh.bvh, workers, corners, NULL, OBJECT_TRIANGLES));
+    CHECK(build_bvh(&empty.bvh, workers, NULL, NULL, 0));
     Mesh *objects[NUM_OBJECTS];
     Pose poses[3 * NUM_OBJECTS];
     for (int round = 0, met = 0; round < rounds; round++) {
@@ -512,7 +514,7 @@ static void test_lost_instances(Workers *workers) {
     static const float lost[] = {NAN, INFINITY, 3e38f};
     float *corners = make_mesh(&KINDS[0], OBJECT_TRIANGLES);
     Mesh mesh = {.arrays = {.corners = corners}}, *objects[] = {&mesh, &mesh, &mesh};
-    CHECK(build_bvh(&mesh.bvh, workers, corners, OBJECT_TRIANGLES));
+    CHECK(build_bvh(&mesh.bvh, workers, corners, NULL, OBJECT_TRIANGLES));
     for (int i = 0; i < 3; i++) {
         Pose poses[] = {make_pose(), make_pose(), make_pose()};
         Frame frame = {.num_poses = 1, .num_objects = 3, .objects = objects, .object_poses = poses};

@@ -70,16 +70,15 @@ static void append_surfaces(const FrameState *state, CandidateList *list) {
     const Scene *scene = state->scene;
     Vec3 viewpoint = vec3(state->camera.translation);
     for (int i = 0; i < scene->surfaces.num_triangles; i++) {
-        const float *corners =
-            scene->mesh->arrays.corners + 9 * (size_t)scene->surfaces.triangles[i];
         Vec3 relative[3];
         for (int corner = 0; corner < 3; corner++)
-            relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
+            relative[corner] =
+                subtract(scene_corner(state, scene->surfaces.triangles[i], corner), viewpoint);
         append(state, list, relative, 0.0f, i);
     }
     for (int i = 0; i < scene->surfaces.num_clusters; i++) {
         const float *cluster = scene->surfaces.clusters + 4 * i;
-        Vec3 centre = subtract(vec3(cluster), viewpoint);
+        Vec3 centre = subtract(place_point(vec3(cluster), state->frame->origin), viewpoint);
         append(state, list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
     }
 }

@@ -55,7 +55,7 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_beams &&
+    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_one_pose &&
            state->frame->output != OUTPUT_HITS && state->frame->output != OUTPUT_FLOW;
 }
 
@@ -298,7 +298,7 @@ static void find_quad(const FrameState *state, const BeamSides *sides, int32_t t
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     Vec3 apex = add(vec3(state->camera.translation), sides->apex);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), apex));
+    float height = dot(normal, subtract(plane_point(state, triangle), apex));
     for (int i = 0; i < 4; i++)
         corners[i] = add(apex, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
 }

@@ -40,7 +40,8 @@ void catoptra_close(Device *device) {
 
 Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
     Mesh *mesh = calloc(1, sizeof *mesh);
-    if (mesh && build_bvh(&mesh->bvh, device->workers, arrays->corners, arrays->num_triangles)) {
+    if (mesh && build_bvh(&mesh->bvh, device->workers, arrays->corners, arrays->fine_corners,
+                          arrays->num_triangles)) {
         mesh->arrays = *arrays;
         return mesh;
     }

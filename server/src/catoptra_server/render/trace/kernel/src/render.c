@@ -127,12 +127,17 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .view = view,
         .camera = frame->camera[0],
         .has_one_pose = !view->rays.times,
-        .has_beams = has_beams(view, frame->camera),
         .plan_wanted = is_moving,
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !frame->has_shadows,
     };
+    if (has_origin(state))
+        state->scene = state->placed = place_scene(scene, frame->origin);
+    if (!state->scene) {
+        snprintf(error, ERROR_SIZE, "out of memory");
+        return 0;
+    }
     if (is_moving)
         *state = at_instant(state, 0.5f);
     state->object_radiance = light_objects(state);
@@ -153,6 +158,7 @@ static void end_frame(FrameState *state) {
     free((void *)state->object_heights);
     free(state->object_radiance);
     release_instances(state->objects);
+    free(state->placed);
 }
 
 /* Largest displacement of the viewpoint, and chord of its turns, from the state's camera. */
