@@ -187,7 +187,7 @@ def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     num_facing = int(np.count_nonzero(facing))
     casters = _extreme_points(scene.corners, scene.casts_shadows, num_planes=num_facing)
     for block in row_blocks(len(scene)):
-        facing[block] &= _are_passed(scene.normals[block], scene.corners[block, 0], casters)
+        facing[block] &= _reach_planes(scene.normals[block], scene.corners[block, 0], casters)
     is_separated = _has_separating_plane(scene, height, facing)
     return facing if is_separated else np.zeros_like(facing)
 
@@ -207,7 +207,7 @@ def _has_separating_plane(scene: SceneMesh, height: Floats, receivers: Bools) ->
     rows = (casters[part] for part in (sample, *row_blocks(len(casters))))
     # Normals turned away from the light: a receiver's corner then lies in front of the plane.
     return any(
-        _are_passed(
+        _reach_planes(
             -np.sign(height[some])[:, None] * scene.normals[some], scene.corners[some, 0], points
         ).any()
         for some in rows
@@ -230,7 +230,7 @@ def _extreme_points(corners: Floats, mask: Bools, *, num_planes: int) -> Floats:
     return np.array(list(product(*zip(low, high, strict=True))))
 
 
-def _are_passed(normals: Floats, on_planes: Floats, points: Floats) -> Bools:
+def _reach_planes(normals: Floats, on_planes: Floats, points: Floats) -> Bools:
     """(k,) whether any of (m, 3) points lies in front of planes with (k, 3) normals and points."""
     # Points first: a maximum along a short last axis takes ten times as long.
     farthest = (points @ normals.T).max(axis=0, initial=-np.inf)

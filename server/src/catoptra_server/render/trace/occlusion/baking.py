@@ -164,7 +164,7 @@ def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
     is_small = (patch_of < 0) & ~scene.unlit & scene.normals.any(axis=1)
     small = np.flatnonzero(is_small).astype(np.int32)
     group, middle = _join_neighbours(scene, small)
-    joined = _frame_joined(
+    joined = _frame_groups(
         scene, replace(flat, triangles=small, surface=group, representative=middle)
     )
     patch_of[small] = len(flat.representative) + group
@@ -213,7 +213,7 @@ def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indi
     return group.astype(np.int32), middle
 
 
-def _frame_joined(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def _frame_groups(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
     """Parallelograms over single triangles, rectangles in front of those that share a grid."""
     frames, corners = _frame_large(scene, flat), scene.corners[flat.triangles]
     from_origin = corners - frames.origin[flat.surface][:, None]
