@@ -9,7 +9,6 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
 from catoptra_server.render.trace.occlusion import baking
 from catoptra_server.render.trace.occlusion.baking import (
     RADIUS_M,
@@ -35,7 +34,7 @@ from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, ma
 
 GREY = Material((0.5, 0.5, 0.5))
 SCENE = build_scene(make_box_world())
-FRAMES = frame_surfaces(SCENE, find_flat_surfaces(SCENE))
+FRAMES = frame_surfaces(SCENE, threads=1)
 LAYOUT = lay_out(FRAMES, 0.1)
 # The mean of 32 rays a node, four sets mixed, interpolated between nodes 5 cm apart.
 TOLERANCE = 0.03
@@ -206,12 +205,11 @@ def test_every_corner_of_a_triangle_lies_in_its_surface_s_rectangle() -> None:
         np.testing.assert_allclose(at @ sides + FRAMES.origin[patch], corners, atol=1e-9)
 
 
-def test_small_triangles_have_grids_between_their_corners() -> None:
-    flat = find_flat_surfaces(SCENE)
-    none = flat.triangles[:0]
-    frames = frame_surfaces(
-        SCENE, FlatSurfaces(none, none, flat.outer_edges[:0], none, flat.clusters)
-    )
+def test_small_triangles_have_grids_between_their_corners(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 0)
+    frames = frame_surfaces(SCENE, threads=1)
     assert sorted(frames.patch_of.tolist()) == list(range(len(SCENE)))
     third = (frames.origin + frames.side_y)[frames.patch_of]
     np.testing.assert_allclose(third, SCENE.corners[:, 2], atol=1e-12)
@@ -230,6 +228,7 @@ def make_ball(rings: int) -> SceneMesh:
 def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
     scene = make_ball(40)
     centres, factors = scene.corners.mean(axis=1), []
     for most in (8000, 400):
@@ -247,11 +246,13 @@ def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
         assert joined[number] == pytest.approx(exact, abs=0.1)
 
 
-def test_small_triangles_share_at_most_so_many_grids_and_lie_behind_them() -> None:
+def test_small_triangles_share_at_most_so_many_grids_and_lie_behind_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
     scene = make_ball(80)
-    flat = find_flat_surfaces(scene)
-    frames = frame_surfaces(scene, flat)
-    small = np.flatnonzero(frames.patch_of >= len(flat.representative))
+    frames = frame_surfaces(scene, threads=1)
+    small = np.flatnonzero(frames.patch_of >= baking._MAX_SURFACES)
     assert len(small) > 8000
     assert 4000 <= len(np.unique(frames.patch_of[small])) <= 8000
     assert (frames.patch_of >= 0).all()

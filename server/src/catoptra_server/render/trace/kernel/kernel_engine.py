@@ -45,6 +45,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
     caster_arrays,
     encoded_table,
+    find_flat_surfaces,
     hemisphere_struct,
     light_array,
     occlusion_struct,
@@ -309,7 +310,7 @@ class KernelEngine:
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
-            surfaces=self._keep(surfaces_struct(self.scene, self.scene.centre)),
+            surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
             occlusion=self._keep(occlusion_struct(self.scene.occlusion, self.scene.centre)),
         )
         if self.scene.occlusion is not None:

@@ -62,16 +62,23 @@ class HemisphereStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [("up", c_float * 3), ("down", c_float * 3)]
 
 
-class SurfacesStruct(ctypes.Structure):
-    """Flat surfaces, and spheres around all other triangles."""
+class FacetSource(ctypes.Structure):
+    """What flat surfaces are found by."""
 
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
-        *_addresses("triangles", "surface", "outer_edges"),
+        ("centre", c_double * 3),
+        *_addresses("corners", "normals", "albedo", "uv", "texture", "object"),
+        *_addresses("unlit", "has_colours"),
+    ]
+
+
+class SurfacesStruct(ctypes.Structure):
+    """Flat surfaces."""
+
+    _fields_: ClassVar[Fields] = [
         ("num_surfaces", c_int32),
-        ("representative", c_void_p),
-        ("num_clusters", c_int32),
-        ("clusters", c_void_p),
+        *_addresses("surface", "outer_edges", "representative"),
     ]
 
 
@@ -252,6 +259,7 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     TextureLevelStruct,
     TextureStruct,
     LightStruct,
+    FacetSource,
     SurfacesStruct,
     OcclusionPatchStruct,
     OcclusionStruct,

@@ -25,6 +25,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
+    FacetSource,
     FrameCounts,
     FrameStruct,
     ImageJob,
@@ -95,6 +96,26 @@ class KernelDevice:
     def release_mesh(self, mesh: int) -> None:
         """Free a mesh."""
         self._library.catoptra_release_mesh(mesh)
+
+    def find_surfaces(
+        self,
+        facets: FacetSource,
+        surface: npt.NDArray[np.int32],
+        outer_edges: npt.NDArray[np.uint8],
+        representative: npt.NDArray[np.int32],
+    ) -> int:
+        """Write the flat surfaces of n triangles into (n,) arrays; their number.
+
+        Raises:
+            KernelError: Memory is short.
+        """
+        addresses = (array.ctypes.data for array in (surface, outer_edges, representative))
+        count: int = self._library.catoptra_find_surfaces(
+            self._require_open(), ctypes.byref(facets), *addresses
+        )
+        if count < 0:
+            raise KernelError("no flat surfaces: out of memory")
+        return count
 
     def prepare(self, rays: RayTableStruct) -> int:
         """Prepare the rays of a view."""
@@ -227,6 +248,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),
+        "catoptra_find_surfaces": (c_int32, (c_void_p,) * 5),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),
         "catoptra_release_view": (None, (c_void_p,)),

@@ -27,6 +27,12 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.renderer_kind import AUTO
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelUnavailableError,
+    choose_instruction_set,
+)
 from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OPEN, OcclusionMap
@@ -46,6 +52,8 @@ _MAX_TEXELS = 2_000_000
 _MIN_NODE_DISTANCE_M = 0.05
 # Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
 _MAX_SIDE_NODES = 1000
+# Grids of whole surfaces, the largest; each is compared with each box of casters.
+_MAX_SURFACES = 4000
 # Of triangles of no flat surface: four nodes each, of the 48 000 that are measured.
 _MAX_SMALL_GRIDS = 8000
 # Between triangles that share a grid: the components of their normals beyond a third agree in sign.
@@ -88,16 +96,29 @@ def bake_occlusion(
     """Occlusion map of a scene; None where nothing is occluded.
 
     Args:
-        scene: Triangles, fewer than `kernel/scene_arrays.py:MAX_TRIANGLES`.
+        scene: Triangles.
         caster: Rays in the same triangles; called from several threads at once.
         threads: Threads; the result is the same for any number.
     """
-    frames = frame_surfaces(scene, find_flat_surfaces(scene))
+    frames = frame_surfaces(scene, threads=threads)
     layout, near = _choose_layout(scene, frames)
     nodes = _place_nodes(frames, layout, near)
     factors, inside = _measure_all(scene, caster, nodes, threads)
     texels = filter_factors(layout, near, factors, inside)
     return _without_open_grids(frames, layout, texels)
+
+
+def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
+    """Flat surfaces; where no kernel runs, each triangle is one, with more nodes than it needs."""
+    try:
+        device = KernelDevice(choose_instruction_set(AUTO), threads)
+    except KernelUnavailableError:
+        alone = np.arange(len(scene), dtype=np.int32)
+        return FlatSurfaces(alone, np.full(len(scene), 7, dtype=np.uint8), alone)
+    try:
+        return find_flat_surfaces(scene, device)
+    finally:
+        device.close()
 
 
 def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
@@ -156,18 +177,19 @@ class _SurfaceFrames:
         return replace(self, side_x=self.side_y, side_y=self.side_x)
 
 
-def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def frame_surfaces(scene: SceneMesh, *, threads: int) -> _SurfaceFrames:
     """Coordinate systems of the lit surfaces of a scene."""
-    patch_of = np.full(len(scene), -1, dtype=np.int32)
-    patch_of[flat.triangles] = flat.surface
-    large = _frame_large(scene, flat)
+    flat = _find_surfaces(scene, threads)
+    largest = _choose_largest(scene, flat)
+    number = np.full(len(flat.representative), -1, dtype=np.int32)
+    number[largest] = np.arange(len(largest), dtype=np.int32)
+    patch_of, representative = number[flat.surface], flat.representative[largest]
+    large = _frame_large(scene, patch_of, representative)
     is_small = (patch_of < 0) & ~scene.unlit & scene.normals.any(axis=1)
     small = np.flatnonzero(is_small).astype(np.int32)
     group, middle = _join_neighbours(scene, small)
-    joined = _frame_groups(
-        scene, replace(flat, triangles=small, surface=group, representative=middle)
-    )
-    patch_of[small] = len(flat.representative) + group
+    joined = _frame_groups(scene, small, group, middle)
+    patch_of[small] = len(representative) + group
     frames = _SurfaceFrames(
         patch_of,
         np.concatenate((large.origin, joined.origin)),
@@ -176,7 +198,7 @@ def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
         np.concatenate((large.normal, joined.normal)),
     )
     # Unlit surfaces show their albedo; one without an area has no plane.
-    is_lit = np.concatenate((~scene.unlit[flat.representative], np.ones(len(middle), dtype=bool)))
+    is_lit = np.concatenate((~scene.unlit[representative], np.ones(len(middle), dtype=bool)))
     has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
     return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
 
@@ -213,15 +235,19 @@ def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indi
     return group.astype(np.int32), middle
 
 
-def _frame_groups(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def _frame_groups(
+    scene: SceneMesh, small: _Indices, group: _Indices, middle: _Indices
+) -> _SurfaceFrames:
     """Parallelograms over single triangles, rectangles in front of those that share a grid."""
-    frames, corners = _frame_large(scene, flat), scene.corners[flat.triangles]
-    from_origin = corners - frames.origin[flat.surface][:, None]
-    height = np.einsum("tci,ti->tc", from_origin, frames.normal[flat.surface]).max(axis=1)
-    highest = np.zeros(len(frames.origin))
-    np.maximum.at(highest, flat.surface, height)
-    first, second, third = np.moveaxis(scene.corners[flat.representative], 1, 0)
-    is_single = (np.bincount(flat.surface, minlength=len(highest)) == 1)[:, None]
+    group_of = np.full(len(scene), -1, dtype=np.int32)
+    group_of[small] = group
+    frames = _frame_large(scene, group_of, middle)
+    from_origin = scene.corners[small] - frames.origin[group][:, None]
+    height = np.einsum("tci,ti->tc", from_origin, frames.normal[group]).max(axis=1)
+    highest = np.zeros(len(middle))
+    np.maximum.at(highest, group, height)
+    first, second, third = np.moveaxis(scene.corners[middle], 1, 0)
+    is_single = (np.bincount(group, minlength=len(middle)) == 1)[:, None]
     return replace(
         frames,
         origin=np.where(is_single, first, frames.origin + highest[:, None] * frames.normal),
@@ -230,9 +256,16 @@ def _frame_groups(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
     )
 
 
-def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def _choose_largest(scene: SceneMesh, flat: FlatSurfaces) -> _Numbers:
+    """(m,) surfaces of the largest areas, in their order."""
+    first, second, third = np.moveaxis(scene.corners, 1, 0)
+    area = np.bincount(flat.surface, _lengths(np.cross(second - first, third - first)))
+    return np.sort(np.argsort(-area, kind="stable")[:_MAX_SURFACES])
+
+
+def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices) -> _SurfaceFrames:
     """Bounding rectangles of flat surfaces along axes of their planes."""
-    normal = scene.normals[flat.representative]
+    normal = scene.normals[representative]
     # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
     # world's x axis.
     horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
@@ -241,11 +274,12 @@ def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
     axis_x -= np.einsum("mi,mi->m", axis_x, normal)[:, None] * normal
     axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
     axis_y = np.cross(normal, axis_x)
-    corners = scene.corners[flat.triangles]
-    anchor = scene.corners[flat.representative, 0]
-    low, high = _extents(corners, anchor, np.stack((axis_x, axis_y), axis=1), flat.surface)
+    triangles = np.flatnonzero(patch_of >= 0)
+    anchor = scene.corners[representative, 0]
+    axes = np.stack((axis_x, axis_y), axis=1)
+    low, high = _extents(scene.corners[triangles], anchor, axes, patch_of[triangles])
     return _SurfaceFrames(
-        flat.surface,
+        patch_of,
         anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
         (high - low)[:, :1] * axis_x,
         (high - low)[:, 1:] * axis_y,

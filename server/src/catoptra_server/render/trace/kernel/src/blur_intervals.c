@@ -32,7 +32,7 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
             return 0;
         for (int corner = 0; corner < 3; corner++)
             set->corners[set->count][corner] = candidate_corner(candidates, i, corner);
-        set->triangle[set->count++] = state->scene->surfaces.triangles[id];
+        set->triangle[set->count++] = id;
     }
     return 1;
 }

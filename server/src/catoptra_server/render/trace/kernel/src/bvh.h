@@ -65,6 +65,11 @@ typedef struct {
     int32_t num_nodes, num_leaves;
 } Bvh;
 
+/* The triangles of a leaf, NO_TRIANGLE for unused lanes. */
+static inline const int32_t *leaf_triangles(const Bvh *bvh, int32_t leaf) {
+    return bvh->fine_leaves ? bvh->fine_leaves[leaf].triangle : bvh->leaves[leaf].triangle;
+}
+
 /* Hierarchy of (count, 3, 3) corners; triangles that are not finite are left out. A large mesh has
  * fine corners besides, which the others round. 0 if memory is short. */
 int build_bvh(Bvh *bvh, Workers *workers, const float *corners, const double *fine_corners,

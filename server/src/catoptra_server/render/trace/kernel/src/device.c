@@ -13,7 +13,7 @@
 
 int32_t catoptra_abi(int32_t structure) {
     static const int32_t sizes[] = {
-        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(Surfaces),
+        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(FacetSource), sizeof(Surfaces),
         sizeof(OcclusionPatch), sizeof(Occlusion),
         sizeof(Scene),      sizeof(RayTable), sizeof(Pose), sizeof(Labels), sizeof(Flow), sizeof(Frame), sizeof(FrameCounts),
         sizeof(ImageStage), sizeof(ImageJob),

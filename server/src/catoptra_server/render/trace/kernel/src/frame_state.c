@@ -56,7 +56,8 @@ float row_time(const FrameState *state, float row) {
     return 0.5f + state->frame->readout * (row / (float)state->rays->height_px - 0.5f);
 }
 
-Vec3 place_point(Vec3 point, const double origin[3]) {
+/* A point of the scene in the coordinates of a frame. */
+static Vec3 place_point(Vec3 point, const double origin[3]) {
     return (Vec3){(float)((double)point.x - origin[0]), (float)((double)point.y - origin[1]),
                   (float)((double)point.z - origin[2])};
 }

@@ -48,9 +48,6 @@ static inline const double *place_of(const FrameState *state) {
     return has_origin(state) ? state->frame->origin : NULL;
 }
 
-/* A point of the scene in the coordinates of a frame. */
-Vec3 place_point(Vec3 point, const double origin[3]);
-
 /* Corner of a triangle of the static scene. */
 Vec3 scene_corner(const FrameState *state, int32_t triangle, int corner);
 

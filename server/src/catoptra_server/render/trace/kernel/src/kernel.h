@@ -72,16 +72,27 @@ typedef struct {
     float up[3], down[3];
 } Hemisphere;
 
-/* Flat surfaces of the static scene, for the proof that one of them fills a tile. */
+/* What flat surfaces are found by: a scene in float64, world frame. */
 typedef struct {
     int32_t num_triangles;
-    const int32_t *triangles;     /* (m,) triangles that belong to a surface */
-    const int32_t *surface;       /* (m,) surface of each */
-    const uint8_t *outer_edges;   /* (m,) bit k: edge k to k + 1 bounds its surface */
+    double centre[3];           /* origin of scene coordinates */
+    const double *corners;      /* (n, 3, 3) */
+    const double *normals;      /* (n, 3) unit; zero without area */
+    const double *albedo;       /* (n, 3) */
+    const double *uv;           /* (n, 3, 2); NULL without textures */
+    const int32_t *texture;     /* (n,) -1 for none */
+    const int32_t *object;      /* (n,) */
+    const uint8_t *unlit;       /* (n,) */
+    const uint8_t *has_colours; /* (n,) the colour varies over the triangle */
+} FacetSource;
+
+/* Flat surfaces of the static scene, for the proof that one of them fills a tile: connected coplanar
+ * triangles of one material. */
+typedef struct {
     int32_t num_surfaces;
-    const int32_t *representative; /* (s,) a large triangle of each surface */
-    int32_t num_clusters;
-    const float *clusters; /* (c, 4) centre and radius of spheres around all other triangles */
+    const int32_t *surface;        /* (n,) surface of each triangle */
+    const uint8_t *outer_edges;    /* (n,) bit k: edge k to k + 1 bounds its surface */
+    const int32_t *representative; /* (s,) the largest triangle of each surface */
 } Surfaces;
 
 /* A grid of factors of hemisphere light: a point's column in the atlas is column . (x, y, z, 1). */
@@ -227,6 +238,11 @@ CATOPTRA_EXPORT void catoptra_close(Device *device);
 /* Triangles for rays of which none slips between two that share an edge. */
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
+
+/* Surfaces of (n,) triangles, into the arrays of `Surfaces`; their number, -1 if memory is short. */
+CATOPTRA_EXPORT int32_t catoptra_find_surfaces(Device *device, const FacetSource *facets,
+                                               int32_t *surface, uint8_t *outer_edges,
+                                               int32_t *representative);
 
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
 CATOPTRA_EXPORT int64_t catoptra_view_bytes(const View *view);

@@ -41,6 +41,8 @@ DEFINE_LANES(16, 16, Floats16, Ints16, float, int32_t)
 DEFINE_LANES(8d, 8, Doubles8, Longs8, double, int64_t)
 DEFINE_LANES(16d, 16, Doubles16, Longs16, double, int64_t)
 
+static inline Floats8 absolute8(Floats8 a) { return (Floats8)((Ints8)a & 0x7fffffff); }
+
 static inline Floats16 absolute16(Floats16 a) { return (Floats16)((Ints16)a & 0x7fffffff); }
 
 /* Bit masks of the lanes of masks. */
