@@ -124,13 +124,13 @@ class SceneMesh:
         largest: Floats = np.maximum(np.maximum(first, second), third)
         return largest
 
-    def smallest_sky_factors(self, triangles: slice) -> Floats:
+    def smallest_sky_factors(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m,) smallest factor of hemisphere light on each of some triangles."""
         if self.occlusion is None:
             return np.ones(len(self.corners[triangles]))
         return self.occlusion.smallest_factors(triangles)
 
-    def has_varying_albedo(self, triangles: slice) -> Bools:
+    def has_varying_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Bools:
         """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""
         index = self.texture_index[triangles]
         return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)

@@ -26,7 +26,7 @@ from catoptra_server.world.world_description import World
 log = logging.getLogger(__name__)
 
 # Increased when maps change for the same scene.
-_FORMAT_VERSION = 2
+_FORMAT_VERSION = 3
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 _DIGEST_BYTES = 32
 # The largest atlas and the arrays of its grids, and what each triangle adds; a larger file was not
