@@ -10,9 +10,17 @@
 
 enum { BOX_TRIANGLES = 12 };
 
+/* Candidates of whole vectors: most lists are shorter than two. What lies behind a list's end is
+ * computed, and not read. */
+#define FOR_BLOCKS(i, count)                                                                       \
+    for (int block = 0; block < (count); block += LANES)                                           \
+        for (int i = block; i < block + LANES; i++)
+
+size_t whole_blocks(int count) { return (size_t)(count / LANES + 1) * LANES; }
+
 int candidates_allocate(CandidateList *list, int capacity) {
     /* One block: nine coordinates, radius, reach and identifier of each candidate. */
-    size_t length = (size_t)(capacity ? capacity : 1);
+    size_t length = whole_blocks(capacity);
     float *values = malloc(sizeof(float) * 12 * length);
     if (!values)
         return 0;
@@ -73,7 +81,7 @@ void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
 #define VIEWPOINT_ROUNDING 0x1p-24f
 /* A node is one sphere if it is seen smaller than so many tiles: with larger ones more tiles beside
  * things are traced, with smaller ones lists are longer. */
-#define CLUSTER_TILES 3.0f
+#define CLUSTER_TILES 2.5f
 
 /* The viewpoint in the coordinates of the scene's boxes. */
 static Vec3 scene_viewpoint(const FrameState *state) {
@@ -298,7 +306,7 @@ mark_outside(const CandidateList *list, const BeamSides *sides, int has_apex,
     const float at_apex[4] = {
         has_apex ? dot(n[0], sides->apex) : 0.0f, has_apex ? dot(n[1], sides->apex) : 0.0f,
         has_apex ? dot(n[2], sides->apex) : 0.0f, has_apex ? dot(n[3], sides->apex) : 0.0f};
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         int is_outside = 0;
         /* All sides in one pass: the coordinates are loaded once. */
         for (int side = 0; side < 4; side++) {
@@ -332,7 +340,7 @@ mark_beside(const CandidateList *list, const BeamSides *sides, int has_apex, int
     const float *restrict cz = list->corner[3 * opposite + 2], *restrict reach = list->reach;
     const Vec3 apex = has_apex ? sides->apex : (Vec3){0, 0, 0};
     const Vec3 e0 = sides->edge[0], e1 = sides->edge[1], e2 = sides->edge[2], e3 = sides->edge[3];
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         float px = ax[i] - apex.x, py = ay[i] - apex.y, pz = az[i] - apex.z;
         float qx = bx[i] - apex.x, qy = by[i] - apex.y, qz = bz[i] - apex.z;
         float ox = cx[i] - apex.x, oy = cy[i] - apex.y, oz = cz[i] - apex.z;
@@ -417,7 +425,7 @@ void measure_distances(const CandidateList *list, const BeamSides *sides,
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
     const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
     const float *restrict z2 = list->corner[8];
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         float ux = x1[i] - x0[i], uy = y1[i] - y0[i], uz = z1[i] - z0[i];
         float vx = x2[i] - x0[i], vy = y2[i] - y0[i], vz = z2[i] - z0[i];
         float px = d.y * vz - d.z * vy, py = d.z * vx - d.x * vz, pz = d.x * vy - d.y * vx;

@@ -39,6 +39,9 @@ typedef struct {
     float tile;   /* width of a tile's beam, a metre away */
 } BeamSides;
 
+/* Length of arrays by candidate of a list of at most `count`, such as marks and distances. */
+size_t whole_blocks(int count);
+
 int candidates_allocate(CandidateList *list, int capacity);
 void candidates_free(CandidateList *list);
 

@@ -22,7 +22,7 @@
 enum { MAX_SEARCHED = 64 };
 /* Parts that may show more than this of the scene are left to rays: their triangles are many and
  * small. */
-enum { MAX_LISTED = 768 };
+enum { MAX_LISTED = 1024 };
 /* A plane seen at less than two milliradians is left to rays: its distances lose three of float32's
  * seven digits. */
 #define MIN_PLANE_SINE 2e-3f
@@ -71,7 +71,7 @@ Search *create_search(const FrameState *state, int num_boxes) {
     /* The rays of a tile of one sample a pixel take less time than a proof. */
     search->finest_proven = state->rays->samples == 1 ? 1 : 0;
     int capacity = num_boxes + MAX_LISTED;
-    search->marks = malloc((size_t)capacity);
+    search->marks = malloc(whole_blocks(capacity));
     int is_whole = search->marks && candidates_allocate(&search->found, capacity);
     for (int level = 0; level < BEAM_LEVELS; level++)
         is_whole &= candidates_allocate(&search->levels[level], capacity);
@@ -103,7 +103,7 @@ static int is_before_plane(const Cover *cover, const BeamSides *sides, float mar
 static int find_first_surface(const Search *search, const CandidateList *list,
                               const BeamSides *sides, Cover *cover) {
     const Scene *scene = search->state->scene;
-    float distances[MAX_SEARCHED], nearest = INFINITY;
+    float distances[MAX_SEARCHED + LANES], nearest = INFINITY;
     int first = -1;
     measure_distances(list, sides, distances);
     for (int i = 0; i < list->count; i++)
