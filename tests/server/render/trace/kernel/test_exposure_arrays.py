@@ -108,9 +108,9 @@ def test_camera_of_a_large_scene_or_far_from_it_is_the_origin(
     table: ObjectTable, side_m: float, away_m: float
 ) -> None:
     moved = Pose.from_rpy((FAR[0] + away_m, FAR[1], FAR[2])) @ MIRROR
-    cube = place_cube(*(moved.translation + (0.0, 0.0, 0.5)))
+    cube = place_cube(*np.add(moved.translation, (0.0, 0.0, 0.5)))
     frame = make_frame(CameraState(moved, (cube,)), table, FAR, side_m=side_m)
-    np.testing.assert_allclose(frame.origin, MIRROR.translation + (away_m, 0, 0), atol=1e-9)
+    np.testing.assert_allclose(frame.origin, np.add(MIRROR.translation, (away_m, 0, 0)), atol=1e-9)
     np.testing.assert_array_equal(read_floats(frame.camera, (12,))[9:], np.zeros(3))
     np.testing.assert_allclose(read_floats(frame.object_poses, (12,))[9:], (0, 0, 0.5), atol=1e-7)
 

