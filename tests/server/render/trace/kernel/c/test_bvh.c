@@ -152,6 +152,18 @@ static void hash_values(Walk *walk, const void *values, size_t size) {
         walk->hash = (walk->hash ^ ((const uint8_t *)values)[i]) * 1099511628211u;
 }
 
+/* Whether a leaf has a triangle's corners in their order, from any of them on. */
+static int has_corners(const BvhLeaf *leaf, int lane, const float *corners) {
+    for (int first = 0; first < 3; first++) {
+        int same = 1;
+        for (int k = 0; k < 9; k++)
+            same &= leaf->corner[k][lane] == corners[(3 * first + k) % 9];
+        if (same)
+            return 1;
+    }
+    return 0;
+}
+
 static void walk_leaf(Walk *walk, const BvhLeaf *leaf, const float least[3], const float most[3]) {
     walk->leaves++;
     CHECK(leaf->triangle[0] != NO_TRIANGLE);
@@ -163,8 +175,8 @@ static void walk_leaf(Walk *walk, const BvhLeaf *leaf, const float least[3], con
         if (triangle == NO_TRIANGLE)
             continue;
         CHECK(!walk->is_in_leaf[triangle]++);
+        CHECK(has_corners(leaf, lane, walk->corners + 9 * (size_t)triangle));
         for (int k = 0; k < 9; k++) {
-            CHECK(leaf->corner[k][lane] == walk->corners[9 * (size_t)triangle + (size_t)k]);
             CHECK(least[k % 3] <= leaf->corner[k][lane] && leaf->corner[k][lane] <= most[k % 3]);
         }
     }
@@ -277,13 +289,12 @@ static float meet_triangle(const float *corners, const RayBlock *rays, int lane)
     float first[3], second[3], length[3];
     for (int i = 0; i < 3; i++) {
         const float *start = corners + (i + 1) % 3 * 3, *end = corners + (i + 2) % 3 * 3;
-        float dx = end[axis[0]] - start[axis[0]], dy = end[axis[1]] - start[axis[1]];
-        float dz = end[axis[2]] - start[axis[2]];
+        float dx = end[0] - start[0], dy = end[1] - start[1], dz = end[2] - start[2];
         length[i] = dx * dx + dy * dy + dz * dz;
     }
     int base = length[0] >= length[1] && length[0] >= length[2] ? 0 : length[1] >= length[2] ? 1 : 2;
-    const float *from = corners + 3 * base, *other = corners + (base ? 0 : 3);
-    const float *last = corners + (base == 2 ? 3 : 6);
+    const float *from = corners + 3 * base, *other = corners + (base + 1) % 3 * 3;
+    const float *last = corners + (base + 2) % 3 * 3;
     for (int k = 0; k < 3; k++) {
         first[k] = other[axis[k]] - from[axis[k]];
         second[k] = last[axis[k]] - from[axis[k]];
@@ -291,7 +302,7 @@ static float meet_triangle(const float *corners, const RayBlock *rays, int lane)
     float a = first[1] * second[2] - first[2] * second[1];
     float b = first[2] * second[0] - first[0] * second[2];
     float c = first[0] * second[1] - first[1] * second[0];
-    float depth = (a * to[0][0] + b * to[0][1] + c * to[0][2]) / (a * shear[0] + b * shear[1] + c);
+    float depth = (a * to[base][0] + b * to[base][1] + c * to[base][2]) / (a * shear[0] + b * shear[1] + c);
     float least = fminf(fminf(to[0][2], to[1][2]), to[2][2]);
     float most = fmaxf(fmaxf(to[0][2], to[1][2]), to[2][2]);
     depth = depth > least ? depth : least;
