@@ -115,6 +115,16 @@ def test_world_wants_a_map_if_it_says_so_and_could_show_it() -> None:
     assert not wants_occlusion(replace(SCENE, unlit=np.ones(len(SCENE), dtype=bool)), WORLD)
 
 
+def test_world_of_many_triangles_wants_a_map_if_some_are_large(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tiny = replace(SCENE, corners=0.01 * SCENE.corners)
+    assert wants_occlusion(tiny, WORLD)
+    monkeypatch.setattr(occlusion_cache, "MANY_TRIANGLES", len(SCENE) - 1)
+    assert wants_occlusion(SCENE, WORLD)
+    assert not wants_occlusion(tiny, WORLD)
+
+
 def test_world_of_unlit_facets_alone_has_no_map() -> None:
     glowing = Material((1.0, 1.0, 1.0), unlit=True)
     items = tuple(replace(item, material=glowing) for item in WORLD.items)

@@ -34,6 +34,7 @@ from catoptra_server.render.trace.kernel.library import (
     choose_instruction_set,
 )
 from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
+from catoptra_server.render.trace.occlusion.occlusion_cache import MANY_TRIANGLES, MIN_SIDE_M
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OPEN, OcclusionMap
 from catoptra_server.world.triangles import make_clusters
@@ -260,7 +261,11 @@ def _choose_largest(scene: SceneMesh, flat: FlatSurfaces) -> _Numbers:
     """(m,) surfaces of the largest areas, in their order."""
     first, second, third = np.moveaxis(scene.corners, 1, 0)
     area = np.bincount(flat.surface, _lengths(np.cross(second - first, third - first)))
-    return np.sort(np.argsort(-area, kind="stable")[:_MAX_SURFACES])
+    largest = np.argsort(-area, kind="stable")[:_MAX_SURFACES]
+    if len(scene) > MANY_TRIANGLES:
+        # The product of two edges, twice the area.
+        largest = largest[area[largest] >= MIN_SIDE_M**2]
+    return np.sort(largest)
 
 
 def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices) -> _SurfaceFrames:

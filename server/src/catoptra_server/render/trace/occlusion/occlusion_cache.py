@@ -29,6 +29,9 @@ log = logging.getLogger(__name__)
 _FORMAT_VERSION = 3
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 _DIGEST_BYTES = 32
+# More triangles than may have grids of their own: here only surfaces of some size have one, two
+# nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
+MANY_TRIANGLES, MIN_SIDE_M = 12_000, 0.1
 # The largest atlas and the arrays of its grids, and what each triangle adds; a larger file was not
 # written here.
 _MAX_BYTES, _BYTES_PER_TRIANGLE = 32 * 2**20, 4
@@ -39,10 +42,16 @@ def wants_occlusion(scene: SceneMesh, world: World) -> bool:
     return (
         world.ambient_occlusion
         and len(scene) > 0
+        and _has_large_triangles(scene)
         and bool(hemisphere_lights(world.lights))
         and not bool(scene.unlit.all())
         and bool(scene.casts_shadows.any())
     )
+
+
+def _has_large_triangles(scene: SceneMesh) -> bool:
+    """Whether some triangle may have a grid."""
+    return len(scene) <= MANY_TRIANGLES or float(np.ptp(scene.corners, axis=1).max()) >= MIN_SIDE_M
 
 
 def find_occlusion(

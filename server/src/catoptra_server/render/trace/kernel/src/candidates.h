@@ -2,8 +2,8 @@
  *
  * The static scene's are found by its hierarchy: the work follows what is in view, not how many
  * triangles there are. A node that is seen as small as a few tiles is one sphere, which can only
- * prevent a proof. Coordinates are stored by component: the tests of whole lists against a beam are vector
- * code.
+ * prevent a proof. Coordinates are stored by component: the tests of whole lists against a beam
+ * are vector code.
  */
 #ifndef CATOPTRA_CANDIDATES_H
 #define CATOPTRA_CANDIDATES_H

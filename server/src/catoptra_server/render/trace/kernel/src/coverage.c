@@ -277,7 +277,7 @@ static void list_triangles(Search *search, const CandidateList *kept, const Beam
         content->short_list = &search->short_list;
 }
 
-/* What reaches into a part; 0 if of the static scene it is too much. */
+/* What reaches into a part; 0 if of the static scene it is too much, and nothing is listed. */
 static int list_part(Search *search, const BeamSides *sides, const Part *part) {
     CandidateList *kept = &search->levels[part->level], *found = &search->found;
     if (part->candidates != search->objects) {
@@ -285,7 +285,10 @@ static int list_part(Search *search, const BeamSides *sides, const Part *part) {
         return 1;
     }
     keep_inside(search->objects, sides, search->marks, found);
-    int is_whole = add_scene(search->state, sides, found->count + MAX_LISTED, found);
+    int num_objects = found->count;
+    int is_whole = add_scene(search->state, sides, num_objects + MAX_LISTED, found);
+    if (!is_whole)
+        found->count = num_objects;
     keep_inside(found, sides, search->marks, kept);
     return is_whole;
 }

@@ -10,7 +10,7 @@
 
 #include "candidates.h"
 
-enum { MAX_SHORT = 12 };
+enum { MAX_SHORT = 8 };
 
 /* A triangle as a basis: the components of a unit direction, and their sum, are the barycentric
  * weights of the point that it meets, and 1, over the distance. */
