@@ -22,6 +22,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -199,7 +200,7 @@ class TriangleClusters:
         half, centre = self.half_sizes, self.centres - point
         flat = normals.reshape(-1, 3)
         # Support of a box: its centre's product plus its half axes' absolute products.
-        reach = flat @ centre.T + np.abs(flat) @ half.T
+        reach = matmul(flat, centre.T) + matmul(np.abs(flat), half.T)
         in_front = (reach >= 0.0).reshape(*normals.shape[:-1], len(half))
         return np.asarray(in_front.all(axis=-2))
 
@@ -314,5 +315,5 @@ def triangle_distances(point: Floats, corners: Floats) -> Floats:
 
 def _dot(a: Floats, b: Floats) -> Floats:
     """(...) products of (3, ...) vectors."""
-    products: Floats = np.einsum("i...,i...", a, b)
+    products: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return products

@@ -28,6 +28,7 @@ from itertools import product
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
@@ -226,14 +227,16 @@ class ShadowBounds:
             if isinstance(light, DirectionalLight):
                 lost += np.asarray(light.irradiance)
         for light, nearest in zip(self._point_lights, nearest_m, strict=True):
-            lost += np.asarray(light.intensity) / max(nearest, MIN_LIGHT_DISTANCE_M) ** 2
+            lost += np.asarray(light.intensity) / max(
+                nearest * nearest, MIN_LIGHT_DISTANCE_M * MIN_LIGHT_DISTANCE_M
+            )
         of_objects = max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
         return max((self._full_shadow, of_objects), key=grey_level_change)
 
 
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:
     position = np.asarray(light.position_m)
-    return min(float(np.linalg.norm(position - one.centre)) - one.mesh.radius_m for one in objects)
+    return min(hypot(*(position - one.centre)) - one.mesh.radius_m for one in objects)
 
 
 # A tenth of a second; beyond, a box stands for the corners.
@@ -254,7 +257,7 @@ def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     receivers = np.flatnonzero(facing)
     casters = _extreme_points(casting, num_planes=len(receivers))
     normals = scene.normals.take(receivers, axis=0)
-    farthest = (normals @ casters.T).max(axis=1)
+    farthest = matmul(normals, casters.T).max(axis=1)
     receivers = receivers[farthest - _plane_offsets(scene, receivers) > _IN_PLANE_M]
     if not len(receivers) or not _has_separating_plane(
         scene, light, scene.corners.take(receivers, axis=0)
@@ -277,7 +280,7 @@ def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: 
     for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
         normals = away[part] * scene.normals[casters[part]]
         offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if ((normals @ receivers.T).max(axis=1) - offset > _IN_PLANE_M).any():
+        if (matmul(normals, receivers.T).max(axis=1) - offset > _IN_PLANE_M).any():
             return True
     return False
 
@@ -297,16 +300,16 @@ def _extreme_points(corners: Floats, *, num_planes: int) -> Floats:
 def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
     """(n,) signed distance of the light from each plane; a cosine for directional lights."""
     if isinstance(light, DirectionalLight):
-        cosine: Floats = -(scene.normals @ np.asarray(light.direction))
+        cosine: Floats = -matmul(scene.normals, np.asarray(light.direction))
         return cosine
     to_light = np.asarray(light.position_m) - scene.corners[:, 0]
-    height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
+    height: Floats = einsum("ni,ni->n", scene.normals, to_light)
     return height
 
 
 def _plane_offsets(scene: SceneMesh, triangles: np.ndarray) -> Floats:
     normals = scene.normals.take(triangles, axis=0)
-    offsets: Floats = np.einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
+    offsets: Floats = einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
     return offsets
 
 
@@ -323,12 +326,12 @@ class LightShafts:
         self._scene = scene
         self._light = light
         corners, normals = scene.corners[scene.casts_shadows], scene.normals[scene.casts_shadows]
-        height = np.einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
+        height = einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
         reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
         self._corners = corners[reaches]
         # Turned away from the light: what the caster can hide lies in front.
         self._normals = -np.sign(height[reaches])[:, None] * normals[reaches]
-        self._offsets = np.einsum("ni,ni->n", self._normals, self._corners[:, 0])
+        self._offsets = einsum("ni,ni->n", self._normals, self._corners[:, 0])
 
     def __len__(self) -> int:
         """Number of casters."""
@@ -337,8 +340,10 @@ class LightShafts:
     def can_be_hidden(self, receiver: int) -> bool:
         """Whether a triangle of the scene that faces the light is hidden anywhere."""
         corners, normal = self._scene.corners[receiver], self._scene.normals[receiver]
-        is_in_front = (self._corners @ normal).max(axis=1) - normal @ corners[0] > _IN_PLANE_M
-        hides = (self._normals @ corners.T).max(axis=1) - self._offsets > _IN_PLANE_M
+        is_in_front = (
+            matmul(self._corners, normal).max(axis=1) - matmul(normal, corners[0]) > _IN_PLANE_M
+        )
+        hides = matmul(self._normals, corners.T).max(axis=1) - self._offsets > _IN_PLANE_M
         casters = self._corners[is_in_front & hides]
         if not len(casters):
             return False
@@ -364,9 +369,9 @@ class LightShafts:
         length = np.linalg.norm(sides, axis=-1, keepdims=True)
         # A side of no area separates nothing.
         sides = np.divide(sides, length, out=np.zeros_like(sides), where=length > 0.0)
-        inward = np.einsum("kei,kei->ke", sides, third - first)
+        inward = einsum("kei,kei->ke", sides, third - first)
         sides *= np.sign(inward)[..., None]
-        offsets = np.einsum("kei,kei->ke", sides, first)
-        reach = np.einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
+        offsets = einsum("kei,kei->ke", sides, first)
+        reach = einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
         is_inside: np.ndarray = ((reach > _IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
         return is_inside

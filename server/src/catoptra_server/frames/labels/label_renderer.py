@@ -29,6 +29,16 @@ from catoptra_protocol.labels import (
     parse_channels,
 )
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.elementary import (
+    arcsin,
+    arctan,
+    arctan2,
+    cos,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+)
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -330,7 +340,7 @@ class _OcclusionMeter:
             centre = camera_state.world_from_mirror.inverse().transform_points(
                 one.world_from_box.translation
             )
-            pixels = _candidates(rays, centre, float(np.linalg.norm(one.half_size_m)))
+            pixels = _candidates(rays, centre, hypot(*one.half_size_m))
             fractions[one.number] = _hidden_fraction(
                 mesh, rays, pixels, object_from_mirror, ids.reshape(-1)[pixels] == one.number
             )
@@ -360,11 +370,11 @@ class _OcclusionMeter:
 def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
     """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
     possible = rays.valid.reshape(-1)
-    distance = float(np.linalg.norm(centre))
+    distance = hypot(*centre)
     reach = radius_m + rays.max_miss_m
     if distance > reach:
-        cosine = math.cos(min(math.pi, math.asin(reach / distance) + 1e-3))
-        along = rays.directions.reshape(-1, 3) @ (centre / distance).astype(np.float32)
+        cosine = cos(min(math.pi, arcsin(reach / distance) + 1e-3))
+        along = matmul(rays.directions.reshape(-1, 3), (centre / distance).astype(np.float32))
         possible = possible & (along >= cosine)
     pixels = np.flatnonzero(possible)
     step = len(pixels) / _MAX_RAYS
@@ -487,14 +497,14 @@ def _tabulate_camera(camera: OmniCamera) -> _CameraTable:
     t = np.clip(places / np.maximum(1.0 - places, _MIN_PLACE), None, camera.rim_t)
     radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     origins = (None, None) if camera.is_central else camera.mirror.surface_point(t)
-    return _CameraTable(places, 2.0 * np.arctan(t), radius_px, *origins)
+    return _CameraTable(places, 2.0 * arctan(t), radius_px, *origins)
 
 
 @lru_cache(maxsize=4)
 def _image_axes(camera: OmniCamera) -> Floats:
     """(2, 2) unit displacements in the image, columns, of the azimuths of x and of y."""
-    angle = 0.5 * (2.0 * math.atan(camera.projection.t_min) + camera.rim_rad)
-    level, height = math.sin(angle), math.cos(angle)
+    angle = 0.5 * (2.0 * arctan(camera.projection.t_min) + camera.rim_rad)
+    level, height = sin(angle), cos(angle)
     along = np.array(((level, 0.0, height), (0.0, level, height)))
     offsets = pixel_from_direction(camera, along)[0] - camera.centre_px
     return np.asarray((offsets / np.linalg.norm(offsets, axis=-1, keepdims=True)).T)
@@ -511,12 +521,14 @@ def _aim_rays(camera: OmniCamera, in_mirror: Floats) -> Floats:
     theta, r, z = table.angles_rad, table.origin_r, table.origin_z
     assert r is not None, "a mirror without a viewpoint"
     assert z is not None
-    rho, height = np.hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]
-    angle = np.arctan2(rho, height)
+    rho, height = hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]
+    angle = arctan2(rho, height)
     for _ in range(_AIM_STEPS):
-        angle = np.arctan2(rho - np.interp(angle, theta, r), height - np.interp(angle, theta, z))
-    level = np.sin(angle) / np.where(rho > 0.0, rho, 1.0)
-    return np.column_stack((in_mirror[:, :2] * level[:, None], np.cos(angle)))
+        angle = arctan2(
+            rho - interpolate_linear(angle, theta, r), height - interpolate_linear(angle, theta, z)
+        )
+    level = sin(angle) / np.where(rho > 0.0, rho, 1.0)
+    return np.column_stack((in_mirror[:, :2] * level[:, None], cos(angle)))
 
 
 def _displace(source: RaySource, pixel: Floats) -> Floats:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import einsum, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.image_changer import encode_srgb
@@ -272,7 +273,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
 
 def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
     """(m, 4) rows for points relative to a centre."""
-    offset = rows[:, 3:] + rows[:, :3] @ centre[:, None]
+    offset = rows[:, 3:] + matmul(rows[:, :3], centre[:, None])
     relative: list[list[float]] = np.concatenate((rows[:, :3], offset), axis=1).tolist()
     return relative
 
@@ -420,7 +421,7 @@ def _join_triangles(
     sides = sides[_continue_each_other(scene, large[sides // 3])]
     is_outer = np.ones(3 * len(large), dtype=bool)
     is_outer[sides.reshape(-1)] = False
-    return sides // 3, (is_outer.reshape(-1, 3) @ np.array([1, 2, 4])).astype(np.uint8)
+    return sides // 3, matmul(is_outer.reshape(-1, 3), np.array([1, 2, 4])).astype(np.uint8)
 
 
 def _number_rows(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.int64]:
@@ -438,7 +439,7 @@ def _number_rows(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.int64]:
 def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools:
     """(p,) whether two neighbours are coplanar and of one material."""
     a, b = pairs[:, 0], pairs[:, 1]
-    alike: Bools = np.einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
+    alike: Bools = einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
     alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
     alike &= scene.unlit[a] == scene.unlit[b]
     # One surface has one label.
@@ -450,8 +451,8 @@ def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools
     # Texture coordinates of the first one's plane, at the other's corners.
     corners, uv = scene.corners[a[textured]], scene.uv[a[textured]]
     gradient = uv_gradients(corners, uv)
-    offset = uv[:, 0] - np.einsum("nki,ni->nk", gradient, corners[:, 0])
-    there = np.einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
+    offset = uv[:, 0] - einsum("nki,ni->nk", gradient, corners[:, 0])
+    there = einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
     alike[textured] = (np.abs(there - scene.uv[b[textured]]) < _SAME_UV).all(axis=(1, 2))
     return alike
 
