@@ -113,6 +113,7 @@ format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
+	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)
 	PYTHONPATH=tests $(BIN)/python -m cost.trace_speed
 	-PYTHONPATH=tests $(BIN)/python -m cost.serving
 

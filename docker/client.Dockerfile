@@ -46,7 +46,7 @@ ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHO
 RUN ! /sbin/ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
  && python3 -c "import catoptra_client.__main__, catoptra_studies.experiment.demo_command" \
  && python3 -c "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, \
-      ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL', 'embreex'])))"
+      ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL'])))"
 USER catoptra
 ENTRYPOINT ["catoptra-client"]
 CMD ["--help"]

@@ -22,7 +22,7 @@ RUN /opt/catoptra/bin/pip wheel --no-cache-dir --no-build-isolation --no-deps \
 FROM base AS build
 # Requirements first: they change less often than what is below, and are most of the image.
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
-      embreex matplotlib moderngl msgpack numpy opencv-contrib-python-headless \
+      matplotlib moderngl msgpack numpy opencv-contrib-python-headless \
       pillow pycollada pyzmq rich trimesh
 COPY configs configs
 COPY protocol protocol

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,13 +15,18 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.renderer import Image, RenderPlan, RenderSettings, View
+from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from cost.bare_packets import BarePacketScene
-from cost.embreex_numpy import EmbreexNumpy
+from cost.embree_packets import EmbreePackets
 from cost.race import Quartiles, RaceTimes, RenderCall, race
 from measurements.scenes import make_camera
+
+HAS_EMBREEX = importlib.util.find_spec("embreex") is not None
+if HAS_EMBREEX:
+    from cost.embreex_numpy import EmbreexNumpy
 
 STATES = 60  # camera states, a cycle
 COMPARED_STATES = 3
@@ -36,30 +43,34 @@ class Cell:
     required_factor: float
     """Least time of embreex with NumPy over ours."""
     required_bare_share: float | None = None
-    """Least time of bare packets over ours; None where nothing is required."""
+    """Least time of our bare rays over ours; None where nothing is required."""
+    max_bare_ratio: float | None = None
+    """Greatest time of our bare rays over Embree's packets; None where nothing is required."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellRow:
-    """Frame times of ours, of embreex with NumPy and of bare packets."""
+    """Frame times of ours, of embreex with NumPy and of bare rays: ours and Embree's packets."""
 
     cell: Cell
     rounds: int
     wall_ms: dict[str, float]
-    """Median elapsed time by contestant: ours, embreex and, where the renderer offers it, bare."""
+    """Median elapsed time by contestant: ours and, where there are such, embreex, bare, packets."""
     processor_ms: dict[str, float]
     """Median processor time of all threads."""
-    factor: Quartiles
-    """Elapsed time of embreex with NumPy over ours."""
-    processor_factor: Quartiles
+    factor: Quartiles | None
+    """Elapsed time of embreex with NumPy over ours; None without embreex, as what follows."""
+    processor_factor: Quartiles | None
     """The same of processor times."""
     bare_share: Quartiles | None
-    """Elapsed time of bare packets over ours."""
-    max_difference: int
+    """Elapsed time of our bare rays over ours."""
+    bare_ratio: Quartiles | None
+    """Elapsed time of our bare rays over Embree's packets."""
+    max_difference: int | None
     """Largest difference of the pictures, grey levels."""
-    different_share: float
+    different_share: float | None
     """Share of pixels that differ by more than one grey level."""
-    embreex_chunks: str
+    embreex_chunks: str | None
     """The fastest division of embreex's rays."""
 
 
@@ -83,18 +94,22 @@ class CostRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Racers:
-    """The product's renderer, the yardstick and bare packets, each with the scene."""
+    """The product's renderer, its bare rays and the yardsticks, each with the scene."""
 
     choice: RendererChoice
-    embreex: EmbreexNumpy
     bare: BarePacketScene
+    embreex: EmbreexNumpy | None
+    packets: EmbreePackets | None
 
     @classmethod
     def open(cls, world: World) -> Racers:
         """Build the scene for all."""
         scene = build_scene(world)
         choice = choose_renderer("trace", scene, world)
-        return cls(choice, EmbreexNumpy(scene, world), BarePacketScene(scene, world))
+        bare = BarePacketScene(scene, world)
+        if not HAS_EMBREEX:
+            return cls(choice, bare, None, None)
+        return cls(choice, bare, EmbreexNumpy(scene, world), EmbreePackets(scene))
 
     def plan(self, camera: OmniCamera, samples: int) -> RenderPlan:
         """Plan with a number of samples along a pixel's side, defaults for the rest."""
@@ -109,7 +124,8 @@ class Racers:
     def close(self) -> None:
         """End all threads."""
         self.choice.renderer.close()
-        self.embreex.close()
+        if self.embreex is not None:
+            self.embreex.close()
         self.bare.close()
 
 
@@ -136,31 +152,44 @@ def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
     """Race one scene at one size for some seconds, then compare the pictures."""
     states, camera = make_states(), make_camera(cell.size_px)
     ours = racers.prepare(cell.size_px, cell.samples)
-    other = racers.embreex.prepare(camera, cell.samples, states[0])
-    bare = racers.bare.prepare(camera, racers.plan(camera, cell.samples))
-    calls: dict[str, RenderCall] = {"ours": ours.render, "embreex": other.render}
+    plan = racers.plan(camera, cell.samples)
+    bare = racers.bare.prepare(camera, plan)
+    calls: dict[str, RenderCall] = {"ours": ours.render}
+    other = None
+    if racers.embreex is not None:
+        other = racers.embreex.prepare(camera, cell.samples, states[0])
+        calls["embreex"] = other.render
     if bare is not None:
         calls["bare"] = bare.trace
+    if racers.packets is not None:
+        calls["packets"] = partial(racers.packets.trace, omni_ray_table(camera, plan))
     times = race(calls, states, seconds=seconds)
-    compared = states[:: STATES // COMPARED_STATES]
-    pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
+    differences = None
+    if other is not None:
+        compared = states[:: STATES // COMPARED_STATES]
+        pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
+        differences = compare_pictures(pairs)
     ours.close()
     if bare is not None:
         bare.close()
-    return _make_row(cell, times, compare_pictures(pairs), other.describe())
+    return _make_row(cell, times, differences, None if other is None else other.describe())
 
 
-def _make_row(cell: Cell, times: RaceTimes, differences: tuple[int, float], chunks: str) -> CellRow:
+def _make_row(
+    cell: Cell, times: RaceTimes, differences: tuple[int, float] | None, chunks: str | None
+) -> CellRow:
+    has_embreex, has_bare = "embreex" in times.wall_ms, "bare" in times.wall_ms
     return CellRow(
         cell=cell,
         rounds=times.rounds,
         wall_ms=times.median_wall_ms(),
         processor_ms=times.median_processor_ms(),
-        factor=times.ratio("embreex", "ours"),
-        processor_factor=times.processor_ratio("embreex", "ours"),
-        bare_share=times.ratio("bare", "ours") if "bare" in times.wall_ms else None,
-        max_difference=differences[0],
-        different_share=differences[1],
+        factor=times.ratio("embreex", "ours") if has_embreex else None,
+        processor_factor=times.processor_ratio("embreex", "ours") if has_embreex else None,
+        bare_share=times.ratio("bare", "ours") if has_bare else None,
+        bare_ratio=times.ratio("bare", "packets") if has_bare and has_embreex else None,
+        max_difference=None if differences is None else differences[0],
+        different_share=None if differences is None else differences[1],
         embreex_chunks=chunks,
     )
 

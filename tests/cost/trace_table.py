@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import statistics
+
 from rich.table import Table
 
 from cost.race import Quartiles
@@ -9,12 +11,12 @@ from cost.trace_cells import CellRow, CostRow
 
 
 def make_cell_table(rows: list[CellRow]) -> Table:
-    """Table of ours against embreex with NumPy and against bare packets."""
-    table = Table(title="ms a frame; embreex/ours and bare/ours: medians, (quartiles), required")
+    """Table of ours against embreex with NumPy, and of bare rays against Embree's packets."""
+    table = Table(title="ms a frame; bare: hits alone; ratios: medians, (quartiles), bars")
     table.add_column("scene", no_wrap=True)
-    for head in ("px", "ours", "embreex", "bare", "embreex/ours", "processor", "required"):
-        table.add_column(head, justify="right", no_wrap=True)
-    for head in ("bare/ours", "required", "differ", "max"):
+    heads = ["px", "ours", "embreex", "bare", "Embree's packets", "embreex/ours", "processor"]
+    heads += ["required", "bare/ours", "required", "bare/packets", "allowed", "differ", "max"]
+    for head in heads:
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(*_format_cell(row))
@@ -27,16 +29,29 @@ def _format_cell(row: CellRow) -> tuple[str, ...]:
         cell.scene,
         _format_size(cell.size_px, cell.samples),
         f"{times['ours']:.1f}",
-        f"{times['embreex']:.1f}",
+        f"{times['embreex']:.1f}" if "embreex" in times else "-",
         f"{times['bare']:.1f}" if "bare" in times else "-",
+        f"{times['packets']:.1f}" if "packets" in times else "-",
         _format_quartiles(row.factor),
-        f"{row.processor_factor.median:.2f}",
+        "-" if row.processor_factor is None else f"{row.processor_factor.median:.2f}",
         _format_bound(row.factor, cell.required_factor, is_minimum=True),
         _format_quartiles(row.bare_share),
         _format_bound(row.bare_share, cell.required_bare_share, is_minimum=True),
-        f"{row.different_share:.1e}",
-        f"{row.max_difference}",
+        _format_quartiles(row.bare_ratio),
+        _format_bound(row.bare_ratio, cell.max_bare_ratio, is_minimum=False),
+        "-" if row.different_share is None else f"{row.different_share:.1e}",
+        "-" if row.max_difference is None else f"{row.max_difference}",
     )
+
+
+def describe_bare_rays(rows: list[CellRow], max_mean: float) -> str:
+    """Geometric mean of the bare rays' ratios where one is allowed, with its bar."""
+    ratios = [row.bare_ratio.median for row in rows if row.bare_ratio and row.cell.max_bare_ratio]
+    if not ratios:
+        return "bare/packets: not measured"
+    mean = statistics.geometric_mean(ratios)
+    missed = ", [red]missed[/red]" if mean > max_mean else ""
+    return f"bare/packets: {mean:.2f} in geometric mean, allowed {max_mean:.2f}{missed}"
 
 
 def make_cost_table(rows: list[CostRow]) -> Table:

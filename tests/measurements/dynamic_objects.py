@@ -5,7 +5,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/dynamic_objects.
 Prints the median and the minimum milliseconds of a frame on the field with 0, 1, 4 and 16 robots in
 view, in both renderers: 640 x 640 px of the mirror and 320 x 240 px of a perspective camera, 2 x 2
 samples; then the time to prepare the perspective camera again, as a zoom does. Decision: trace
-moves Embree instances of committed meshes, raster has one dynamic buffer.
+moves instances of committed meshes, raster has one dynamic buffer.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def test_wheel_when_built_holds_every_file_of_a_folder(
     assert expected <= list_wheel_files(distribution)
 
 
-OF_THE_SERVER = {"moderngl", "glcontext", "embreex", "catoptra-server", "trimesh"}
+OF_THE_SERVER = {"moderngl", "glcontext", "catoptra-server", "trimesh"}
 OF_THE_STUDIES = {"matplotlib", "rich", "catoptra-studies"}
 
 

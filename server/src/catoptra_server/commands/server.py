@@ -112,10 +112,8 @@ _MODULES = (
     "numpy.ma",
     "numpy.polynomial",
     "numpy.random",
-)
-# For the rays of GetLandmarks, of sensors and of labels, of mirror meshes, and of a kernel that
-# cannot be made anew; a server without these rays runs without embreex.
-_RAY_MODULES = (
+    # For the rays of GetLandmarks, of sensors and of labels, of mirror meshes, and of a kernel that
+    # cannot be made anew.
     "catoptra_server.render.trace.ray_caster",
     "catoptra_server.render.trace.mirror_mesh_rays",
     "catoptra_server.render.trace.reference.reference_engine",
@@ -467,10 +465,9 @@ def load_deferred_modules(renderer: str) -> None:
     load_opencv()
     for name in _MODULES:
         importlib.import_module(name)
-    for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
-        with suppress(ImportError):
-            for name in optional:
-                importlib.import_module(name)
+    with suppress(ImportError):
+        for name in _RASTER_MODULES if renderer == AUTO else ():
+            importlib.import_module(name)
 
 
 def load_view_modules() -> None:

@@ -1,7 +1,6 @@
 """All configuration files of a server, read and checked before a thread runs or a socket opens.
 
-Unknown names are reported after the last reader. Embree is loaded only for a robot whose sensors
-cast rays in every cycle, else at the first ray: a server with cameras alone saves time and memory.
+Unknown names are reported after the last reader.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.costs import default_cache_folder
-from catoptra_server.render.renderer_kind import has_embreex, require_embreex
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
@@ -85,20 +83,11 @@ def read_startup_config(
 def create_ray_caster(startup: StartupConfig) -> RayCaster:
     """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
 
-    Raises:
-        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
+    Otherwise at the first ray, if ever: a server with cameras alone saves the time and memory.
     """
     caster = _LazyRayCaster(startup.scene)
-    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
-    # ever: a server with cameras alone saves the time and memory.
-    for robot in startup.robots:
-        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
-        if sensors:
-            require_embreex(
-                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
-                alternative="serve a robot without such sensors, such as --robot p2at_omni",
-            )
-            return caster.built
+    if any(casts_rays(sensor) for robot in startup.robots for sensor in robot.sensors):
+        return caster.built
     return caster
 
 
@@ -140,9 +129,9 @@ def _drop_repeated_classes(
 
 def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
     """The scene with an occlusion map, where the world wants one."""
-    if not world.ambient_occlusion or not has_embreex():
+    if not world.ambient_occlusion:
         return scene
-    # Imported here: a server without Embree runs, with the whole sky everywhere.
+    # Loaded where it is needed: see `commands/server.py`.
     from catoptra_server.render.trace.occlusion import occlusion_cache
 
     if not occlusion_cache.wants_occlusion(scene, world):
@@ -160,10 +149,7 @@ class _LazyRayCaster:
     @cached_property
     def built(self) -> RayCaster:
         """The ray caster, built at the first use."""
-        require_embreex(
-            "a ray in the scene", alternative="request neither landmarks nor pixels in view"
-        )
-        # Imported here, so that a server without such sensors runs without embree.
+        # Loaded where it is needed: see `commands/server.py`.
         from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
         return commit_ray_caster(self._scene)

@@ -1,8 +1,8 @@
 """Processes whose libraries are pinned, so that the bytes of samples follow from the recipe alone.
 
-Embree, NumPy and OpenBLAS choose code by the processor, and last bits differ: between AVX2 and
-AVX-512 in scenes that NumPy computes, and so in pictures. A data set pins one instruction set for
-all of them, by variables that a process needs before NumPy is loaded. The digest by which a data
+NumPy and OpenBLAS choose code by the processor, and last bits differ: between AVX2 and AVX-512 in
+scenes that NumPy computes, and so in pictures. A data set pins one instruction set for both and for
+the kernel, by variables that a process needs before NumPy is loaded. The digest by which a data
 set is compared is computed in such a process. A worker whose code, libraries or processor differ
 refuses, instead of drawing other bytes.
 """
@@ -109,7 +109,7 @@ def describe_environment(instruction_set: str) -> dict[str, str]:
     """
     libraries = {
         name: metadata.version(name)
-        for name in ("numpy", "embreex", "opencv-contrib-python-headless", "pillow", "trimesh")
+        for name in ("numpy", "opencv-contrib-python-headless", "pillow", "trimesh")
     }
     return {
         "code_version": catoptra_server.__version__,

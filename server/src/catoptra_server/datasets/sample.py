@@ -1,7 +1,7 @@
 """One sample of a data set: described by recipe and index alone, annotated, and encoded to files.
 
 **Sample i follows from the recipe and i.** Random numbers are counted, keyed by seed, purpose and
-index; plans follow settings; `pinned_process` pins the instruction sets of Embree, NumPy and
+index; plans follow settings; `pinned_process` pins the instruction sets of the kernel, NumPy and
 OpenBLAS. What depends on order or machine (threads, measured costs, encoders) is fixed or refused.
 
 Ids and classes are never interpolated or compressed with loss: small integers are PNG, all else has

@@ -31,15 +31,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.light_loss import cull_lights
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
-from catoptra_server.render.renderer_kind import (
-    AUTO,
-    EMBREEX_PACKAGE,
-    EMBREEX_REMEDY,
-    RENDERER_NAMES,
-    RendererKind,
-    has_embreex,
-    require_embreex,
-)
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -93,8 +85,8 @@ def choose_renderer(
         The choice. Raster belongs to the calling thread.
 
     Raises:
-        RendererUnavailableError: The requested renderer cannot run, or none can; the text names
-            the missing library and the packages to install.
+        RendererUnavailableError: The requested renderer cannot run; the text names the missing
+            library and the packages to install.
     """
     if requested not in RENDERER_NAMES:
         *others, last = RENDERER_NAMES
@@ -109,12 +101,8 @@ def choose_renderer(
         reason = f"OpenGL on a graphics processor ({device.renderer})"
         renderer = _create_raster(inputs, device)
         return _make_choice(RendererKind.RASTER, reason, factories, inputs, renderer)
-    if has_embreex():
-        reason = (
-            "as the bytes are the same everywhere" if is_reproducible else "no graphics processor"
-        )
-        return _make_choice(RendererKind.TRACE, reason, factories, inputs)
-    return _choose_without_trace(inputs)
+    reason = "as the bytes are the same everywhere" if is_reproducible else "no graphics processor"
+    return _make_choice(RendererKind.TRACE, reason, factories, inputs)
 
 
 def create_renderer(
@@ -258,7 +246,7 @@ def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageCh
         threads: Threads of the kernel; 0: one for each processor.
         instruction_set: Instruction set of the kernel.
     """
-    # Loaded where it is needed: raster serves without the kernel, and without Embree.
+    # Loaded where it is needed: raster serves without the kernel.
     from catoptra_server.render.trace.kernel.image import KernelImageChanger
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
@@ -292,18 +280,6 @@ def _make_choice(
     return RendererChoice(renderer or factories[kind](), kind, reason, factories, tracer)
 
 
-def _choose_without_trace(inputs: _Scene) -> RendererChoice:
-    """Raster, where the package of trace is missing."""
-    reason = f"the package {EMBREEX_PACKAGE}, which trace needs, is not installed"
-    factories = {RendererKind.RASTER: partial(_create_raster, inputs)}
-    try:
-        return _make_choice(RendererKind.RASTER, reason, factories, inputs)
-    except RendererUnavailableError as error:
-        raise RendererUnavailableError(
-            f"no renderer can run. Raster: {error}. Trace: {reason}: {EMBREEX_REMEDY}"
-        ) from error
-
-
 def _open_graphics_processor() -> GlDevice | None:
     """OpenGL device on a graphics processor; None where there is none."""
     if not any(next(Path("/").glob(pattern[1:]), None) for pattern in _GPU_FILES):
@@ -323,8 +299,6 @@ def _open_graphics_processor() -> GlDevice | None:
 
 
 def _create_trace(inputs: _Scene) -> TraceRenderer:
-    # Before the engines, which would report a missing kernel first.
-    require_embreex("the trace renderer", alternative="start with --renderer raster")
     from catoptra_server.render.trace import TraceRenderer
 
     return TraceRenderer(

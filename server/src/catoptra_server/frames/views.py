@@ -477,7 +477,7 @@ class _FrameLabeller:
         """Labels of the scene, made at the first request."""
         if self._labels is None:
             tracer = self._renderers.get_tracer()
-            # Imported here: a server without Embree runs, without labels.
+            # Loaded where it is needed: few servers label frames.
             from catoptra_server.frames.labels.label_renderer import LabelRenderer
 
             self._labels = LabelRenderer(tracer, self._summarizer.scene)

@@ -42,7 +42,7 @@ def int_within(name: str, first: int, last: int) -> Callable[[str], int]:
     return parse
 
 
-# More than a thousand threads is a typing error that embree would obey.
+# More than a thousand threads is a typing error that the renderer would obey.
 _MAX_THREADS = 1024
 
 parse_port = int_within("a port", 0, 65535)

@@ -296,8 +296,8 @@ def _explanations(results: CostResults) -> Iterator[str]:
         yield _explain_mirror(meshes)
         yield from _explain_per_pixel(results, meshes[-1])
     yield (
-        "The paper's scanner cost a frame as much as its camera; here its 181 beams are one call "
-        "to Embree, and cost next to nothing."
+        "The paper's scanner cost a frame as much as its camera; here its 181 beams are one call, "
+        "and cost next to nothing."
     )
 
 

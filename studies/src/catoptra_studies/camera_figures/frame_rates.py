@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
@@ -97,7 +97,7 @@ def time_round_robin(
 
 
 def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
-    # process_time counts all threads, Embree's and llvmpipe's included.
+    # process_time counts all threads, the kernel's and llvmpipe's included.
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     stage_ms = dict(draw(round_number))
     return RenderTiming(
@@ -210,7 +210,7 @@ def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
 
 def _scanner_payload(subject: StudySubject, drive: DriveBase) -> _Payload:
     sensor = RangeScannerSensor(_LMS200, drive, RandomSource.from_names(0, "cost", "LMS200"))
-    environment = SensorEnvironment(EmbreeRayCaster(subject.scene))
+    environment = SensorEnvironment(commit_ray_caster(subject.scene))
 
     def scan(state: CameraState) -> object:
         # The mirror's pose stands for the robot's: a scan casts as many rays from any height.

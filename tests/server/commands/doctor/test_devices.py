@@ -144,26 +144,12 @@ def test_device_when_the_first_fails_is_a_fault_for_raster_alone(result: Outcome
     assert exit_status(problems("auto", run_check)) == 1
 
 
-def test_trace_when_it_cannot_run_is_a_fault() -> None:
-    (found,) = problems("auto", fake_run_check(devices=ONE, trace="No module 'embreex'"))
-    assert found.level is Level.FAULT
-    assert "embreex" in found.remedy
-
-
-@pytest.mark.parametrize(("renderer", "status"), [("auto", 1), ("trace", 2), ("raster", 0)])
-def test_trace_without_embreex_is_a_fault_only_where_it_is_requested(
-    monkeypatch: pytest.MonkeyPatch, renderer: str, status: int
+@pytest.mark.parametrize(("renderer", "status"), [("auto", 2), ("trace", 2), ("raster", 0)])
+def test_trace_when_it_cannot_run_is_a_fault_unless_raster_is_requested(
+    renderer: str, status: int
 ) -> None:
-    monkeypatch.setattr(devices_module, "has_embreex", lambda: False)
-    trace = "needs the package embreex"
-    run_check = fake_run_check(devices=ONE, trace=trace, raster=(GOOD,))
+    run_check = fake_run_check(devices=ONE, trace="it crashed", raster=(GOOD,))
     assert exit_status(problems(renderer, run_check)) == status
-
-
-def test_neither_renderer_is_a_fault_for_auto(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices_module, "has_embreex", lambda: False)
-    run_check = fake_run_check(devices="x", trace="y")
-    assert exit_status(problems("auto", run_check)) == 2
 
 
 @pytest.mark.parametrize("renderer", ["trace", "raster"])

@@ -1,4 +1,4 @@
-"""Warped images, rays of a displaced pinhole by Eq. 1 and Embree, and speeds in the image."""
+"""Warped images, rays of a displaced pinhole by Eq. 1, and speeds in the image."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from catoptra_server.effects.kernels.warp import (
     warp,
     warp_map_from_offsets,
 )
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist
 from helpers.bilinear import sample_bilinear_at_offset
@@ -142,13 +142,13 @@ def test_rays_are_those_of_eq_1_with_normals_by_differencing(
     np.testing.assert_allclose(unit[hit], on[hit], atol=1e-9)
 
 
-def embree_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Bools]:
+def traced_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Bools]:
     """Pixels, (n, 2), of the aligned camera for the displaced camera's view of a room.
 
     Then the distances of the points in view, and the validity: both cameras see the mirror.
     """
     point, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
-    caster = EmbreeRayCaster(build_scene(make_test_world()))
+    caster = ReferenceRayCaster(build_scene(make_test_world()))
     pose = CAMERA_STATE.world_from_mirror
     far = caster.distances(pose.transform_points(point), pose.rotate_directions(on))
     towards = np.where(np.isfinite(far)[:, None], point + np.minimum(far, 1e6)[:, None] * on, on)
@@ -159,10 +159,10 @@ def embree_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Boo
 
 
 @pytest.mark.parametrize("displacement", POSE_OFFSETS[:4])
-def test_map_when_held_against_embree_is_off_by_no_more_than_parallax(
+def test_map_when_held_against_rays_is_off_by_no_more_than_parallax(
     displacement: CameraPoseOffset,
 ) -> None:
-    ideal, distance_m, shown = embree_lookup_px(displacement)
+    ideal, distance_m, shown = traced_lookup_px(displacement)
     aside, valid = lookup_offsets_px(CAMERA, displacement)
     both = shown & valid.ravel()
     assert both.sum() > 0.9 * valid.sum()

@@ -12,7 +12,8 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
-from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=120)
@@ -40,6 +41,29 @@ def test_directions_of_very_many_polygons_are_the_camera_model_s() -> None:
     exact, _ = direction_from_pixel(CAMERA, PIXELS)
     # Derived: an error of order 1 / N; 0.0912 degrees at N = 4096 is 2.5e-5 rad here.
     assert np.abs(directions - exact)[valid].max() < 2.5e-5
+
+
+@pytest.mark.parametrize("interpolation", Interpolation)
+@pytest.mark.parametrize(("sectors", "rings"), [(3, 1), (4, 4), (7, 5), (64, 64)])
+def test_directions_are_those_of_the_facets_that_a_search_finds(
+    sectors: int, rings: int, interpolation: Interpolation
+) -> None:
+    tessellation = Tessellation(sectors, rings, interpolation)
+    directions, valid = mirror_mesh_directions(CAMERA, tessellation, PIXELS)
+    exact, on_disc = direction_from_pixel(CAMERA, PIXELS)
+    rho = np.hypot(exact[..., 0], exact[..., 1])
+    r, z = CAMERA.mirror.surface_point(rho / (1.0 + exact[..., 2]))
+    level = exact[..., :2] * (r / np.maximum(rho, 1e-9))[..., None]
+    points = np.concatenate((level, z[..., None]), axis=-1)[on_disc]
+    mesh = build_mirror_mesh(CAMERA, tessellation)
+    pinhole = np.broadcast_to((0.0, 0.0, CAMERA.mirror.pinhole_distance_m), points.shape)
+    _, facet, weights = TriangleSearch(mesh.corners).first_hits(pinhole, points - pinhole)
+    np.testing.assert_array_equal(valid[on_disc], facet >= 0)
+    a, b, c = mesh.directions[facet].swapaxes(0, 1)
+    expected = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
+    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+    hits = np.flatnonzero(facet >= 0)
+    np.testing.assert_allclose(directions[on_disc][hits], expected[hits], atol=1e-12)
 
 
 def test_mirror_when_without_a_pinhole_is_rejected() -> None:

@@ -1,4 +1,4 @@
-"""Embree's distances against exact geometry, by embreex and by the kernel."""
+"""Distances against exact geometry, by the reference and by the kernel."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 from catoptra_server.render.trace import ray_caster
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
-Caster = EmbreeRayCaster | KernelRayCaster
+Caster = ReferenceRayCaster | KernelRayCaster
 Commit = Callable[[SceneMesh], Caster]
 
 
@@ -28,7 +28,7 @@ def commit_to_kernel(scene: SceneMesh) -> Caster:
         pytest.skip(str(error))
 
 
-@pytest.fixture(params=[EmbreeRayCaster, commit_to_kernel], ids=["embreex", "kernel"])
+@pytest.fixture(params=[ReferenceRayCaster, commit_to_kernel], ids=["reference", "kernel"])
 def commit(request: pytest.FixtureRequest) -> Commit:
     made: Commit = request.param
     return made
@@ -78,7 +78,7 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
         assert not normals.any()
 
 
-def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
+def test_ray_caster_is_the_kernel_s_or_the_reference_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fail(scene: SceneMesh, instruction_set: str) -> Caster:
@@ -88,7 +88,7 @@ def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
     commit_to_kernel(scene)  # skips where there is no kernel
     assert isinstance(commit_ray_caster(scene), KernelRayCaster)
     monkeypatch.setattr(ray_caster, "KernelRayCaster", fail)
-    assert isinstance(commit_ray_caster(scene), EmbreeRayCaster)
+    assert isinstance(commit_ray_caster(scene), ReferenceRayCaster)
 
 
 def test_closest_triangles_are_those_of_the_hits(commit: Commit) -> None:

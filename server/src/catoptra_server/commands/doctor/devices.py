@@ -25,7 +25,6 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
-from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
 _TIMEOUT_S = 60.0
@@ -34,9 +33,7 @@ _OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 _VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
 _VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
 _INSTALL_REMEDY = f"install {_OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
-_REINSTALL_REMEDY = (
-    f"pip install --force-reinstall {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
-)
+_REINSTALL_REMEDY = "pip install --force-reinstall catoptra-server"
 _EGL_LIBRARY = "libEGL.so.1"
 # EGL_EXTENSIONS and EGL_DRM_DEVICE_FILE_EXT of egl.h and eglext.h.
 _EXTENSIONS = 0x3055
@@ -105,14 +102,10 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
         run_check: runs a check in a process of its own.
     """
     if renderer != "raster":
-        # Without the package `auto` takes raster.
-        make_finding = fault if renderer == "trace" or has_embreex() else warning
         run_self_test = partial(run_check, "self-test", "trace")
-        yield _try_self_test(run_self_test, "trace", "trace", make_finding, _REINSTALL_REMEDY)
+        yield _try_self_test(run_self_test, "trace", "trace", fault, _REINSTALL_REMEDY)
     if renderer != "trace":
-        # Without the package of trace raster is the only renderer.
-        is_only = renderer == "raster" or not has_embreex()
-        yield from _check_opengl(run_check, fault if is_only else warning)
+        yield from _check_opengl(run_check, fault if renderer == "raster" else warning)
 
 
 def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:

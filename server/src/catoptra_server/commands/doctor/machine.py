@@ -24,13 +24,9 @@ from catoptra_server.runtime.memory import count_processors
 _DISTRIBUTION = "catoptra-server"
 _MIN_PYTHON = (3, 11)
 _TOPIC = "packages"
-# By optional package.
-_LOST_WITHOUT = {
-    "embreex": "no trace renderer, and robots whose sensors cast rays are refused",
-}
 _SYSTEMS = {
     ("Linux", "x86_64"): "trace by its native kernel, and raster; tested",
-    ("Linux", "aarch64"): "raster alone, since embreex has no wheels; not tested",
+    ("Linux", "aarch64"): "trace by its slow reference, and raster; not tested",
     ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
     ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
 }
@@ -160,8 +156,6 @@ class _PackageRequirement:
     """`==` for this version, `>=` for at least this version, empty for any."""
     version: str = ""
     """The version; empty without an operator."""
-    is_optional: bool = False
-    """Whether some systems only require the package; the server starts without on all."""
 
     def is_satisfied_by(self, version: str) -> bool:
         """Whether an installed version meets the requirement."""
@@ -180,10 +174,7 @@ def _read_requirements(distribution: str) -> list[_PackageRequirement]:
     """
     matches = (_REQUIREMENT.fullmatch(line) for line in metadata.requires(distribution) or ())
     found = (match for match in matches if match and "extra" not in (match[4] or ""))
-    return [
-        _PackageRequirement(match[1], match[2] or "", match[3] or "", bool(match[4]))
-        for match in found
-    ]
+    return [_PackageRequirement(match[1], match[2] or "", match[3] or "") for match in found]
 
 
 def _check_requirement(requirement: _PackageRequirement) -> Iterator[Finding]:
@@ -191,12 +182,7 @@ def _check_requirement(requirement: _PackageRequirement) -> Iterator[Finding]:
     try:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:
-        if requirement.is_optional:
-            lost = _LOST_WITHOUT.get(requirement.name, "required on some systems")
-            message = f"{requirement.name} is not installed: {lost}"
-            yield warning(_TOPIC, message, remedy=f"{remedy}, where it has wheels")
-        else:
-            yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
+        yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
         return
     if not requirement.is_satisfied_by(version):
         message = f"{requirement.name} is {version}, {requirement} is required"

@@ -57,8 +57,9 @@ from catoptra_server.frames.labels import (
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
-from catoptra_server.render.trace.reference.meshes import EmbreeMesh
+from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
 from catoptra_server.render.trace.trace_engine import (
     FlowRays,
     FlowTables,
@@ -303,8 +304,8 @@ class _OcclusionMeter:
         Args:
             scene: The world's triangles.
             labels: Their objects.
-            instruction_set: Of the rays; "auto": by embreex, as the processor has it, without the
-                kernel. The last bits decide whether a ray along an edge meets it.
+            instruction_set: Of the rays, by the kernel; the last bits decide whether a ray along an
+                edge meets it. In NumPy where the kernel cannot run.
         """
         self._scene = scene
         self._labels = labels
@@ -359,11 +360,13 @@ class _OcclusionMeter:
 
     def _commit(self, corners: Floats) -> _RayTest:
         """Test whether rays meet some triangles, at least one."""
-        if self._instruction_set == AUTO:
-            mesh = EmbreeMesh(corners)
-            return lambda origins, ways: np.isfinite(mesh.first_hits(origins, ways)[0])
         centre = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
-        caster = KernelMeshCaster(corners, centre, instruction_set=self._instruction_set, threads=1)
+        isa = self._instruction_set
+        try:
+            caster = KernelMeshCaster(corners, centre, instruction_set=isa, threads=1)
+        except KernelUnavailableError:
+            search = TriangleSearch(corners)
+            return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
 
 

@@ -243,10 +243,10 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
     )
 
 
-# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
-# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
-# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
-# rounding of corners included (tests/server/render/test_scene_rounding.py).
+# Corners and viewpoint are rounded once each, relative to the scene's centre; the arithmetic of
+# rays adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
+# displaced by 1.0 times their size over distance in the kernel, rounding of corners included
+# (tests/server/render/test_scene_rounding.py).
 _TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
 # Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
 # difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times

@@ -1,7 +1,4 @@
-"""The exact renderer: one ray a sample through Embree, on the CPU.
-
-Only this package imports embreex.
-"""
+"""The exact renderer: one ray a sample, on the CPU."""
 
 from catoptra_server.render.trace.trace_renderer import TraceRenderer
 

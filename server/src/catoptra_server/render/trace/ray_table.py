@@ -1,9 +1,9 @@
-"""The rays of a camera: a grid of samples in the mirror frame, in blocks of 4 x 4 for ray packets.
+"""The rays of a camera: a grid of samples in the mirror frame, in blocks of 4 x 4 that are traced together.
 
 A pixel has samples x samples rays; side by side the samples of all pixels form one grid, `samples`
 times finer than the image. A tile is 4 x 4 pixels: samples x samples blocks of 4 x 4 rays, so that
 the rays of a block are neighbours at any number of samples. Computed once per view in float64, from
-the camera model or from the mirror mesh that replaces it, and stored in float32 for Embree.
+the camera model or from the mirror mesh that replaces it, and stored in float32 for the kernel.
 
 A mirror without a viewpoint has an origin for each ray besides its direction; a frame then takes
 1.07 to 1.23 times as long as from one viewpoint.
@@ -92,7 +92,7 @@ def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
         radius_px = camera.rim_radius_px if camera.plane.is_radial else math.inf
         look_up = partial(rays_from_pixel_grid, camera)
         return build_ray_table(camera, plan.samples, look_up, (*camera.centre_px, radius_px))
-    # Loaded with embreex where a plan has a mesh: see `commands/server.py`.
+    # Loaded where a plan has a mesh: see `commands/server.py`.
     from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 
     of_mesh = partial(mirror_mesh_directions, camera, plan.surface)

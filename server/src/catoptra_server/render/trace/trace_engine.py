@@ -206,7 +206,7 @@ class MovingExposure:
     """Poses of camera and objects during an exposure, for rays with times.
 
     Between two states the entries of rotations and translations are interpolated linearly: no exact
-    rotation, but what Embree does with moving instances. A state every few degrees is exact enough.
+    rotation. A state every few degrees is exact enough.
     """
 
     states: tuple[CameraState, ...]

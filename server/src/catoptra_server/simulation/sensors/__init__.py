@@ -6,8 +6,9 @@ protocol, in the module `usarsim/readings_*` of the most similar reports.
 
 All sensors have in common their interface, environment and mounted parts. A sensor is updated in
 every tick of the robot and read when a report is due. Each measures the world through one ray
-caster, Embree's in the server and exact rooms in tests. Other robots are boxes that are intersected
-directly: 0.6 ms a cycle of the P2AT among seven others (`tests/measurements/sensor_times.py`).
+caster, the renderer's in the server and exact rooms in tests. Other robots are boxes that are
+intersected directly: 0.6 ms a cycle of the P2AT among seven others
+(`tests/measurements/sensor_times.py`).
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ Triangles = npt.NDArray[np.int32]
 
 
 class RayCaster(Protocol):
-    """Distances in a static scene: Embree's in the server, exact ones of rooms in tests."""
+    """Distances in a static scene: the renderer's in the server, exact ones of rooms in tests."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Distances (n,) to the first surface along unit (n, 3) directions; inf without one."""

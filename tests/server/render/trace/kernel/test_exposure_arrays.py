@@ -119,7 +119,7 @@ def test_objects_have_meshes_poses_and_boxes_in_their_order(
     )
     for index, placed in enumerate(objects):
         own = boxes[box_object == index]
-        # Each triangle lies in a box, as Embree's float32 rounds its corners.
+        # Each triangle lies in a box, as float32 rounds its corners.
         corners = placed.mesh.corners.astype(np.float32).astype(np.float64)
         offsets = np.abs(corners[:, :, None] - own[:, :3])
         assert (offsets <= own[:, 3:]).all(axis=(1, 3)).any(axis=1).all()

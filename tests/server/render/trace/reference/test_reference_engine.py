@@ -46,7 +46,7 @@ def make_engine(world: World, *, threads: int = 1) -> ReferenceEngine:
     return ReferenceEngine(build_scene(world), world, threads=threads, scene_lights=world.lights)
 
 
-@pytest.mark.parametrize("rays_per_batch", [100, 5000, 2**20])
+@pytest.mark.parametrize("rays_per_batch", [1000, 5000, 2**20])
 def test_image_does_not_depend_on_batches_and_threads(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rays_per_batch: int
 ) -> None:
@@ -82,7 +82,7 @@ def test_scene_has_its_own_lights_and_objects_have_all_of_the_world() -> None:
 
 def test_description_names_engine_and_threads() -> None:
     engine = make_engine(make_test_world(), threads=3)
-    assert engine.description == "reference (Embree single rays, NumPy float64), 3 threads"
+    assert engine.description == "reference (NumPy float64), 3 threads"
     engine.close()
 
 

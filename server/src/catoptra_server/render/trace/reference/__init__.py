@@ -1,4 +1,4 @@
-"""The reference of the native kernel: float64 in NumPy around single rays of Embree.
+"""The reference of the native kernel: single rays in NumPy and float64.
 
 Short instead of fast: each light, texture and sample is computed for every ray by the functions of
 `world/shading.py`. Serves, ten times slower and with a warning, where the kernel cannot.

@@ -67,7 +67,7 @@ _RAYS_PER_BATCH = 2**14
 
 
 class ReferenceEngine:
-    """A scene in Embree, shaded in float64."""
+    """A scene, searched and shaded in float64."""
 
     def __init__(
         self, scene: SceneMesh, world: World, *, threads: int, scene_lights: tuple[Light, ...]
@@ -86,7 +86,7 @@ class ReferenceEngine:
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
-        self.description = f"reference (Embree single rays, NumPy float64), {threads} threads"
+        self.description = f"reference (NumPy float64), {threads} threads"
 
     @property
     def num_object_meshes(self) -> int:
@@ -131,7 +131,7 @@ class ReferenceEngine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frame:
-    """An exposure, with its meshes in Embree. All poses relative to the scene's centre."""
+    """An exposure, with its meshes. All poses relative to the scene's centre."""
 
     mirror_poses: tuple[Pose, ...]
     """World from mirror, one of each state."""
@@ -304,8 +304,7 @@ class _ReferenceRays:
 
         step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * self._table.samples**2))
         batches = [slice(n, n + step) for n in range(0, len(self._table.tiles), step)]
-        # list() waits for all batches and raises the first error of any. Embree and NumPy release
-        # the GIL.
+        # list() waits for all batches and raises the first error of any. NumPy releases the GIL.
         list(self._pool.map(work_on, batches))
 
     def close(self) -> None:

@@ -1,6 +1,5 @@
 /* Provides bvh.h: the queries.
- * No twin: the reference finds triangles by another library. Owns nothing: writes what its caller
- * passes.
+ * Float64 twin: reference/triangle_search.py. Owns nothing: writes what its caller passes.
  * Threads: any at once; a hierarchy is only read. */
 #include "bvh.h"
 

@@ -1,5 +1,5 @@
 /* Provides facet_plane.h: blocks of rays that all meet one facet's plane.
- * Float64 twin: reference/meshes.py:hit_triangles, world/textures.py:sample_levels. Owns nothing:
+ * Float64 twin: reference/triangle_search.py, world/textures.py:sample_levels. Owns nothing:
  * writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "facet_plane.h"

@@ -1,5 +1,5 @@
 /* Provides hit_points.h: points and distances of hits from ray and triangle alone.
- * Float64 twin: reference/meshes.py:hit_triangles. Owns nothing: writes what its caller passes.
+ * Float64 twin: reference/triangle_search.py. Owns nothing: writes what its caller passes.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "hit_points.h"
 

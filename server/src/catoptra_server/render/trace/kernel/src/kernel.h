@@ -241,12 +241,12 @@ CATOPTRA_EXPORT void catoptra_release_light_maps(void *light_maps, int32_t num_l
 CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, const View *view,
                                         const Frame *frame, FrameCounts *counts, char *error);
 
-/* First hits of single rays with a mesh: (count, 3) origins and unit directions in Embree's
+/* First hits of single rays with a mesh: (count, 3) origins and unit directions in its
  * coordinates; distances, INFINITY and triangle -1 without a hit. Any threads may cast at once. */
 CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const float *origins,
                                    const float *directions, float *range_m, int32_t *triangle);
 
-/* Trace all rays of a view against the static scene, and nothing else: the bare packet rate. */
+/* Trace all rays of a view against the static scene, and nothing else: the rate of bare rays. */
 CATOPTRA_EXPORT int32_t catoptra_trace(Device *device, const Scene *scene, const View *view,
                                        const Frame *frame, char *error);
 

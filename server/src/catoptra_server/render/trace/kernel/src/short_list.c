@@ -1,6 +1,5 @@
 /* Provides short_list.h: hits with a few triangles, without a search.
- * Float64 twin: reference/meshes.py:hit_triangles. Owns nothing: lists are on the stack of the
- * tile.
+ * Float64 twin: reference/triangle_search.py. Owns nothing: lists are on the stack of the tile.
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "short_list.h"
 

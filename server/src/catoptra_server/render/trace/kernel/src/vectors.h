@@ -1,5 +1,5 @@
 /* Vectors of three floats. All sums are written out from left to right: with contraction off, the
- * compiler keeps that order, and every packet width gives the same bits. */
+ * compiler keeps that order, and every processor gives the same bits. */
 #ifndef CATOPTRA_VECTORS_H
 #define CATOPTRA_VECTORS_H
 
