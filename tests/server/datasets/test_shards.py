@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from catoptra_server.datasets.pinned_process import WorkerRefusedError
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import iterate_samples, shard_name
-from catoptra_server.datasets.pinned_process import WorkerRefusedError
 from catoptra_server.datasets.shards import (
     ShardArtist,
     ShardJob,

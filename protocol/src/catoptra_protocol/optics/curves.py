@@ -164,9 +164,9 @@ def fit_spline(knots: Floats, values: Floats, symmetry: Symmetry) -> CubicSpline
     matrix[inner, inner + 1] = 1.0 / h[1:]
     right[1:-1] = 3.0 * (secants[:-1] / h[:-1] + secants[1:] / h[1:])
     if symmetry is Symmetry.EVEN:
-        matrix[0, 0] = 1.0
+        matrix[0, 0] = 1.0 / h[0]
     else:
-        matrix[0, :2], right[0] = (2.0, 1.0), 3.0 * secants[0]
+        matrix[0, :2], right[0] = (2.0 / h[0], 1.0 / h[0]), 3.0 * secants[0] / h[0]
     # The third derivatives of the last two polynomials are equal.
     a, b = h[-2], h[-1]
     matrix[-1, -3:] = (-1.0 / (a * a), 1.0 / (b * b) - 1.0 / (a * a), 1.0 / (b * b))

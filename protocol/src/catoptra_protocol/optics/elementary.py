@@ -66,17 +66,17 @@ def _sum_powers(coefficients: list[float], x: Any) -> Any:
 
 def sin(angle_rad: _Real) -> _Real:
     """Sine."""
-    sine: _Real = _sine_of_turned(angle_rad, 0)
+    sine: _Real = _sine_after_quarters(angle_rad, 0)
     return sine
 
 
 def cos(angle_rad: _Real) -> _Real:
     """Cosine."""
-    cosine: _Real = _sine_of_turned(angle_rad, 1)
+    cosine: _Real = _sine_after_quarters(angle_rad, 1)
     return cosine
 
 
-def _sine_of_turned(angle_rad: Any, quarters: int) -> Any:
+def _sine_after_quarters(angle_rad: Any, quarters: int) -> Any:
     """Sine of an angle plus quarters of a turn."""
     if isinstance(angle_rad, float | int):
         turns = round(angle_rad / (0.5 * math.pi))
@@ -326,10 +326,13 @@ def matmul(a: npt.NDArray[_FloatT], b: npt.NDArray[_FloatT]) -> npt.NDArray[_Flo
     if b.ndim == 1:
         return dot(a, b)
     if b.shape[-2] > _MAX_TERMS:
-        return np.asarray((a[..., :, None] * b[..., None, :, :]).sum(axis=-2))
-    total = a[..., 0, None] * b[..., 0, None, :]
-    for i in range(1, b.shape[-2]):
-        total = total + a[..., i, None] * b[..., i, None, :]
+        return np.asarray(
+            (a[..., :, None] * (b if b.ndim == 2 else b[..., None, :, :])).sum(axis=-2)
+        )
+    rows = b if b.ndim == 2 else np.moveaxis(b, -2, 0)[..., None, :]
+    total = a[..., 0, None] * rows[0]
+    for i in range(1, len(rows)):
+        total = total + a[..., i, None] * rows[i]
     return total
 
 

@@ -1,8 +1,8 @@
 """One sample of a data set: described by recipe and index alone, annotated, and encoded to files.
 
 **Sample i follows from the recipe and i.** Random numbers are counted, keyed by seed, purpose and
-index; plans follow settings; `pinned_process` pins the instruction sets of the kernel, NumPy and
-OpenBLAS. What depends on order or machine (threads, measured costs, encoders) is fixed or refused.
+index; plans follow settings; no library has a last bit in a sample (`optics/elementary.py`). What
+depends on order or machine (threads, measured costs, encoders) is fixed or refused.
 
 Ids and classes are never interpolated or compressed with loss: small integers are PNG, all else has
 NumPy's format. Normals are halved to float16: their angle stays within 0.03 degrees.

@@ -195,7 +195,6 @@ def create_name(request: EngineRequest) -> tuple[EngineName, str]:
         WORLD,
         threads=1,
         scene_lights=WORLD.lights,
-        instruction_set="auto",
     )
     engine.close()
     return name, engine.description

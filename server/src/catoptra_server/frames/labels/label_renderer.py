@@ -54,7 +54,6 @@ from catoptra_server.frames.labels import (
     find_valid_pixels,
     label_exposure,
 )
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
@@ -79,15 +78,12 @@ _MAX_RAY_BYTES = 256 * 2**20
 class LabelRenderer:
     """Ground truth in one scene."""
 
-    def __init__(
-        self, renderer: TraceRenderer, scene: SceneMesh, instruction_set: str = AUTO
-    ) -> None:
+    def __init__(self, renderer: TraceRenderer, scene: SceneMesh) -> None:
         """Number the scene's objects.
 
         Args:
             renderer: Traces the rays; closed by the owner.
             scene: The same scene.
-            instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
 
         Raises:
             DomainError: The world has more objects than labels number.
@@ -95,7 +91,7 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
-        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
+        self._meter = _OcclusionMeter(scene, self.labels)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(
@@ -298,18 +294,15 @@ _RayTest = Callable[[Floats, Floats], Bools]
 class _OcclusionMeter:
     """Occluded fractions of the objects of one world; meshes are committed at their first use."""
 
-    def __init__(self, scene: SceneMesh, labels: SceneLabels, instruction_set: str = AUTO) -> None:
+    def __init__(self, scene: SceneMesh, labels: SceneLabels) -> None:
         """Measure nothing yet.
 
         Args:
             scene: The world's triangles.
             labels: Their objects.
-            instruction_set: Of the rays, by the kernel; the last bits decide whether a ray along an
-                edge meets it. In NumPy where the kernel cannot run.
         """
         self._scene = scene
         self._labels = labels
-        self._instruction_set = instruction_set
         self._static: dict[int, _RayTest] = {}
         self._moving: dict[ObjectMesh, _RayTest] = {}
 
@@ -359,11 +352,10 @@ class _OcclusionMeter:
         return self._moving[mesh]
 
     def _commit(self, corners: Floats) -> _RayTest:
-        """Test whether rays meet some triangles, at least one."""
+        """Test whether rays meet some triangles, at least one; in NumPy without the kernel."""
         centre = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
-        isa = self._instruction_set
         try:
-            caster = KernelMeshCaster(corners, centre, instruction_set=isa, threads=1)
+            caster = KernelMeshCaster(corners, centre, threads=1)
         except KernelUnavailableError:
             search = TriangleSearch(corners)
             return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0

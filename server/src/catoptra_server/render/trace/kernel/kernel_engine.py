@@ -241,7 +241,7 @@ class KernelEngine:
         *,
         threads: int,
         scene_lights: tuple[Light, ...],
-        instruction_set: str = "auto",
+        instruction_set: str = "",
     ) -> None:
         """Commit a scene.
 
@@ -250,12 +250,12 @@ class KernelEngine:
             world: Lights of dynamic objects, and background.
             threads: Threads, the calling one included.
             scene_lights: Lights of the static scene.
-            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
+            instruction_set: One of INSTRUCTION_SETS, for tests; else the processor's best.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
-        name = choose_instruction_set(instruction_set)
+        name = instruction_set or choose_instruction_set()
         self._device = KernelDevice(name, threads)
         self.description = f"kernel ({name}), {threads} threads"
         self._mesh = scene
