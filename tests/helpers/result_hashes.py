@@ -1,4 +1,4 @@
-"""Hashes of results, a line each: pictures, labels, readings, reports and headers of shipped worlds.
+"""Hashes of results of shipped worlds: pictures, labels, readings, reports and headers.
 
     PYTHONPATH=tests python -m helpers.result_hashes
 
@@ -130,7 +130,7 @@ def _hash_frames(
         request = FrameRequest(CameraChannel("R", camera.name), 1, time_s, time_s, composition)
         frame = render_frame(request, views, monotonic=lambda: 0.0)
         yield f"{label} {camera.name} picture", _hash(np.ascontiguousarray(frame.rgb).tobytes())
-        header = (frame.error_bounds, frame.effect_decisions, frame.metadata)
+        header = (frame.plan, frame.error_bounds, frame.effect_decisions, frame.metadata)
         yield f"{label} {camera.name} header", _hash(repr(header).encode())
 
 
