@@ -20,6 +20,23 @@ last place, against 50 digits in `tests/protocol/optics/test_elementary.py`:
 
 Series are Taylor's, as long as float64 tells them from the function; arguments are reduced as in
 W. Kahan's and K. C. Ng's fdlibm, by constants in parts whose products are exact.
+
+Of protocol and server these still call libraries' functions whose last bits depend on the
+processor. None is seen in a result but those of a driver or a reference that are named here:
+
+* `calibration/`: files for other programs, which state what they leave.
+* `commands/doctor/`: its self-test has a tolerance.
+* `frames/plan/costs.py`: measured times, which no two frames have alike.
+* `render/projection/`, `render/raster/`: the driver of OpenGL has bits of its own.
+* `render/trace/reference/`: draws where the kernel cannot run, and says so.
+* `runtime/queues.py`, `serve/limits.py`: measured loads.
+* `world/mesh_files.py`: the sign of a determinant of size 1. Where a mesh file nests transforms,
+  trimesh multiplies them by BLAS; workers of a data set compare the triangles before they draw.
+
+`statistics.NormalDist` fills the table of noise: all its entries are the same float32 as long as
+the quantiles are right to 3e-14 (`tests/server/effects/kernels/test_grey_levels.py`). Python's own
+`sum` and the bits of `numpy.random` do not depend on the processor. Denormal floats are 0 in the
+kernel.
 """
 
 from __future__ import annotations
