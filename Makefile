@@ -38,11 +38,11 @@ define show_packages
   /ERROR|error:/ { print } /^status / { status = $$2 } { fflush() } END { exit status }'
 endef
 
-# What demo and live need: 0.5 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
+# What demo and live need: 0.4 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
 COMPILER := ziglang; sys_platform == 'linux' and platform_machine in 'x86_64 aarch64' or sys_platform == 'darwin' and platform_machine == 'arm64'
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
-	@echo "Setting up $(VENV), one to two minutes and 0.5 GB; details are in $(INSTALL_LOG)"
+	@echo "Setting up $(VENV), one to two minutes and 0.4 GB; details are in $(INSTALL_LOG)"
 	$(PYTHON) -m venv $(VENV)
 	@echo "1 of 2: the compiler of the kernel, which is removed after its work"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt setuptools)

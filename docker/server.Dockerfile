@@ -33,22 +33,27 @@ COPY --from=kernel /wheels /wheels
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol /wheels/*.whl ./client './studies[server]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# Files that are never loaded here: tests of libraries, and the font subsetting of PDF output.
+# Files that are never loaded here: tests of libraries, sources and types of compiled modules, and the
+# font subsetting of PDF output.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
+ && find . -name '*.py[ix]' -delete -o -name '*.pxd' -delete -o -name '*.[ach]' -delete \
  && find pygments -type d -name __pycache__ -exec rm -r {} + \
  && cd fontTools && rm -r cu2qu feaLib pens qu2cu ttLib ufoLib varLib voltLib \
  && find . -name '*.so' -delete \
  && /opt/catoptra/bin/python -c 'import matplotlib.pyplot'
 
 FROM debian:bookworm-slim AS system
-# A base image may contain further packages: those without a dependant below are removed.
+# A base image may contain further packages: those without a dependant below are removed, at last the
+# package manager and perl, and with them tables of character sets that Python has itself.
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 libegl1 libgl1 libgl1-mesa-dri \
  && apt-mark auto $(apt-mark showmanual) > /dev/null && apt-mark manual python3 libegl1 libgl1 libgl1-mesa-dri > /dev/null \
  && apt-get autoremove --yes --purge -o APT::AutoRemove::RecommendsImportant=false \
       -o APT::AutoRemove::SuggestsImportant=false \
- && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /usr/share/man /usr/share/locale \
+ && apt-get purge --yes --allow-remove-essential --auto-remove -o APT::AutoRemove::RecommendsImportant=false \
+      -o APT::AutoRemove::SuggestsImportant=false apt perl-base \
+ && rm -rf /usr/lib/*/gconv /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /usr/share/man /usr/share/locale \
  && find /usr/share/doc -type f ! -name copyright -delete
 RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra
 COPY --from=build /opt/catoptra /opt/catoptra

@@ -118,7 +118,7 @@ def _write_rows(cells: list[CellRow], costs: list[CostRow]) -> None:
 def _open_console() -> Console:
     """Console that is wide enough for the table where the output is a file."""
     console = Console()
-    return console if console.is_terminal else Console(width=180)
+    return console if console.is_terminal else Console(width=200)
 
 
 @contextmanager

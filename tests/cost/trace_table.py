@@ -12,9 +12,11 @@ from cost.trace_cells import CellRow, CostRow
 
 def make_cell_table(rows: list[CellRow]) -> Table:
     """Table of ours against embreex with NumPy, and of bare rays against Embree's packets."""
-    table = Table(title="ms a frame; bare: hits alone; ratios: medians, (quartiles), bars")
+    table = Table(
+        title="ms a frame; bare, Embree's packets: hits alone; ratios: medians, (quartiles), bars"
+    )
     table.add_column("scene", no_wrap=True)
-    heads = ["px", "ours", "embreex", "bare", "Embree's packets", "embreex/ours", "processor"]
+    heads = ["px", "ours", "embreex", "bare", "packets", "embreex/ours", "processor"]
     heads += ["required", "bare/ours", "required", "bare/packets", "allowed", "differ", "max"]
     for head in heads:
         table.add_column(head, justify="right", no_wrap=True)

@@ -130,16 +130,17 @@ def classify_pixels(pair: Pair, kernel: RayHits, reference: RayHits) -> tuple[Bo
     """(h, w) pixels wholly on the mirror, and those of them that meet one object and plane."""
     bits = (pair.table.valid[..., None] >> np.arange(BLOCK_RAYS)) & 1
     numbers = np.stack((bits, reference.object, kernel.object), axis=-1)
-    values = np.concatenate((numbers, world_normals(pair, reference)), axis=-1)
+    normals = (world_normals(pair, hits) for hits in (reference, kernel))
+    values = np.concatenate((numbers, *normals), axis=-1)
     grid = assemble_grid(pair.table, values.astype(np.float32), fill=np.float32(0.0))
     height, width, samples = pair.table.height_px, pair.table.width_px, pair.table.samples
-    split = grid.reshape(height, samples, width, samples, 6).swapaxes(1, 2)
-    rays = split.reshape(height, width, samples**2, 6)
+    split = grid.reshape(height, samples, width, samples, 9).swapaxes(1, 2)
+    rays = split.reshape(height, width, samples**2, 9)
     first = rays[:, :, :1]
     on_mirror: Bools = (rays[..., 0] == 1.0).all(axis=-1)
     one_object = (rays[..., 1:3] == first[..., 1:2]).all(axis=(-2, -1))
-    cosine = (rays[..., 3:] * first[..., 3:]).sum(axis=-1).min(axis=-1)
-    one_plane = (cosine > math.cos(MAX_ANGLE_RAD)) | (first[..., 0, 1] == NOTHING)
+    cosines = (rays[..., 3:].reshape(height, width, -1, 3) * first[..., 3:6]).sum(axis=-1)
+    one_plane = (cosines.min(axis=-1) > math.cos(MAX_ANGLE_RAD)) | (first[..., 0, 1] == NOTHING)
     return on_mirror, on_mirror & one_object & one_plane
 
 

@@ -1,4 +1,4 @@
-"""The rays of a camera: a grid of samples in the mirror frame, in blocks of 4 x 4 that are traced together.
+"""The rays of a camera: a grid of samples in the mirror frame, in blocks of 4 x 4 traced together.
 
 A pixel has samples x samples rays; side by side the samples of all pixels form one grid, `samples`
 times finer than the image. A tile is 4 x 4 pixels: samples x samples blocks of 4 x 4 rays, so that

@@ -1,7 +1,7 @@
 """The trace renderer: one ray a sample, traced and shaded by an engine.
 
-The engine is the native kernel where it can run, else its float64 reference in NumPy, ten times
-slower. A frame without image effects is encoded by the engine itself; else the engine's image
+The engine is the native kernel where it can run, else its float64 reference in NumPy, two hundred
+times slower. A frame without image effects is encoded by the engine itself; else the engine's image
 changer applies the effects to linear light, by native stages or the formulas of `effects/`.
 """
 

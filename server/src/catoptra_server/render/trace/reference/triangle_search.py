@@ -91,7 +91,7 @@ class TriangleSearch:
             with np.errstate(all="ignore"):
                 for start in range(0, count, _BLOCK_RAYS):
                     block = slice(start, start + _BLOCK_RAYS)
-                    found = _Hits(limits[block], triangle[block], weights[block])
+                    found = _NearestHits(limits[block], triangle[block], weights[block])
                     self._search(
                         _Rays.prepare(origins[block], directions[block], self._size), found
                     )
@@ -101,7 +101,7 @@ class TriangleSearch:
         """(n,) whether a triangle lies before each ray's `max_distance`, as `first_hits` counts."""
         return np.asarray(self.first_hits(origins, directions, max_distance)[1] >= 0)
 
-    def _search(self, rays: _Rays, found: _Hits) -> None:
+    def _search(self, rays: _Rays, found: _NearestHits) -> None:
         """Descend from the root, each ray with a stack of its own: nearest nodes on top."""
         width = (_CHILDREN - 1) * self._depth + _CHILDREN
         bottom = np.arange(len(found.distance)) * width
@@ -122,7 +122,7 @@ class TriangleSearch:
             active = np.flatnonzero(top > bottom)
 
     def _meet_boxes(
-        self, some: _Rows, parents: _Rows, rays: _Rays, found: _Hits
+        self, some: _Rows, parents: _Rows, rays: _Rays, found: _NearestHits
     ) -> tuple[npt.NDArray[np.int64], _Rows]:
         """(4, m) entries of the children whose boxes are met, the farthest first; their numbers."""
         inverse, rows = rays.inverse.take(some, axis=1)[:, None], rays.near_rows.take(some, axis=1)
@@ -138,7 +138,7 @@ class TriangleSearch:
         entries |= parents // 6 * _CHILDREN + np.arange(1, _CHILDREN + 1)[:, None]
         return np.sort(np.where(is_met, -entries, 1), axis=0), is_met.sum(axis=0)
 
-    def _meet(self, some: _Rows, leaves: _Rows, rays: _Rays, found: _Hits) -> None:
+    def _meet(self, some: _Rows, leaves: _Rows, rays: _Rays, found: _NearestHits) -> None:
         """Replace the hits of rays that meet a nearer triangle in their leaf."""
         rows = 3 * leaves + rays.axes.take(some, axis=1)
         corners = _take_rows(self._corner_rows, rows, rays.origins.take(some, axis=1))
@@ -176,7 +176,7 @@ def _take_rows(table: Floats, rows: _Rows, origins: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Hits:
+class _NearestHits:
     """Hits of n rays so far, replaced by nearer ones."""
 
     distance: Floats
