@@ -102,9 +102,12 @@ def _copy_sources() -> None:
     for found in installed.glob("catoptra_*.dist-info"):
         shutil.copytree(found, tree / "metadata" / found.name)
     sources = sorted(build_kernel.SOURCE_FOLDER.glob("*.c"))
-    for library, processor in _PROCESSORS.items():
-        build_kernel.build_library(sources, library, processor, FOLDER, target=_TARGET)
-        shutil.copy2(FOLDER / library, tree / _KERNEL / library)
+    (FOLDER / "build").mkdir(exist_ok=True)
+    for name, processor in _PROCESSORS.items():
+        library = build_kernel.build_library(
+            sources, name, processor, FOLDER / "build", target=_TARGET
+        )
+        shutil.copy2(library, tree / _KERNEL / name)
 
 
 def _run(words: list[str | Path], paths: list[Path] | None = None, **variables: object) -> str:

@@ -27,7 +27,8 @@ processor. None is seen in a result but those of a driver or a reference that ar
 * `calibration/`: files for other programs, which state what they leave.
 * `commands/doctor/`: its self-test has a tolerance.
 * `frames/plan/costs.py`: measured times, which no two frames have alike.
-* `render/projection/`, `render/raster/`: the driver of OpenGL has bits of its own.
+* `frames/plan/faces.py`, `render/projection/`, `render/raster/`: for OpenGL, whose drivers have
+  bits of their own.
 * `render/trace/reference/`: draws where the kernel cannot run, and says so.
 * `runtime/queues.py`, `serve/limits.py`: measured loads.
 * `world/mesh_files.py`: the sign of a determinant of size 1. Where a mesh file nests transforms,
@@ -306,7 +307,7 @@ def interpolate_linear(x: Floats, knots: Floats, values: Floats) -> Floats:
     held = np.clip(x, knots[0], knots[-1])
     i = np.clip(np.searchsorted(knots, held, side="right") - 1, 0, len(knots) - 2)
     slopes = (values[i + 1] - values[i]) / (knots[i + 1] - knots[i])
-    return np.where(held < knots[-1], values[i] + slopes * (held - knots[i]), values[-1])
+    return np.where(held >= knots[-1], values[-1], values[i] + slopes * (held - knots[i]))
 
 
 # Longer sums are NumPy's, pairwise.
@@ -347,7 +348,7 @@ def matmul(a: npt.NDArray[_FloatT], b: npt.NDArray[_FloatT]) -> npt.NDArray[_Flo
             (a[..., :, None] * (b if b.ndim == 2 else b[..., None, :, :])).sum(axis=-2)
         )
     rows = b if b.ndim == 2 else np.moveaxis(b, -2, 0)[..., None, :]
-    total = a[..., 0, None] * rows[0]
+    total: npt.NDArray[_FloatT] = a[..., 0, None] * rows[0]
     for i in range(1, len(rows)):
         total = total + a[..., i, None] * rows[i]
     return total

@@ -388,7 +388,7 @@ def _are_large(boxes: Floats) -> bool:
     """Whether (7, m) boxes are far larger than those of a divided surface would be."""
     if not boxes.shape[1]:
         return False
-    whole_m = hypot(*(boxes[:3].min(axis=1) + boxes[3:6].min(axis=1)))
+    whole_m: float = hypot(*(boxes[:3].min(axis=1) + boxes[3:6].min(axis=1)))
     mean_m = float(np.linalg.norm(boxes[:3] + boxes[3:6], axis=0).mean())
     return mean_m > _MAX_BOX_RATIO * whole_m / math.sqrt(boxes.shape[1])
 

@@ -30,16 +30,6 @@ from catoptra_protocol.optics.cube_map import (
     face_from_direction,
     visible_faces,
 )
-from catoptra_protocol.optics.elementary import (
-    arctan,
-    arctan2,
-    cos,
-    einsum,
-    hypot,
-    matmul,
-    sin,
-    tan,
-)
 from catoptra_protocol.optics.image_plane import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -153,11 +143,11 @@ def _visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
         return FaceWindow()
     if face is Face.C:
         # The whole bottom face from 45 degrees on: the corners reach 54.7.
-        half = tan(max_incidence_rad) if max_incidence_rad < 0.25 * math.pi else 1.0
+        half = math.tan(max_incidence_rad) if max_incidence_rad < 0.25 * math.pi else 1.0
         return FaceWindow(-half, -half, half, half)
     # On a side face t = cot(theta) / cos(azimuth from the centre): smallest in the centre below the
     # horizon, at the edge of the face, sqrt 2 farther, above.
-    cotangent = 1.0 / tan(max_incidence_rad)
+    cotangent = 1.0 / math.tan(max_incidence_rad)
     highest = cotangent if cotangent > 0.0 else math.sqrt(2.0) * cotangent
     return FaceWindow(top=max(highest, -1.0))
 
@@ -197,11 +187,11 @@ def _max_density(
 def _boundary_points(max_incidence_rad: float, region: FaceRegion) -> Floats:
     """(n, 2) points of a region's window on the circle of the largest incidence."""
     azimuth = np.linspace(-math.pi, math.pi, 8 * _GRID_SIDE + 1)
-    ring = sin(max_incidence_rad)
-    height = np.full_like(azimuth, cos(max_incidence_rad))
-    circle = np.stack((ring * cos(azimuth), ring * sin(azimuth), height), axis=-1)
+    ring = math.sin(max_incidence_rad)
+    height = np.full_like(azimuth, math.cos(max_incidence_rad))
+    circle = np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), height), axis=-1)
     # Points at the very edge of the hemisphere would have infinite face coordinates.
-    ahead = circle[matmul(circle, MIRROR_FROM_FACE_ROTATIONS[region.face][:, 0]) > 1e-6]
+    ahead = circle[circle @ MIRROR_FROM_FACE_ROTATIONS[region.face][:, 0] > 1e-6]
     points = face_coordinates(ahead, np.full(len(ahead), region.face, dtype=np.intp))
     window = region.window
     low, high = (window.left, window.top), (window.right, window.bottom)
@@ -223,18 +213,17 @@ def _pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
     """
     directions = _directions_from_face_points(face, points)
     x, y, z = directions.T
-    rho, length = hypot(x, y), np.linalg.norm(directions, axis=-1)
+    rho, length = np.hypot(x, y), np.linalg.norm(directions, axis=-1)
     outwards = np.where(rho[:, None] > 0.0, directions[:, :2], (1.0, 0.0))
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
     tangent = np.stack((-outwards[:, 1], outwards[:, 0], np.zeros_like(rho)), axis=-1)
     level, down = outwards * (z / length)[:, None], -rho / length
     radial_direction = np.concatenate((level, down[:, None]), axis=-1)
-    radial, tangential = _pixels_per_radian(camera, arctan2(rho, z))
+    radial, tangential = _pixels_per_radian(camera, np.arctan2(rho, z))
     steps = MIRROR_FROM_FACE_ROTATIONS[face][:, 1:]
     radial, tangential = radial / length, tangential / length
-    covered: Floats = hypot(
-        matmul(radial_direction, steps) * radial[:, None],
-        matmul(tangent, steps) * tangential[:, None],
+    covered: Floats = np.hypot(
+        (radial_direction @ steps) * radial[:, None], (tangent @ steps) * tangential[:, None]
     )
     return covered
 
@@ -243,11 +232,11 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
     """(n,) pixels a radian, radially and tangentially."""
     # On the axis both are equal; a millionth of a radian beside, their formulas have values.
     # A cone does not show the axis.
-    lowest = max(1e-6, 2.0 * arctan(camera.projection.t_min))
+    lowest = max(1e-6, 2.0 * math.atan(camera.projection.t_min))
     theta = np.clip(incidence_rad, lowest, camera.rim_rad)
-    t = tan(0.5 * theta)
+    t = np.tan(0.5 * theta)
     radial = camera.max_stretch * camera.radius_slope_px(t)
-    tangential = camera.max_stretch * camera.radius_px_from_t(t) / sin(theta)
+    tangential = camera.max_stretch * camera.radius_px_from_t(t) / np.sin(theta)
     # A lens that shows nearly everything stretches the antipode to a circle, for which no density
     # of texels suffices.
     return radial, np.minimum(tangential, _MAX_TANGENTIAL * float(radial.max()))
@@ -256,13 +245,13 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
 def _directions_from_face_points(face: Face, points: Floats) -> Floats:
     """(n, 3) directions of (n, 2) points in the mirror frame, one unit ahead of the face."""
     local = np.concatenate((np.ones((len(points), 1)), points), axis=-1)
-    directions: Floats = matmul(local, MIRROR_FROM_FACE_ROTATIONS[face].T)
+    directions: Floats = local @ MIRROR_FROM_FACE_ROTATIONS[face].T
     return directions
 
 
 def _incidence_rad(directions: Floats) -> Floats:
     x, y, z = directions.T
-    return np.asarray(arctan2(hypot(x, y), z))
+    return np.asarray(np.arctan2(np.hypot(x, y), z))
 
 
 def _limit_texels(regions: tuple[FaceRegion, ...]) -> tuple[FaceRegion, ...]:
@@ -296,13 +285,13 @@ def _texels_per_rad(scale: ImageScale, regions: tuple[FaceRegion, ...]) -> Float
     # horizon.
     cosine = (1.0 - t) * (1.0 + t) / (1.0 + t * t)
     sine = 2.0 * t / (1.0 + t * t)
-    ca, sa = cos(azimuth), sin(azimuth)
+    ca, sa = np.cos(azimuth), np.sin(azimuth)
     direction = np.stack((sine * ca, sine * sa, cosine), axis=-1)
     along = np.stack((cosine * ca, cosine * sa, -sine), axis=-1)
     across = np.stack((-sa, ca, np.zeros_like(sa)), axis=-1)
     face = face_from_direction(direction)
-    local = einsum("...i,...ij->...j", direction, MIRROR_FROM_FACE_ROTATIONS[face])
-    steps = einsum(
+    local = np.einsum("...i,...ij->...j", direction, MIRROR_FROM_FACE_ROTATIONS[face])
+    steps = np.einsum(
         "k...i,...ij->...jk", np.stack((along, across)), MIRROR_FROM_FACE_ROTATIONS[face]
     )
     # (s, t) = local[1:] / local[0], differentiated by the quotient rule.
@@ -338,9 +327,7 @@ def _singular_values(matrices: Floats) -> tuple[Floats, Floats]:
     squares = np.square(matrices).sum(axis=(-2, -1))
     # Their product is |det|, the sum of their squares the Frobenius norm squared: two equations for
     # both.
-    area = np.abs(
-        matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
-    )
+    area = np.abs(np.linalg.det(matrices))
     larger = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * area**2, 0.0))))
     return area / larger, larger
 

@@ -94,7 +94,7 @@ def _find_facets(
     turn = (arctan2(points[:, 1], points[:, 0]) - start_rad) / angle_rad
     sector = np.floor(turn).astype(np.intp) % sectors
     # A polygon's side is perpendicular to the middle of its sector.
-    middle_rad = start_rad + (sector + 0.5) * angle_rad
+    middle_rad = start_rad + (sector.astype(np.float64) + 0.5) * angle_rad
     along = points[:, 0] * cos(middle_rad) + points[:, 1] * sin(middle_rad)
     radii = hypot(*d[::sectors].T) * cos(0.5 * angle_rad)
     ring = np.searchsorted(radii, along)
