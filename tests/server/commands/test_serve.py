@@ -42,7 +42,6 @@ FILES = ("--robot", "r.ini", "--world", "w.ini")
         ("--image-port", "http"),
         ("--image-type", "PNG"),
         ("--renderer", "vulkan"),
-        ("--instruction-set", "avx2"),
         ("--clock", "sundial"),
         ("--threads", "-1"),
         ("--seed", "one"),

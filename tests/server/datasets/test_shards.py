@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
-from catoptra_server.datasets.pinned_process import WorkerRefusedError
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import iterate_samples, shard_name
@@ -25,6 +24,7 @@ from catoptra_server.datasets.shards import (
     write_shard,
     write_whole,
 )
+from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 SAMPLES = [("000000", {"json": b"{}", "rgb.png": b"p" * 600}), ("000001", {"json": b"[]"})]

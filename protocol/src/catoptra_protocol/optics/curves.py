@@ -192,6 +192,8 @@ def first_root(coefficients: Floats, *, low: float, high: float) -> float:
         return math.inf
     # Cauchy's bound of all roots.
     bound = 1.0 + max(abs(term / terms[-1]) for term in terms[:-1])
+    if math.isinf(bound):
+        raise OverflowError("overflow of a bound of roots")
     return next(iter(_find_roots(terms, low, min(high, bound))), math.inf)
 
 

@@ -223,7 +223,7 @@ def hypot(x: float, y: Floats, /, *more: Floats) -> Floats: ...
 def hypot(*parts: Any) -> Any:
     """Root of the sum of squares."""
     if all(isinstance(part, float | int) for part in parts):
-        largest = max(map(abs, parts))
+        largest = max(map(abs, parts), default=0.0)
         if _SQUARABLE[0] < largest < _SQUARABLE[1] or not 0.0 < largest < math.inf:
             return math.sqrt(_sum_squares(parts))
         exponent = math.frexp(largest)[1]
@@ -241,9 +241,8 @@ def hypot(*parts: Any) -> Any:
 
 
 def _sum_squares(parts: Any) -> Any:
-    first, *others = parts
-    total = first * first
-    for part in others:
+    total = 0.0
+    for part in parts:
         total = total + part * part
     return total
 
@@ -320,7 +319,7 @@ def dot(a: npt.NDArray[_FloatT], b: npt.NDArray[_FloatT]) -> npt.NDArray[_FloatT
         return np.asarray((a * b).sum(axis=-1))
     total = a[..., 0] * b[..., 0]
     for i in range(1, a.shape[-1]):
-        total = total + a[..., i] * b[..., i]
+        total += a[..., i] * b[..., i]
     return total
 
 
@@ -350,7 +349,7 @@ def matmul(a: npt.NDArray[_FloatT], b: npt.NDArray[_FloatT]) -> npt.NDArray[_Flo
     rows = b if b.ndim == 2 else np.moveaxis(b, -2, 0)[..., None, :]
     total: npt.NDArray[_FloatT] = a[..., 0, None] * rows[0]
     for i in range(1, len(rows)):
-        total = total + a[..., i, None] * rows[i]
+        total += a[..., i, None] * rows[i]
     return total
 
 

@@ -178,9 +178,9 @@ def test_image_when_rendered_again_is_the_same_and_read_only(make_renderer: Make
     assert one.stage_ms["trace"] > 0.0
 
 
-def test_description_names_engine_threads_and_triangles(make_renderer: MakeRenderer) -> None:
+def test_description_names_engine_and_triangles(make_renderer: MakeRenderer) -> None:
     with make_renderer(make_test_world(), threads=2) as renderer:
-        assert renderer.describe().startswith(f"trace: {renderer.engine_name} (")
+        assert renderer.describe().startswith(f"trace: {renderer.engine_name}")
         assert renderer.describe().endswith(", 230 triangles")
 
 

@@ -421,7 +421,7 @@ def _join_triangles(
     sides = sides[_continue_each_other(scene, large[sides // 3])]
     is_outer = np.ones(3 * len(large), dtype=bool)
     is_outer[sides.reshape(-1)] = False
-    return sides // 3, matmul(is_outer.reshape(-1, 3), np.array([1, 2, 4])).astype(np.uint8)
+    return sides // 3, (is_outer.reshape(-1, 3) @ np.array([1, 2, 4])).astype(np.uint8)
 
 
 def _number_rows(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.int64]:
