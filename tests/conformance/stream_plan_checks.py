@@ -262,9 +262,8 @@ def _require_larger(meshed: FrameHeader, exact: FrameHeader) -> None:
 
 
 def _require_close_maps(one: Mapping[str, float], other: Mapping[str, float], name: str) -> None:
-    # scene_px is in frames, not in plans before their first frame.
-    require(set(one) - {"scene_px"}, set(other) - {"scene_px"}, name)
-    for key in set(one) & set(other):
+    require(set(one), set(other), name)
+    for key in one:
         if not math.isclose(one[key], other[key], rel_tol=_RELATIVE_TOLERANCE):
             raise CheckFailed(f"{key} of the {name} is {one[key]:g}, of a frame {other[key]:g}")
 

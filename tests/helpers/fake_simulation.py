@@ -107,7 +107,7 @@ def create_fake_context(simulation: FakeSimulation) -> StreamContext:
         mailboxes=simulation.mailboxes,
         post=simulation.post,
         server_info=SERVER_INFO,
-        query_plan=lambda _, camera, reply: reply(FakeViewProvider().view_state(camera)),
+        query_plan=lambda _, view, reply: reply(FakeViewProvider().view_state(view)),
     )
 
 

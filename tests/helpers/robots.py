@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -228,6 +228,9 @@ def make_rendered_view(
     return RenderedView(image, frame_plan, decisions)
 
 
+LEVEL = CameraState(Pose.identity())
+
+
 class FakeViewProvider:
     """Views of all cameras, rendered by one fake view at the size of the camera."""
 
@@ -248,10 +251,13 @@ class FakeViewProvider:
 
     def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
         """Error bound of an omnidirectional camera as requested, traced."""
-        return self.view_state(camera).choice.bound if isinstance(camera, OmniCameraSpec) else None
+        if not isinstance(camera, OmniCameraSpec):
+            return None
+        return self.view_state(ViewRequest(camera, LEVEL)).choice.bound
 
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+    def view_state(self, request: ViewRequest) -> ViewState:
         """Plan of an omnidirectional camera as requested, traced in 12.5 ms."""
+        camera = cast(OmniCameraSpec, request.camera)
         plan = plan_from_settings(
             camera.render_settings, camera.camera, kind=RendererKind.TRACE, reason="fake"
         )

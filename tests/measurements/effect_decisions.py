@@ -5,9 +5,9 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/effect_decisions
 Prints, for the field, the corridor, 60 000 and a million triangles, the processor microseconds per
 frame of the scene summary and of the decision on all kinds of effects with default parameters: at
 rest, and mean and maximum of a drive of 400 ticks at 0.5 m/s; then the number of distinct summaries
-of the drive. Decisions: the branching of the tree and the number of boxes that are opened at once
-(effects/bounds/distances.py), the size of cells (effects/bounds/distances.py), and bounds that
-are cached by the fields that a criterion reads (effects/effect_plan.py).
+of the drive. Decisions: the branching of the tree (world/triangles.py), the number of boxes that
+are opened at once and the size of cells (effects/bounds/distances.py), and bounds that are cached
+by the fields that a criterion reads (effects/effect_plan.py).
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster import open_device, scene_buffers
-from catoptra_server.render.raster.device import ShaderPrograms
+from catoptra_server.render.raster.device import ShaderPrograms, make_depth_buffer
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import PerPixel, RenderSettings, StageClock
 from catoptra_server.render.renderer_kind import RendererKind
@@ -52,9 +52,9 @@ def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) 
     """Render the faces as FacePass does, into any target."""
     pose = CAMERA_STATE.world_from_mirror
     viewpoint = pose.translation - scene.origin
-    depth = scene.depth_range_finder.find_range(viewpoint, max_depth_ratio=1.75)
-    scene.plain.set_frame(viewpoint, depth.clip_z_from_w)
-    target.clear(*scene.background, 1.0, depth=1.0)
+    scene.plain.set_frame(viewpoint)
+    target.clear(*scene.background, 1.0, depth=0.0)
+    pieces = scene.split_large_triangles(viewpoint)
     target.use()
     for cell in atlas.cells:
         target.viewport = cell.viewport
@@ -62,7 +62,7 @@ def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) 
         visible = scene.clusters.in_front_of_planes(
             np.stack((w + x, w - x, w + y, w - y, w)), viewpoint
         )
-        scene.plain.batches.draw(clip, visible)
+        scene.plain.batches.draw(clip, visible, pieces)
     target.viewport = (0, 0, atlas.width, atlas.height)
 
 
@@ -79,9 +79,10 @@ def measure_storage(context: moderngl.Context, scene: SceneBuffers) -> None:
         atlas = make_atlas(scale * FACE_PX)
         size = (atlas.width, atlas.height)
         colour = context.texture(size, 4, samples=samples, **kind)
-        target = context.framebuffer([colour], context.depth_renderbuffer(size, samples=samples))
+        target = context.framebuffer([colour], make_depth_buffer(context, size, samples))
         resolved = context.framebuffer([context.texture(size, 4, dtype="f2")])
         context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = ">"
         (context.enable_direct if srgb else context.disable_direct)(GL_FRAMEBUFFER_SRGB)
 
         def draw(target: moderngl.Framebuffer = target, samples: int = samples) -> None:

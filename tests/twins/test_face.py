@@ -35,7 +35,6 @@ def clip_positions(
     set_uniform(program, "viewpoint", split_viewpoint[:3])
     set_uniform(program, "viewpoint_rest", split_viewpoint[3:])
     set_uniform(program, "clip_from_scene", (cell.clip_from_mirror @ TURN.T).T)
-    set_uniform(program, "depth_from_forward", (1.0, -0.02))
     places = context.buffer(split_positions(vertices + viewpoint).tobytes())
     out = context.buffer(reserve=16 * len(vertices))
     array = context.vertex_array(program, [(places, SPLIT_FORMAT, "position", "position_rest")])

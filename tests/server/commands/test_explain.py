@@ -42,7 +42,8 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
 ) -> None:
     assert main(["--robot", "p2at_omni_real", *QUESTION]) == 0
     printed = capsys.readouterr().out.splitlines()
-    head, _, *rows, cost = printed
+    head, bound, _, *rows, cost = printed
+    assert bound.startswith("error bound: max_px 0.0")
     assert head.startswith("USARBot.OmniP2AT OmniCamPillar_Link4: trace")
     names = [row.split()[0] for row in rows]
     assert names == [name for name in EFFECT_TYPES if name in names], "in optical order"
@@ -75,7 +76,7 @@ def test_mirror_without_a_viewpoint_has_its_near_limit_and_the_scene_s_clearance
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["--robot", "p2at_sphere", *QUESTION]) == 0
-    first, second, *_ = capsys.readouterr().out.splitlines()
+    first, _, second, *_ = capsys.readouterr().out.splitlines()
     assert "exact rays while anything is nearer than 1.39 m" in first
     assert re.fullmatch(
         r"no single viewpoint: rays miss the best one by up to 7.5 mm; "

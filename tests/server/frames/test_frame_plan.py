@@ -24,31 +24,38 @@ from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_
 from catoptra_server.render.renderer import AccuracyTarget, RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
-from helpers.worlds import make_omni_camera
+from helpers.worlds import make_omni_camera, make_test_world
 
 CAMERA_STATE = CameraState(Pose.identity())
 NO_PIXELS = np.zeros((1, 1, 3), dtype=np.uint8)
 
 
-class FarScene:
-    """A scene whose coordinates displace next to nothing, with nothing near a mirror."""
+class FakeScene:
+    """A scene with nothing near a mirror, whose coordinates displace as a test says."""
+
+    def __init__(self) -> None:
+        self.scene = build_scene(make_test_world())
+        self.angle_rad = 1e-6
 
     def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
         return 1e3
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
-        return 1e-6
+        return self.angle_rad
 
 
-def make_plans(published: ErrorBoundTable | None = None) -> FramePlanner:
+def make_plans(
+    published: ErrorBoundTable | None = None, scene: FakeScene | None = None
+) -> FramePlanner:
     """Plans by a renderer that was measured at 1 ms a sample."""
     planner = RenderPlanner(make_pool(), measure=measure_per_sample())
-    scene: Any = FarScene()
+    summarizer: Any = scene or FakeScene()
     # The clock stands still: a frame takes the time of its drawing.
-    return FramePlanner(planner, scene, error_bounds=published, clock=lambda: 0.0)
+    return FramePlanner(planner, summarizer, error_bounds=published, clock=lambda: 0.0)
 
 
 def make_spec(budget_ms: float = 0.0, max_error_px: float = 0.0) -> OmniCameraSpec:
@@ -131,7 +138,7 @@ def test_stages_that_no_calibration_has_are_added_to_what_others_are_predicted_t
     for _ in range(WINDOW_FRAMES):
         frame_plan = plans.decide(spec, CAMERA_STATE)
         plans.record(frame_plan, RenderedImage(NO_PIXELS, {"trace": 9.0, "effects": 2.0}), 11.0)
-    faster = plans.find_state(spec).choice.faster
+    faster = plans.find_state(spec, CAMERA_STATE).choice.faster
     assert faster is not None
     assert faster.predicted_ms == pytest.approx(4.0 + 2.0)
 
@@ -149,18 +156,18 @@ def test_plan_without_a_reason_to_change_is_kept(spec: OmniCameraSpec) -> None:
 def test_state_when_requested_adds_no_camera() -> None:
     published = ErrorBoundTable()
     plans = make_plans(published)
-    state = plans.find_state(BUDGETED)
+    state = plans.find_state(BUDGETED, CAMERA_STATE)
     assert (state.choice.plan.samples, state.median_ms) == (3, None)
     assert published.get(BUDGETED) is None
     draw_frames(plans, 1.0, 30)
-    assert plans.find_state(BUDGETED).median_ms == pytest.approx(9.0)
+    assert plans.find_state(BUDGETED, CAMERA_STATE).median_ms == pytest.approx(9.0)
 
 
 def test_state_predicts_what_drawn_frames_took() -> None:
     plans, spec = make_plans(), make_spec(15.0)
-    assert plans.find_state(spec).choice.predicted_ms == pytest.approx(9.0)
+    assert plans.find_state(spec, CAMERA_STATE).choice.predicted_ms == pytest.approx(9.0)
     draw_frames(plans, 1.5, 30, spec)
-    state = plans.find_state(spec)
+    state = plans.find_state(spec, CAMERA_STATE)
     assert state.choice.predicted_ms == pytest.approx(state.median_ms) == pytest.approx(13.5)
     assert state.choice.faster is not None
     assert state.choice.faster.predicted_ms == pytest.approx(6.0)
@@ -202,12 +209,17 @@ def test_perspective_camera_has_the_plan_of_the_preferred_renderer() -> None:
 
 SMALL = make_omni_camera(width_px=40)
 SETTINGS = RenderSettings()
+NO_TARGET = AccuracyTarget()
 
 
-def choose(samples: int) -> PlanChoice:
+TRACE = RendererKind.TRACE
+PX_PER_RAD = compute_image_scale(SMALL).max_px_per_rad
+
+
+def choose(samples: int, target: AccuracyTarget = NO_TARGET) -> PlanChoice:
     settings = replace(SETTINGS, samples=samples)
-    plan = plan_from_settings(settings, SMALL, kind=RendererKind.TRACE, reason="test")
-    return PlanChoice(plan, error_bound(SMALL, plan))
+    plan = plan_from_settings(settings, SMALL, kind=TRACE, reason="test")
+    return PlanChoice(plan, error_bound(SMALL, plan), target=target)
 
 
 def test_text_and_bounds_follow_the_choice() -> None:
@@ -220,8 +232,10 @@ def test_text_and_bounds_follow_the_choice() -> None:
     assert planned.plan is second.plan
     assert planned.view_key == (SMALL, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
+    assert planned.bounds is None, "no frame was placed"
+    planned.bound_frame({TRACE: 0.0})
     assert second.bound is not None
-    assert planned.bounds == second.bound.numbers_by_name()
+    assert planned.bounds == second.bound.numbers_by_name() | {"scene_px": 0.0}
 
 
 def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
@@ -229,29 +243,72 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
     assert choice.bound is not None
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for angle_rad in (1e-3, 4e-3):
-        planned.bound_frame(angle_rad)
+        planned.bound_frame({TRACE: angle_rad})
         bounds = planned.bounds
-        planned.bound_frame(angle_rad)
+        planned.bound_frame({TRACE: angle_rad})
         assert planned.bounds is bounds is not None, "the same scene changes nothing"
         scene_px = planned.bounds["scene_px"]
-        assert scene_px == pytest.approx(angle_rad * compute_image_scale(SMALL).max_px_per_rad)
+        assert scene_px == pytest.approx(angle_rad * PX_PER_RAD)
         for name in ("max_px", "outline_px", "marker_px"):
             plan_px = choice.bound.numbers_by_name()[name]
             assert planned.bounds[name] == pytest.approx(plan_px + scene_px)
         assert planned.bounds["max_deg"] >= math.degrees(angle_rad)
 
 
-def test_target_that_the_scene_exceeds_is_not_met() -> None:
-    choice = choose(3)
-    assert choice.bound is not None
-    target = AccuracyTarget(max_error_px=choice.bound.outline_error_px + 0.1)
-    spec = OmniCameraSpec(SMALL, replace(SETTINGS, accuracy_target=target))
-    planned = CameraPlan(spec, choice.plan, choice)
-    px_per_rad = compute_image_scale(SMALL).max_px_per_rad
-    for scene_px, is_met in ((0.05, True), (0.2, False), (0.01, True)):
-        planned.bound_frame(scene_px / px_per_rad)
+def test_target_that_the_scene_exceeds_is_not_met_and_logged_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bound = choose(3).bound
+    assert bound is not None
+    choice = choose(3, AccuracyTarget(max_error_px=bound.outline_error_px + 0.3))
+    planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
+    for scene_px, is_met in ((0.05, True), (0.35, False), (0.01, True), (0.4, False)):
+        planned.bound_frame({TRACE: scene_px / PX_PER_RAD})
         assert planned.choice is not None
         assert planned.choice.target_met is is_met
+        assert ("is not met" in planned.plan_text) is not is_met
+    assert [record.getMessage() for record in caplog.records] == [
+        "accuracy target of 40 x 40 px: 0.535706 px is not met: scene 0.35 of 0.586 px "
+        "(float32 coordinates of near or large triangles: smaller ones or distance would help)"
+    ]
+
+
+def test_plan_is_chosen_with_the_part_of_the_scene() -> None:
+    scene = FakeScene()
+    spec = make_spec(max_error_px=0.3)
+    samples = []
+    for scene_px in (0.001, 0.1):
+        scene.angle_rad = scene_px / compute_image_scale(spec.camera).max_px_per_rad
+        plans = make_plans(scene=scene)
+        asked = plans.find_state(spec, CAMERA_STATE).choice
+        frame_plan = plans.decide(spec, CAMERA_STATE)
+        assert frame_plan.choice is not None
+        assert frame_plan.choice.target_met
+        # One number in the reply about the plan, in the frame, and in what is logged.
+        assert (str(asked), asked.bound) == (str(frame_plan.choice), frame_plan.choice.bound)
+        assert frame_plan.bounds == frame_plan.choice.bound.numbers_by_name()
+        assert frame_plan.bounds["scene_px"] == pytest.approx(scene_px)
+        assert frame_plan.plan_text == asked.text
+        samples.append(frame_plan.plan.samples)
+    assert samples == [3, 4]
+
+
+def test_neighbours_of_a_plan_have_the_bound_of_the_frame_s_place() -> None:
+    scene = FakeScene()
+    plans, spec = make_plans(scene=scene), make_spec(max_error_px=0.3)
+    for scene.angle_rad in (1e-6, 1e-3, 1e-5):
+        choice = plans.decide(spec, CAMERA_STATE).choice
+        assert choice is not None
+        assert choice.bound is not None
+        assert choice.more_accurate is not None
+        assert choice.faster is not None
+        scene_px = choice.bound.numbers_by_name()["scene_px"]
+        assert choice.more_accurate.scene_px == choice.faster.scene_px == scene_px
+        assert (
+            choice.more_accurate.error_bound_px
+            < choice.bound.outline_error_px
+            < choice.faster.error_bound_px
+        )
 
 
 def test_lens_has_no_bounds() -> None:

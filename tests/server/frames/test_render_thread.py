@@ -204,6 +204,7 @@ def test_requests_when_the_renderer_cannot_start_are_cancelled() -> None:
 
 
 SPEC = OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+PLANNED = ViewRequest(SPEC, VIEW.camera_state)
 
 
 def query_plans(render_thread: RenderThread, *clients: str) -> list[ViewState | PlanFailure]:
@@ -216,7 +217,7 @@ def query_plans(render_thread: RenderThread, *clients: str) -> list[ViewState | 
             render_thread.stop()
 
     for client in clients:
-        render_thread.query_plan(client, SPEC, reply)
+        render_thread.query_plan(client, PLANNED, reply)
     return replies
 
 
@@ -238,7 +239,7 @@ def test_plan_query_without_a_renderer_fails_in_words() -> None:
 
 
 class _RaisingPlans(FakeViewProvider):
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+    def view_state(self, request: ViewRequest) -> ViewState:
         raise ZeroDivisionError("plan")
 
 
@@ -261,8 +262,8 @@ def test_plans_do_not_keep_frames_waiting() -> None:
     for sequence in (1, 2):
         render_thread.submit(make_request(VIEW, sequence=sequence))
     for client in range(4):
-        render_thread.query_plan(client, SPEC, lambda state: order.append("plan"))
-    render_thread.query_plan("last", SPEC, lambda state: render_thread.stop())
+        render_thread.query_plan(client, PLANNED, lambda state: order.append("plan"))
+    render_thread.query_plan("last", PLANNED, lambda state: render_thread.stop())
     render_thread.run(_RecordingViews, lambda: None)
     assert order == ["frame", "plan", "frame", "plan", "plan", "plan"]
     assert len(store.frames) == 2

@@ -84,6 +84,7 @@ class FakeScene:
 
     def __init__(self, log: list[str]) -> None:
         self._log = log
+        self.scene = SCENE
         self.max_radiance = 0.1
         self.nearest_m = math.inf
         self.twist = Twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -386,7 +387,7 @@ def test_mirror_without_a_viewpoint_has_one_while_nothing_is_near() -> None:
         plans.append(fakes.render(spec).frame_plan.plan_text)
         assert fakes.drawn[-1][0].is_approximated == (fakes.scene.nearest_m > 1.0)
         assert bounds.get(spec) is not None
-        assert str(fakes.views.view_state(spec).choice.plan) == plans[-1]
+        assert str(fakes.views.view_state(ViewRequest(spec, CAMERA_STATE)).choice.plan) == plans[-1]
     assert "exact rays while" in plans[0]
     assert "one viewpoint for all rays" in plans[1]
     assert plans[2] == plans[0]
@@ -409,10 +410,12 @@ def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() ->
 
 def test_view_state_when_requested_prepares_no_view() -> None:
     fakes = Fakes(named=True)
-    state = fakes.views.view_state(budgeted())
+    state = fakes.views.view_state(ViewRequest(budgeted(), CAMERA_STATE))
     assert (state.choice.plan.samples, state.median_ms, fakes.prepared) == (3, None, [])
     fakes.render(*[budgeted()] * 30)
-    assert fakes.views.view_state(budgeted()).median_ms == pytest.approx(9.0)
+    assert fakes.views.view_state(ViewRequest(budgeted(), CAMERA_STATE)).median_ms == pytest.approx(
+        9.0
+    )
 
 
 def test_bound_of_a_prepared_view_is_published() -> None:

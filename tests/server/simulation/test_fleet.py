@@ -21,6 +21,7 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
+from catoptra_server.frames.frame import IMAGE_PORT
 from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot_description import RobotDescription
@@ -258,7 +259,12 @@ def test_accuracy_target_when_the_camera_is_named_in_any_case_is_set(
     event = AccuracyTargetChanged(client, camera, 2.5, None, lambda *reply: None)
     assert fleet.set_accuracy_target(event) == (None, camera)
     fleet.execute(client, INIT, 0.0)
-    spec, _ = fleet.set_accuracy_target(event)
-    assert (spec is not None) is is_found
-    if spec is not None:
-        assert spec.render_settings.accuracy_target.max_error_px == 2.5
+    view, _ = fleet.set_accuracy_target(event)
+    assert (view is not None) is is_found
+    if view is not None:
+        assert view.camera.render_settings.accuracy_target.max_error_px == 2.5  # type: ignore[union-attr] # a mirror
+        (frame_view,) = fleet.cameras.compose_frame(IMAGE_PORT).views
+        assert frame_view is not None
+        assert view.camera == frame_view.camera
+        place_m = view.camera_state.world_from_mirror.translation
+        assert (place_m == frame_view.camera_state.world_from_mirror.translation).all()

@@ -58,8 +58,8 @@ from catoptra_server.frames.frame import (
     FrameRequest,
     FrameRequested,
     ImagePortChannel,
+    ViewRequest,
 )
-from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
@@ -685,9 +685,7 @@ class _FaultyFleet(Fleet):
         self._raise_for(client)
         super().execute(client, command, time_s)
 
-    def set_accuracy_target(
-        self, event: AccuracyTargetChanged
-    ) -> tuple[OmniCameraSpec | None, str]:
+    def set_accuracy_target(self, event: AccuracyTargetChanged) -> tuple[ViewRequest | None, str]:
         self._raise_for(event.client)
         return super().set_accuracy_target(event)
 

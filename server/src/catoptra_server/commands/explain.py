@@ -13,7 +13,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from statistics import median
 
@@ -21,7 +21,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
-from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.config.startup import StartupConfig, make_start_states, read_startup_config
 from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
@@ -147,6 +147,8 @@ class _CameraEffectReport:
     """Median milliseconds of all else."""
     viewpoint: str = ""
     """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
+    error_bounds: Mapping[str, float] | None = None
+    """Error bound of the frame and its parts, as in its header; None without."""
 
     def __str__(self) -> str:
         # Sums of the numbers as printed, so that the lines agree to the last digit.
@@ -157,10 +159,12 @@ class _CameraEffectReport:
             f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
             f"{other_ms:.1f} ms for all else"
         )
+        parts = (self.error_bounds or {}).items()
+        bound = ", ".join(f"{name} {value:.3g}" for name, value in parts) or "none"
         # Only a mirror without a viewpoint has this line.
         viewpoint = (self.viewpoint,) if self.viewpoint else ()
         effects = format_decisions(self.effects, self.effect_ms)
-        return "\n".join((head, *viewpoint, effects, cost))
+        return "\n".join((head, f"error bound: {bound}", *viewpoint, effects, cost))
 
 
 def _explain_robot(
@@ -174,7 +178,8 @@ def _explain_robot(
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)
-    views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
+    planner = RenderPlanner(RendererPool(choice), cache)
+    views = ViewCache(planner, summarizer, calibration_states=make_start_states(startup))
     try:
         for name, request in requests.items():
             view, effect_ms, other_ms = measure_effect_times(views.render, request)
@@ -186,6 +191,7 @@ def _explain_robot(
                 effect_ms,
                 other_ms,
                 _explain_viewpoint(request, summarizer),
+                view.frame_plan.bounds,
             )
     finally:
         views.close()

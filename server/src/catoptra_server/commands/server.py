@@ -30,7 +30,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
@@ -41,13 +40,17 @@ from catoptra_server.config.server_file import (
     require_tiles_fit,
     resolve_settings,
 )
-from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.config.startup import (
+    StartupConfig,
+    create_ray_caster,
+    make_start_states,
+    read_startup_config,
+)
 from catoptra_server.effects import SceneSummary, is_image_effect
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.frames.frame import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
-from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
@@ -78,8 +81,7 @@ from catoptra_server.serve.tcp_server import TcpServer
 from catoptra_server.simulation.events import SimulationEvent, StopRequested
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
-from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
-from catoptra_server.world.objects import CameraState
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 if TYPE_CHECKING:
     # Loaded late: see the head of this module.
@@ -93,8 +95,6 @@ VIEW_PORT = 5080
 # A program that waits for the line of the ports has a first frame 0.05 s later, or 0.1 s where
 # modules are loaded meanwhile.
 _FIRST_FRAME_TIME_S = 0.25
-# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
-_MAX_CALIBRATION_STATES = 4
 # Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
 # come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
 # without.
@@ -342,7 +342,7 @@ class ServerThreads:
                 CostCache(default_cache_folder(), startup.scene),
             ),
             SceneSummarizer(startup.scene, startup.world),
-            calibration_states=_make_calibration_states(startup),
+            calibration_states=make_start_states(startup),
             error_bounds=self.error_bounds,
         )
         # Prepared at start: calibration takes seconds, in which the first viewer would wait.
@@ -371,22 +371,6 @@ def _has_image_effects(startup: StartupConfig) -> bool:
         *(one.effects for robot in startup.robots for one in robot.perspective_cameras),
     ]
     return any(is_image_effect(one.effect) for each in settings for one in each.settings)
-
-
-def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
-    """Camera states for calibration: upright at the world's start poses, or at the origin.
-
-    The height of the first robot with an omnidirectional camera.
-    """
-    heights_m = [r.viewpoint_height_m(omni) for r in startup.robots for omni in r.omni_cameras]
-    height_m = next(iter(heights_m), 0.0)
-    starts = [
-        (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]
-    ]
-    return tuple(
-        mounted_camera_state(PlanarPose(x, y, yaw).at_height(height_m), Pose.identity())
-        for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
-    )
 
 
 async def _open_ports(

@@ -12,16 +12,19 @@ from functools import cached_property
 from pathlib import Path
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.plan.costs import default_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 
@@ -78,6 +81,24 @@ def read_startup_config(
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
     scene = _occlude_sky(scene, world_description)
     return StartupConfig(descriptions, world_description, scene, options)
+
+
+# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
+_MAX_START_STATES = 4
+
+
+def make_start_states(startup: StartupConfig) -> tuple[CameraState, ...]:
+    """Camera states to choose plans for: upright at the world's start poses, or at the origin.
+
+    The height of the first robot with an omnidirectional camera.
+    """
+    heights_m = [r.viewpoint_height_m(omni) for r in startup.robots for omni in r.omni_cameras]
+    height_m = next(iter(heights_m), 0.0)
+    starts = [(s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_START_STATES]]
+    return tuple(
+        mounted_camera_state(PlanarPose(x, y, yaw).at_height(height_m), Pose.identity())
+        for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    )
 
 
 def create_ray_caster(startup: StartupConfig) -> RayCaster:

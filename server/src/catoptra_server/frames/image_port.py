@@ -156,7 +156,7 @@ class ImagePortLayout:
         self._layout = multi_view
         self._tiles = multi_view.tiles if multi_view else ()
         self._blank_size_px = blank_size_px
-        self._tile_cameras: list[_MountedCamera | None] = [None] * len(self._tiles)
+        self._tile_cameras: list[MountedCamera | None] = [None] * len(self._tiles)
 
     def assign_tiles(self, robot: CameraRobot) -> None:
         """Assign a free tile to each camera of a new robot, as long as tiles are free."""
@@ -164,7 +164,7 @@ class ImagePortLayout:
             if None not in self._tile_cameras:
                 return
             index = self._tile_cameras.index(None)
-            self._tile_cameras[index] = _MountedCamera(robot, camera)
+            self._tile_cameras[index] = MountedCamera(robot, camera)
             camera.tile = self._tiles[index]
             # STA reports one tile for a robot: the tile of the first camera.
             robot.tile_index = index if robot.tile_index < 0 else robot.tile_index
@@ -209,7 +209,7 @@ class ImagePortLayout:
         width_px, height_px = (single or robot.all_cameras[0]).size_px
         layout = viewport_layout(config, width_px=width_px, height_px=height_px)
         cameras = [single] if single else [robot.find_camera(name) for name in names[: len(layout)]]
-        mounted = [_MountedCamera(robot, camera) if camera else None for camera in cameras]
+        mounted = [MountedCamera(robot, camera) if camera else None for camera in cameras]
         return _compose(layout, mounted, visible_objects_of)
 
 
@@ -226,7 +226,7 @@ def compose_camera_frame(
 ) -> FrameComposition:
     """Compose the image of one camera at the camera's own size."""
     layout = _single_tile_layout(camera.size_px)
-    return _compose(layout, [_MountedCamera(robot, camera)], visible_objects_of)
+    return _compose(layout, [MountedCamera(robot, camera)], visible_objects_of)
 
 
 def compose_variant(composition: FrameComposition, variant: CameraVariant) -> FrameComposition:
@@ -259,13 +259,15 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _MountedCamera:
+class MountedCamera:
     """A camera and the robot that carries it."""
 
     robot: CameraRobot
     camera: _RobotCamera
 
-    def request_view(self, tile: Tile, visible_objects_of: _VisibleObjectsLookup) -> ViewRequest:
+    def request_view(
+        self, tile: Tile | None, visible_objects_of: _VisibleObjectsLookup
+    ) -> ViewRequest:
         """View of the camera now, at the size of a tile."""
         # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
         robot, visible = self.robot, visible_objects_of(self.robot)
@@ -286,7 +288,7 @@ class _MountedCamera:
 
 def _compose(
     layout: TileLayout,
-    cameras: Sequence[_MountedCamera | None],
+    cameras: Sequence[MountedCamera | None],
     visible_objects_of: _VisibleObjectsLookup,
 ) -> FrameComposition:
     # All tiles of a layout have the size of the first, and a layout has at least one.
@@ -301,7 +303,7 @@ def _compose(
 
 
 def _frame_metadata(
-    cameras: Sequence[_MountedCamera | None], views: Sequence[ViewRequest | None], tile: Tile
+    cameras: Sequence[MountedCamera | None], views: Sequence[ViewRequest | None], tile: Tile
 ) -> FrameMetadata:
     """Metadata of a frame: of its camera, else of its robot, else empty."""
     mounted_cameras = [mounted for mounted in cameras if mounted]

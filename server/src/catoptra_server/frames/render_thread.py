@@ -35,7 +35,6 @@ from catoptra_server.frames.frame import (
 )
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.renderer import Image
 from catoptra_server.runtime.faults import log_fault
@@ -126,8 +125,8 @@ class RenderThread:
             elif future is not None:
                 future.cancel()
 
-    def query_plan(self, client: Hashable, camera: OmniCameraSpec, reply: PlanCallback) -> None:
-        """Have `reply` called in the render thread with the plan of a camera.
+    def query_plan(self, client: Hashable, request: ViewRequest, reply: PlanCallback) -> None:
+        """Have `reply` called in the render thread with the plan of an omnidirectional camera.
 
         A newer query of the same client supersedes one that is waiting, which gets a PlanFailure.
         """
@@ -135,7 +134,7 @@ class RenderThread:
             if self._has_ended:
                 return
             superseded = self._plans.pop(client, None)
-            self._plans[client] = _PlanQuery(camera, reply)
+            self._plans[client] = _PlanQuery(request, reply)
             self._changed.notify()
         if superseded is not None:
             superseded.reply(PlanFailure("superseded by a newer request"))
@@ -186,7 +185,7 @@ class RenderThread:
             if pending is not None:
                 self._answer_frame(*pending[1], views)
             if query is not None:
-                query.reply(_find_plan(query.camera, views))
+                query.reply(_find_plan(query.request, views))
 
     def _answer_frame(
         self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
@@ -316,8 +315,8 @@ class _ViewProvider(Protocol):
     def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
         """Label the pixels of a rendered view."""
 
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Plan that the next frame of a camera will have; prepares no view."""
+    def view_state(self, request: ViewRequest) -> ViewState:
+        """Plan that a frame of an omnidirectional camera would have; prepares no view."""
 
     def close_idle(self) -> None:
         """Close views that nobody has requested for long."""
@@ -334,15 +333,15 @@ _PendingFrame = tuple[FrameRequest, Future[None] | None]
 class _PlanQuery:
     """Request for the plan of a camera."""
 
-    camera: OmniCameraSpec
+    request: ViewRequest
     reply: PlanCallback
 
 
-def _find_plan(camera: OmniCameraSpec, views: _ViewProvider | None) -> ViewState | PlanFailure:
+def _find_plan(request: ViewRequest, views: _ViewProvider | None) -> ViewState | PlanFailure:
     if views is None:
         return PlanFailure("this server has no camera")
     try:
-        return views.view_state(camera)
+        return views.view_state(request)
     except Exception:
         log_fault(log, "no plan was found for a camera")
         return PlanFailure("an internal fault ended the planning: see the server's log")

@@ -21,7 +21,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from catoptra_protocol.errors import CatoptraError, DomainError, RendererUnavailableError
 from catoptra_protocol.labels import LABEL_CHANNELS, count_bytes
@@ -263,9 +263,9 @@ class ViewCache:
         """
         return self._labeller.label(rendered, channel, time_s)
 
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Plan that the next frame of a camera will have; prepares no view."""
-        return self._frames.find_state(camera)
+    def view_state(self, request: ViewRequest) -> ViewState:
+        """Plan that a frame of an omnidirectional camera would have; prepares no view."""
+        return self._frames.find_state(cast(OmniCameraSpec, request.camera), request.camera_state)
 
     def close_idle(self) -> None:
         """Close views of variants and former targets that nobody has requested for long."""

@@ -1,9 +1,11 @@
 // Provides the clip position of a scene vertex in one atlas cell, with its shading attributes.
 // Twin: catoptra_server.render.projection.atlas.AtlasCell.clip_from_mirror.
+// Depth is NEAR_M / w: 1 on the near plane, 0 at infinity (render/projection/frustum.py).
+const float NEAR_M = 0.001;          // what is nearer is clipped
+
 uniform vec3 viewpoint;              // in the scene's frame: world axes, metres
 uniform vec3 viewpoint_rest;         // what float32 lacks of it
 uniform mat3 clip_from_scene;        // rows give x, y and w of the clip position
-uniform vec2 depth_from_forward;     // z = first * w + second
 
 #ifdef COLOURED_CORNERS              // interpolated; centroid: never beyond the corners' colours
 #define COLOUR centroid
@@ -37,7 +39,7 @@ void main()
 {
     vec3 from_viewpoint = (position - viewpoint) + (position_rest - viewpoint_rest);
     vec3 clip = clip_from_scene * from_viewpoint;
-    gl_Position = vec4(clip.xy, depth_from_forward.x * clip.z + depth_from_forward.y, clip.z);
+    gl_Position = vec4(clip.xy, NEAR_M, clip.z);
     facet_radiance = radiance;
 #ifdef OCCLUDED
     occlusion_position = occlusion_at;

@@ -7,4 +7,6 @@ in vec3 position;                    // in the scene's frame
 void main()
 {
     gl_Position = clip_from_scene * vec4(position, 1.0);
+    // From OpenGL's range [-w, w] to the device's.
+    gl_Position.z = 0.5 * (gl_Position.z + gl_Position.w);
 }

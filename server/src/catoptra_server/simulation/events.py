@@ -24,8 +24,13 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED
 from catoptra_protocol.usarsim.commands import Command, Drive, Init, Note, SetCommand
 from catoptra_protocol.usarsim.reports import CommandResult, Report
-from catoptra_server.frames.frame import CameraChannel, Channel, FrameRendered, FrameRequested
-from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.frame import (
+    CameraChannel,
+    Channel,
+    FrameRendered,
+    FrameRequested,
+    ViewRequest,
+)
 from catoptra_server.runtime.queues import FairQueue
 from catoptra_server.simulation.robot import FleetState
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
@@ -153,8 +158,8 @@ class AccuracyTargetChanged:
     """New tolerance; None leaves the present one."""
     budget_ms: float | None
     """New time budget of a frame; None leaves the present one."""
-    reply: Callable[[OmniCameraSpec | Fault | None, str], None]
-    """Receives the camera with the settings of the next frames, None without such a camera, and
+    reply: Callable[[ViewRequest | Fault | None, str], None]
+    """Receives the view of the camera as the next frames have it, None without such a camera, and
     the camera's name."""
 
 

@@ -32,8 +32,8 @@ from catoptra_protocol.usarsim.commands import (
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report, StartPoses
+from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import (
@@ -225,24 +225,22 @@ class Fleet:
         are_free = self._collision_index.are_free
         return partial(are_free, description, yaw_rad=yaw_rad, robots=self._robots.values())
 
-    def set_accuracy_target(
-        self, event: AccuracyTargetChanged
-    ) -> tuple[OmniCameraSpec | None, str]:
+    def set_accuracy_target(self, event: AccuracyTargetChanged) -> tuple[ViewRequest | None, str]:
         """Change the accuracy target of a client's camera.
 
         Returns:
-            The camera with the settings of the next frames, None without such a camera; and the
+            The view of the camera as the next frames have it, None without such a camera; and the
             name of the camera.
         """
         robot = self._robots.get(event.client)
         omnis = robot.omni_cameras if robot else []
         named = (omni for omni in omnis if event.camera.lower() in ("", omni.name.lower()))
         omni = next(named, None)
-        if omni is None:
+        if robot is None or omni is None:
             return None, event.camera
         omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
         # As tiled: the plan depends on the size that the image port renders.
-        return omni.camera_spec(omni.tile), omni.name
+        return self.cameras.request_view(robot, omni), omni.name
 
     def publish(self, client: Client, note: Note, time_s: float) -> None:
         """Store a note about a client's robot.

@@ -16,10 +16,12 @@ from catoptra_server.frames.frame import (
     Channel,
     FrameComposition,
     ImagePortChannel,
+    ViewRequest,
 )
 from catoptra_server.frames.image_port import (
     CameraRobot,
     ImagePortLayout,
+    MountedCamera,
     VisibleObjects,
     compose_camera_frame,
     compose_variant,
@@ -32,6 +34,7 @@ from catoptra_server.simulation.commands import ErrorBoundLookup
 from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, SensorEnvironment
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sight import (
     LandmarkVisibility,
     NamedScene,
@@ -174,6 +177,10 @@ class FleetCameras:
                 return composition if variant is None else compose_variant(composition, variant)
             case _:
                 assert_never(channel)
+
+    def request_view(self, robot: Robot, camera: OmniCameraSensor) -> ViewRequest:
+        """View of a camera now, as tiled."""
+        return MountedCamera(robot, camera).request_view(camera.tile, self._visible_objects)
 
     def compute_landmark_visibility(
         self, channel: CameraChannel

@@ -48,6 +48,9 @@ from catoptra_server.world.world_description import (
     World,
 )
 
+MAX_FLOAT_REACH_M = 64.0
+"""Coordinates up to it are precise enough as float32, beside a camera: steps of 4 micrometres."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneMesh:
@@ -107,6 +110,12 @@ class SceneMesh:
         """
         return 0.5 * (self.box_min + self.box_max) if len(self) else np.zeros(3)
 
+    @property
+    def is_large(self) -> bool:
+        """Whether float32 relative to the centre is too coarse for what is near a camera."""
+        reach_m = 0.5 * (self.box_max - self.box_min) if len(self) else np.zeros(3)
+        return bool(reach_m.max() > MAX_FLOAT_REACH_M)
+
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""
         if self.corner_albedo is None:
@@ -115,13 +124,13 @@ class SceneMesh:
         largest: Floats = np.maximum(np.maximum(first, second), third)
         return largest
 
-    def smallest_sky_factors(self, triangles: slice) -> Floats:
+    def smallest_sky_factors(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m,) smallest factor of hemisphere light on each of some triangles."""
         if self.occlusion is None:
             return np.ones(len(self.corners[triangles]))
         return self.occlusion.smallest_factors(triangles)
 
-    def has_varying_albedo(self, triangles: slice) -> Bools:
+    def has_varying_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Bools:
         """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""
         index = self.texture_index[triangles]
         return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)

@@ -238,7 +238,7 @@ class OcclusionMap:
         factors[inside] = ((1.0 - fy) * upper + fy * lower) / OPEN
         return factors
 
-    def smallest_factors(self, triangles: slice = slice(None)) -> Floats:
+    def smallest_factors(self, triangles: slice | npt.NDArray[np.intp] = slice(None)) -> Floats:
         """(k,) smallest factor of any point of each of some triangles."""
         patch = self.patch_of[triangles]
         darkest = np.append(self.darkest, np.uint8(OPEN))

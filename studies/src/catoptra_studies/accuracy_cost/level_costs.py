@@ -22,6 +22,7 @@ from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
     add_scene,
+    angle_error,
     coordinate_errors,
     error_bound,
 )
@@ -185,11 +186,11 @@ def _measure_level(
 def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
     """Bound that holds at all poses of a subject."""
     summarizer = SceneSummarizer(subject.scene, subject.world)
-    errors = coordinate_errors(subject.camera, plan)
+    errors = coordinate_errors(subject.camera, plan.renderer, is_large=subject.scene.is_large)
     angle_rad = max(
         summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
     )
-    return add_scene(error_bound(subject.camera, plan), subject.camera, angle_rad)
+    return add_scene(error_bound(subject.camera, plan), angle_error(subject.camera, angle_rad))
 
 
 def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:

@@ -16,8 +16,8 @@ from catoptra_server.effects.bounds.coordinate_rounding import (
     CoordinateErrors,
     CoordinateRounding,
 )
-from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.triangles import triangle_distances
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.triangles import TriangleHierarchy, triangle_distances
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import place_cube
 
@@ -25,10 +25,14 @@ ERRORS = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
 GREY = Material((0.5, 0.5, 0.5))
 
 
+def make_rounding(scene: SceneMesh) -> CoordinateRounding:
+    return CoordinateRounding(scene, TriangleHierarchy(scene.corners))
+
+
 def floor_rounding(side_m: float, *, centre_m: float = 0.0) -> CoordinateRounding:
     """A square floor, centred on the x axis, 1 m below a viewpoint at the origin."""
     pose = Pose(np.eye(3), np.array((centre_m, 0.0, 1.0)))
-    return CoordinateRounding(
+    return make_rounding(
         build_scene(World("f", (Item("f", Rectangle((side_m, side_m)), pose, GREY),)))
     )
 
@@ -56,7 +60,7 @@ def test_viewpoint_far_from_the_centre_adds_its_distance() -> None:
 def test_object_counts_by_its_triangles_where_it_is_near_and_by_its_sphere_where_it_is_far() -> (
     None
 ):
-    rounding = CoordinateRounding(build_scene(World("empty", ())))
+    rounding = make_rounding(build_scene(World("empty", ())))
     cube = place_cube(0.0, 0.0, 0.0)
     radius_m = cube.mesh.radius_m
     angles = [
@@ -84,7 +88,7 @@ def test_smallest_distance_is_a_lower_bound(height_m: float) -> None:
 
 
 def test_empty_scene_is_infinitely_far() -> None:
-    rounding = CoordinateRounding(build_scene(World("none", ())))
+    rounding = make_rounding(build_scene(World("none", ())))
     assert rounding.min_distance_m(np.zeros(3), ()) == math.inf
 
 
@@ -103,7 +107,7 @@ def exact_proximity(corners: Floats, point: Floats) -> tuple[float, float]:
 
 
 def round_triangles(corners: Floats) -> CoordinateRounding:
-    return CoordinateRounding(replace(build_scene(World("none", ())), corners=corners))
+    return make_rounding(replace(build_scene(World("none", ())), corners=corners))
 
 
 def bound_proximity(rounding: CoordinateRounding, point: Floats) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,12 +16,14 @@ from catoptra_server.effects.bounds.shadow_bounds import LightShafts, ShadowBoun
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import (
+    ShadowCastingLight,
     facet_irradiance,
     hemisphere_lights,
     shadow_casting_lights,
     unshadowed_irradiance,
 )
-from catoptra_server.world.shapes import box
+from catoptra_server.world.shapes import box, facet_normals
+from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
@@ -30,6 +32,7 @@ from catoptra_server.world.world_description import (
     Light,
     Material,
     PointLight,
+    SphereBand,
     World,
     srgb_from_linear,
 )
@@ -93,6 +96,19 @@ def find_hidden(world: World, scene: SceneMesh, light: Light, rng: np.random.Gen
     return hidden
 
 
+def suspect(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
+    """(n,) triangles that are hidden by planes."""
+    shafts = LightShafts(scene, light, TriangleHierarchy(scene.corners))
+    hidden, pairs_left = shafts.find_hidden(np.arange(len(scene)), 10**9)
+    assert pairs_left > 0
+    return hidden
+
+
+def bound_scene(scene: SceneMesh, world: World, *bodies: DynamicObject) -> ShadowLoss:
+    bounds = ShadowBounds(scene, world, TriangleHierarchy(scene.corners))
+    return bounds.darkest_shadow(bodies)
+
+
 @pytest.mark.parametrize("first", range(0, 60, 10))
 def test_no_triangle_of_random_worlds_is_hidden_that_counts_as_lit(first: int) -> None:
     num_hidden = num_suspected = 0
@@ -100,9 +116,8 @@ def test_no_triangle_of_random_worlds_is_hidden_that_counts_as_lit(first: int) -
         world, rng = make_random_world(seed), np.random.default_rng(seed + 1000)
         scene = build_scene(world)
         for light in shadow_casting_lights(world.lights):
-            shafts = LightShafts(scene, light)
             hidden = find_hidden(world, scene, light, rng)
-            suspected = np.array([shafts.can_be_hidden(i) for i in range(len(scene))])
+            suspected = suspect(scene, light)
             facing = unshadowed_irradiance(light, scene.corners.mean(axis=1), scene.normals).any(
                 axis=-1
             )
@@ -127,7 +142,7 @@ def test_bound_of_random_worlds_is_never_below_the_largest_change(first: int) ->
         bright = scene.albedo[triangle] * np.where(scene.unlit[triangle, None], 1.0, irradiance)
         levels = [255.0 * srgb_from_linear(np.minimum(x, 1.0)) for x in (bright, dark)]
         change = np.where(is_certain[:, None], levels[0] - levels[1], 0.0).max()
-        bound = grey_level_change(ShadowBounds(scene, world).darkest_shadow(()))
+        bound = grey_level_change(bound_scene(scene, world))
         assert bound >= change - 1e-9, seed
         assert bound == 0.0 or change > 0.0, seed
 
@@ -148,17 +163,78 @@ def test_room_of_walls_with_backs_around_its_lamp_loses_nothing() -> None:
         for n, (place, size) in enumerate(slabs)
     ]
     world = make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, lamp))
-    assert grey_level_change(ShadowBounds(build_scene(world), world).darkest_shadow(())) == 0.0
+    assert grey_level_change(bound_scene(build_scene(world), world)) == 0.0
 
 
 def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
     world = make_world(floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))
     scene = build_scene(world)
     light = shadow_casting_lights(world.lights)[0]
-    shafts = LightShafts(scene, light)
-    assert len(shafts) == len(scene)
-    names = {scene.item_names[scene.item_index[i]] for i in range(14) if shafts.can_be_hidden(i)}
+    names = {scene.item_names[scene.item_index[i]] for i in np.flatnonzero(suspect(scene, light))}
     assert "floor" in names
+
+
+def make_bumps(quads: int, *, height_m: float) -> SceneMesh:
+    """Bumpy ground of 2 quads^2 triangles that the lights of a world can see."""
+    x, y = np.meshgrid(*2 * [np.linspace(-2.0, 2.0, quads + 1)], indexing="ij")
+    points = np.stack((x, y, height_m * np.sin(5.0 * x) * np.cos(7.0 * y)), axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return repeat_floor(np.stack((a, c, b, a, d, c), axis=-2).reshape(-1, 3, 3))
+
+
+def repeat_floor(corners: Floats) -> SceneMesh:
+    """Scene of (n, 3, 3) triangles with the looks of a floor's first one."""
+    floor = build_scene(make_world(floor_item()))
+    arrays = {
+        field.name: np.repeat(value[:1], len(corners), axis=0)
+        for field in fields(SceneMesh)
+        if field.init and isinstance(value := getattr(floor, field.name), np.ndarray)
+    }
+    return replace(floor, **arrays | {"corners": corners, "normals": facet_normals(corners)[0]})
+
+
+@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
+def test_hierarchy_finds_what_all_pairs_of_triangles_find(light: ShadowCastingLight) -> None:
+    scene = make_bumps(30, height_m=0.3)
+    shafts = LightShafts(scene, light, TriangleHierarchy(scene.corners))
+    towards = shafts._towards(scene.corners[:, 0])
+    receivers = np.flatnonzero(np.einsum("ni,ni->n", scene.normals, towards) > 0.0)[::7]
+    receiver, rows = np.indices((len(receivers), len(scene))).reshape(2, -1)
+    expected = np.isin(np.arange(len(receivers)), shafts._select_hidden(receivers, receiver, rows))
+    assert 0 < np.count_nonzero(expected) < len(receivers)
+    hidden, pairs_left = shafts.find_hidden(receivers, 10**9)
+    assert pairs_left > 0
+    np.testing.assert_array_equal(hidden, expected)
+    # What is not tested counts as hidden.
+    for most in (0, 20_000):
+        assert not (expected & ~shafts.find_hidden(receivers, most)[0]).any()
+
+
+def test_triangles_without_a_shadow_change_no_loss_however_many_there_are() -> None:
+    lights = (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
+    for items in ((floor_item(),), (floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))):
+        world = make_world(*items, lights=lights)
+        alone = bound_scene(build_scene(world), world)
+        sky = Item(
+            "sky",
+            SphereBand(50.0, 0.0, 3.1, sectors=500, rings=101),
+            Pose.identity(),
+            Material((0.5, 0.6, 0.9), unlit=True),
+            casts_shadows=False,
+        )
+        under_sky = make_world(*items, sky, lights=lights)
+        scene = build_scene(under_sky)
+        assert len(scene) > 100_000
+        assert bound_scene(scene, under_sky) == alone
+
+
+def test_loss_of_many_triangles_in_shadow_is_that_of_few() -> None:
+    losses = []
+    for quads in (30, 240):
+        scene = make_bumps(quads, height_m=0.6)
+        world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT))
+        losses.append(grey_level_change(bound_scene(scene, world)))
+    assert losses[1] == pytest.approx(losses[0], rel=0.05)
 
 
 INSIDE = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
@@ -214,7 +290,7 @@ BOX = box_item(0.0, 0.0, -0.2, (0.2, 0.2, 0.2))
 
 
 def bound(world: World, *bodies: DynamicObject) -> ShadowLoss:
-    return ShadowBounds(build_scene(world), world).darkest_shadow(bodies)
+    return bound_scene(build_scene(world), world, *bodies)
 
 
 def test_floor_under_a_box_loses_the_directional_light_and_keeps_the_sky() -> None:
@@ -228,7 +304,7 @@ def test_brightest_corner_of_a_triangle_counts() -> None:
     scene = build_scene(world)
     corners = np.repeat(scene.albedo[:, None], 3, axis=1)
     corners[:, 1] = 0.8
-    shade = ShadowBounds(replace(scene, corner_albedo=corners), world).darkest_shadow(())
+    shade = bound_scene(replace(scene, corner_albedo=corners), world)
     assert shade.lost_radiance == pytest.approx(0.8 * 0.5)
     assert shade.remaining_radiance == pytest.approx(0.8 * 0.3)
 
@@ -266,6 +342,6 @@ def test_world_with_a_hemisphere_light_alone_loses_nothing() -> None:
 def test_hidden_sky_makes_a_shadow_more_visible() -> None:
     world = make_box_world(lights=(SKY, NOON))
     hidden = bake_scene(world)
-    whole = ShadowBounds(build_scene(world), world).darkest_shadow(())
-    dim = ShadowBounds(hidden, world).darkest_shadow(())
+    whole = bound_scene(build_scene(world), world)
+    dim = bound_scene(hidden, world)
     assert grey_level_change(dim) > grey_level_change(whole)

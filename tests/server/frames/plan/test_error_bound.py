@@ -65,10 +65,21 @@ def test_bound_has_the_components_of_its_plan_with_reasons(
     assert all(part.reason and part.max_px > 0.0 for part in parts)
 
 
-def test_components_add_up_but_for_the_rim() -> None:
+def test_components_add_up_in_the_worst_ring_but_for_the_rim() -> None:
     whole = make_bound(RASTER, Tessellation(16, 16))
-    added = sum(part.max_px for part in whole.components if part.name != "rim")
-    assert whole.geometric.max_px == pytest.approx(added)
+    parts = [part.max_px for part in whole.components if part.name != "rim"]
+    assert max(parts) < whole.geometric.max_px <= sum(parts) + 1e-9
+    assert whole.geometric.max_px == max(whole.geometric.by_radius_px)
+    alone = make_bound(TRACE, PerPixel())
+    assert alone.geometric.max_px == pytest.approx(component_px(alone, "rounding"))
+
+
+@pytest.mark.parametrize("kind", [TRACE, RASTER])
+def test_bound_at_a_place_follows_the_scale_of_the_image_there(kind: RendererKind) -> None:
+    bound = make_bound(kind, PerPixel())
+    places_px = [bound.outline_error_at_px(place) for place in np.linspace(0.0, 1.0, 65).tolist()]
+    assert max(places_px) == pytest.approx(bound.outline_error_px)
+    assert min(places_px) - bound.sampling.edge_error_px < 0.8 * bound.geometric.max_px
 
 
 def test_rim_dominates_with_few_sectors_and_many_rings() -> None:
@@ -103,9 +114,9 @@ def test_errors_of_outlines_and_markers_are_displacement_plus_sampling() -> None
 
 def test_bound_when_printed_names_total_components_and_samples() -> None:
     text = str(make_bound(RASTER, Tessellation(16, 16)))
-    assert text.startswith("displaced by at most 7.9")
+    assert text.startswith("outlines are displaced by at most 8.2")
     assert "(polygons 7.3, faces 0.58, " in text
-    assert "samples add 0.35 px" in text
+    assert "edge 0.35), samples by 7.9" in text
     assert text.endswith("texels a px, undersampled")
 
 
@@ -254,14 +265,11 @@ def test_corner_error_falls_with_more_samples() -> None:
 
 def test_miss_of_an_approximated_viewpoint_counts_where_a_renderer_has_one() -> None:
     camera = make_ball_camera(SphericalMirror(0.03, 0.2))
-    trace, raster = (
-        plan_from_settings(RenderSettings(), camera, kind=kind, reason="")
-        for kind in (RendererKind.TRACE, RendererKind.RASTER)
-    )
-    assert coordinate_errors(camera, trace).miss_m == 0.0
+    assert coordinate_errors(camera, TRACE, is_large=False).miss_m == 0.0
     approximated = replace(camera, is_approximated=True)
-    for plan in (trace, raster):
-        assert coordinate_errors(approximated, plan).miss_m == pytest.approx(7.5e-3, abs=1e-4)
+    for kind in (TRACE, RASTER):
+        errors = coordinate_errors(approximated, kind, is_large=False)
+        assert errors.miss_m == pytest.approx(7.5e-3, abs=1e-4)
 
 
 def make_sampling_error(kind: RendererKind, *, samples: int, face_size_px: int = 0) -> Any:

@@ -16,6 +16,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.frames.plan import facet_error as module
 from catoptra_server.frames.plan.facet_error import (
+    NUM_RADII,
     GeometricError,
     apply_floor,
     facet_errors,
@@ -41,7 +42,7 @@ TABLE = [
 
 
 def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    return facet_errors(camera, tessellation)[0]
+    return facet_errors(camera, tessellation)
 
 
 def position_tessellation(sectors: int, rings: int) -> Tessellation:
@@ -96,7 +97,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
 ) -> None:
     camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
     tessellation = Tessellation(sectors, rings, interpolation)
-    bound, bound_by_radius = facet_errors(camera, tessellation)
+    bound = facet_errors(camera, tessellation)
     steps = module._grid_steps(len(module._distinct_triangles(camera, tessellation)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
@@ -104,11 +105,11 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
         module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
     )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
-    finer, finer_by_radius = facet_errors.__wrapped__(camera, tessellation)
+    finer = facet_errors.__wrapped__(camera, tessellation)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
     assert finer.max_deg / reserve <= bound.max_deg <= 1.1 * finer.max_deg
     assert bound.rms_px == pytest.approx(finer.rms_px, rel=0.01)
-    assert (np.array(finer_by_radius) / reserve <= bound_by_radius).all()
+    assert (np.array(finer.by_radius_px) / reserve <= bound.by_radius_px).all()
 
 
 def test_error_does_not_depend_on_the_image_rotation() -> None:
@@ -147,15 +148,15 @@ def test_error_by_radius_bounds_every_ring_and_its_largest_is_the_whole(
     sectors: int, rings: int, interpolation: Interpolation
 ) -> None:
     tessellation = Tessellation(sectors, rings, interpolation)
-    by_radius = facet_errors(CAMERA, tessellation)[1]
-    assert len(by_radius) == module._NUM_RADII
+    by_radius = facet_errors(CAMERA, tessellation).by_radius_px
+    assert len(by_radius) == NUM_RADII
     # Straight outer sides end within the rim: only there a ring may hold no facet.
     assert min(by_radius[: len(by_radius) // 2]) > 0.0
     assert max(by_radius) == pytest.approx(facet_error(CAMERA, tessellation).max_px)
 
 
 def test_error_by_radius_grows_towards_the_rim_of_a_fine_mesh() -> None:
-    by_radius = facet_errors(CAMERA, position_tessellation(64, 64))[1]
+    by_radius = facet_errors(CAMERA, position_tessellation(64, 64)).by_radius_px
     assert by_radius[5] < 0.5 * by_radius[40]
 
 
@@ -164,7 +165,19 @@ SECOND = GeometricError(1.0, 0.4, 2.0, 0.12)
 
 
 def test_sum_adds_the_largest_and_squares_the_rms() -> None:
-    assert sum_errors((FIRST, SECOND)) == GeometricError(4.0, 0.5, 3.0, 0.13)
+    rings = NUM_RADII * (4.0,)
+    assert sum_errors((FIRST, SECOND)) == GeometricError(4.0, 0.5, 3.0, 0.13, rings)
+
+
+def test_sum_is_as_large_as_in_its_worst_ring() -> None:
+    inner, outer = (
+        replace(FIRST, by_radius_px=(a, *(NUM_RADII - 2) * (0.0,), b))
+        for a, b in ((1.0, 0.2), (0.1, 0.5))
+    )
+    added = sum_errors((inner, outer, SECOND))
+    assert added.max_px == added.at_px(0.0) == pytest.approx(1.1 + SECOND.max_px)
+    assert added.at_px(1.0) == pytest.approx(0.7 + SECOND.max_px)
+    assert added.at_px(0.5) == SECOND.max_px
 
 
 def test_sum_of_nothing_is_no_error() -> None:

@@ -194,7 +194,11 @@ def test_unreachable_tolerance_takes_the_most_accurate_plan_and_reports_so() -> 
     assert not choice.target_met
     assert choice.plan.samples == 8
     assert choice.more_accurate is None
-    assert choice.plan.reason == "no plan stays within 0.01 px: the most accurate has 0.0884 px"
+    assert choice.plan.reason == "chosen as the most accurate"
+    assert choice.excess == (
+        "0.01 px is not met: edge 0.0884 of 0.0884 px (8 x 8 samples a pixel: more would help)"
+    )
+    assert choice.text == f"{choice.plan.description}: {choice.excess}; {choice.plan.reason}"
 
 
 def test_budget_takes_the_most_accurate_plan_within() -> None:
@@ -203,7 +207,7 @@ def test_budget_takes_the_most_accurate_plan_within() -> None:
     assert choice.predicted_ms == 20.0
     assert choice.more_accurate is not None
     assert choice.more_accurate.predicted_ms > 21.0
-    assert choice.plan.reason.startswith("the most accurate within 21 ms")
+    assert choice.plan.reason == "chosen as the most accurate within 21 ms"
 
 
 def test_too_small_budget_takes_the_cheapest_plan_and_reports_so() -> None:
@@ -224,7 +228,8 @@ def test_tolerance_beyond_the_budget_yields_to_the_budget_and_reports_so() -> No
     assert not choice.target_met
     assert choice.predicted_ms is not None
     assert choice.predicted_ms <= 30.0
-    assert choice.plan.reason.startswith("0.1 px is out of reach in that time, the most accurate")
+    assert choice.plan.reason == "chosen as the most accurate within 30 ms"
+    assert choice.excess.startswith("0.1 px is not met: edge 0.354 of 0.354 px")
 
 
 @pytest.mark.parametrize(

@@ -121,12 +121,6 @@ def test_coordinates_of_a_direction_are_on_the_face_of_the_cube() -> None:
     assert packed.texels_from_direction(directions) == pytest.approx(expected, abs=1e-9)
 
 
-def test_max_depth_ratio_is_the_distance_of_the_farthest_corner_one_metre_ahead() -> None:
-    cell = pack_uniform(130.0).cells[0]
-    edge = 1.0 + 2.0 * 2 / 64
-    assert cell.max_depth_ratio == pytest.approx(math.sqrt(1.0 + 2.0 * edge**2))
-
-
 @pytest.mark.parametrize(("size", "limit"), [(17000, 16384), (9000, 16384)])
 def test_pack_when_the_device_is_too_small_reports_the_limit(size: int, limit: int) -> None:
     with pytest.raises(DomainError, match=str(limit)):

@@ -52,6 +52,27 @@ def test_context_that_cannot_be_created_is_reported_with_the_reason(
         open_device()
 
 
+def test_driver_without_clip_control_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    released: list[bool] = []
+    old = SimpleNamespace(extensions=set(), release=lambda: released.append(True))
+    monkeypatch.setattr(module.moderngl, "create_context", lambda **_: old)
+    with pytest.raises(OpenGLMissingError, match="no GL_ARB_clip_control"):
+        open_device()
+    assert released
+
+
+def test_depth_buffer_keeps_small_depths_apart(device: GlDevice) -> None:
+    context = device.context
+    depth = module.make_depth_buffer(context, (4, 4))
+    target = context.framebuffer([context.texture((4, 4), 4)], depth)
+    shown = []
+    for value in (3e-8, 4e-8):
+        target.clear(depth=value)
+        data = target.read(attachment=-1, components=1, dtype="f4")
+        shown.append(float(np.frombuffer(data, dtype=np.float32)[0]))
+    assert shown == [float(np.float32(3e-8)), float(np.float32(4e-8))]
+
+
 @pytest.mark.parametrize(
     ("renderer", "software"),
     [
@@ -135,7 +156,7 @@ LIGHTS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
 
 def make_uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
     viewpoint, origin = np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    return FrameUniforms.from_viewpoint(viewpoint, (1.0, -2.0), lights=lights, origin=origin)
+    return FrameUniforms.from_viewpoint(viewpoint, lights=lights, origin=origin)
 
 
 def test_light_positions_are_relative_to_the_viewpoint() -> None:
@@ -150,7 +171,7 @@ def test_programs_with_and_without_lights_accept_their_uniforms(
     define = (("NUM_POINT_LIGHTS", len(lights)),) if lights else ()
     program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
     make_uniforms(lights).apply_to(program)
-    assert program["depth_from_forward"].value == (1.0, -2.0)
+    assert program["viewpoint"].value == (0.5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -13,13 +13,13 @@ import trimesh
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.projection import large_triangles
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, split_positions
 from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     FacetLighting,
     SceneBatches,
-    object_distance_range,
     upload_values,
 )
 from catoptra_server.world.objects import CameraState
@@ -120,7 +120,6 @@ def test_colours_are_interpolated_between_corners(
 
 
 WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
-ZERO = Pose.identity().translation
 
 
 def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
@@ -131,7 +130,7 @@ def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
     monkeypatch.setattr(
         DynamicObjectBuffer,
         "upload",
-        lambda self, objects: (created.append(self), original(self, objects)),
+        lambda self, *arguments: (created.append(self), original(self, *arguments)),
     )
     empty = World("empty", ())
     renderer = make_raster(device, empty)
@@ -184,16 +183,22 @@ def test_object_in_a_world_of_textures_only_gets_the_plain_program(
     view.close()
 
 
-def test_distance_range_without_objects_is_empty() -> None:
-    assert object_distance_range((), ZERO, 0.1) == (float("inf"), 0.0)
-
-
-def test_distance_range_of_a_near_object_begins_at_its_nearest_triangle() -> None:
-    nearest, farthest = object_distance_range((place_cube(0.25, 0.0, 0.0),), ZERO, 0.1)
-    assert nearest == pytest.approx(0.05)
-    assert farthest >= 0.45
-
-
-def test_distance_range_of_a_far_object_is_that_of_its_sphere() -> None:
-    nearest, _ = object_distance_range((place_cube(5.0, 0.0, 0.0),), ZERO, 0.1)
-    assert nearest == pytest.approx(5.0 - 0.2 * 3**0.5)
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_pieces_look_like_the_triangles_that_they_replace(
+    device: GlDevice, tmp_path: Path, has_shadows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lights = (HEMISPHERE_LIGHT, POINT_LIGHT)
+    world = make_test_world(lights=lights, texture=write_smooth_texture(tmp_path / "t.png"))
+    state = replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=has_shadows)
+    images, triangles = [], []
+    for limit in (128.0, 4.0):
+        monkeypatch.setattr(large_triangles, "MAX_SIZE_PER_DISTANCE", limit)
+        monkeypatch.setattr(large_triangles, "_MAX_CUT", 0.5)
+        view = make_raster(device, world).prepare(CAMERA, make_plan(CAMERA))
+        images.append(view.render(state).rgb.astype(int))
+        triangles.append(view.face_counts.num_triangles)
+        view.close()
+    assert triangles[1] > triangles[0] + 20
+    differences = np.abs(images[1] - images[0]).max(axis=-1)
+    # Only where a corner on the rasterizer's grid moves an edge.
+    assert (differences > 2).mean() < 1e-3

@@ -105,10 +105,10 @@ def test_objects_when_shadowed_are_rendered_by_a_program_with_shadows(device: Gl
     programs = ShaderPrograms(device.context)
     buffers = SceneBuffers(device.context, programs, build_scene(WORLD), WORLD)
     scene = buffers.with_lighting(SHADOWED)
-    scene.dynamic_objects.upload(TWO_ROBOTS)
-    scene.set_frame(np.zeros(3), (1.0, -0.1))
+    scene.dynamic_objects.upload(TWO_ROBOTS, np.zeros(3))
+    scene.set_frame(np.zeros(3))
     (program,) = scene.dynamic_objects.programs
     assert "scene_shadow_maps" in program
-    scene.dynamic_objects.upload(())
+    scene.dynamic_objects.upload((), np.zeros(3))
     assert scene.dynamic_objects.programs == set()
     buffers.close()

@@ -41,7 +41,7 @@ from catoptra_protocol.usarsim.reports import OdometryReading, RangeScanReading
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.frame import CameraChannel
+from catoptra_server.frames.frame import CameraChannel, ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.renderer import AccuracyTarget, RenderSettings
@@ -80,7 +80,7 @@ from helpers.fake_simulation import (
     create_fake_context,
     serve_fake_simulation,
 )
-from helpers.robots import CAMERA, FORWARD_MOUNT, make_p2at
+from helpers.robots import CAMERA, FORWARD_MOUNT, LEVEL, make_p2at
 from helpers.stream_peer import connect_raw_peer
 
 
@@ -252,7 +252,7 @@ async def query_plan(
                     max_error_px=change.max_error_px, budget_ms=change.budget_ms
                 )
                 spec = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=target))
-                found = spec if isinstance(result, str) else result
+                found = ViewRequest(spec, LEVEL) if isinstance(result, str) else result
                 change.reply(found, change.camera or "Omni")
                 replies.append((await peer.receive())[0])
     return (replies[-1], accuracy_changes(simulation))
@@ -289,10 +289,10 @@ async def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason(
 
     def post(event: SimulationEvent) -> bool:
         assert isinstance(event, AccuracyTargetChanged)
-        event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
+        event.reply(ViewRequest(OmniCameraSpec(CAMERA.camera, RenderSettings()), LEVEL), "Omni")
         return True
 
-    def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
+    def find_no_plan(client: object, view: ViewRequest, reply: PlanCallback) -> None:
         clients.append(client)
         reply(PlanFailure("no plan"))
 

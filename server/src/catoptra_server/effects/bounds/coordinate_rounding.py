@@ -1,13 +1,16 @@
 """Rounding: of a scene's coordinates, as an angle, and of bounds and viewpoints, outward.
 
 Coordinates: the angle by which the rounding of a scene's coordinates displaces things, seen from a
-viewpoint. Renderers hold corners and viewpoint as float32, relative to the centre of the scene. A
+viewpoint. Trace holds corners and viewpoint as float32, relative to the centre of the scene; in
+large worlds it meets corners in float64 relative to the viewpoint, and no size matters. A
 corner is off by a part in 2^24 of its distance from there, a point of a triangle by what its
 farthest corner is off, and the arithmetic on both by as much again: all are lengths, proportional
 to the viewpoint's distance from the centre and to the triangle's size. Over the triangle's distance
-from the viewpoint a length is an angle; the largest of all triangles counts. Thousandths of a pixel
-in the bundled worlds; tests exceed the bound nowhere in worlds of 2 to 200 km with things 2 to 30
-cm near.
+from the viewpoint a length is an angle; the largest of all triangles counts. Raster's coordinates
+are relative to the viewpoint, and it splits triangles that are large for their distance
+(`render/projection/large_triangles.py`): only size over distance is left, and that has a limit.
+Thousandths of a pixel in the bundled worlds; tests exceed the bound nowhere in worlds of 2 to 200
+km with things 2 to 30 cm near.
 
 Like the bounds of `distances`, the result holds for all viewpoints of a cell of a fixed grid, and
 does not depend on earlier queries. Of four sizes the largest cell counts whose result is little
@@ -25,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -34,13 +37,8 @@ from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
-from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.triangles import (
-    Indices,
-    make_clusters,
-    row_blocks,
-    triangle_distances,
-)
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
+from catoptra_server.world.triangles import Indices, TriangleHierarchy, triangle_distances
 from catoptra_server.world.world_description import Twist, Vector3
 
 # Criteria divide by distances.
@@ -163,6 +161,10 @@ class CoordinateErrors:
     """Of any point, over the viewpoint's distance from the centre of the scene."""
     size_ulps: float
     """Of the points of a triangle, over the sum of its size and distance."""
+    max_size_per_distance: float = math.inf
+    """Size over distance above which the renderer splits triangles."""
+    object_ulps: float = 0.0
+    """Of the points of a dynamic object, over its radius: rounded in its own frame."""
     miss_m: float = 0.0
     """Not by coordinates: distance at which rays taken to meet in the viewpoint pass it, metres."""
 
@@ -170,36 +172,31 @@ class CoordinateErrors:
 class CoordinateRounding:
     """Displacements in one scene with its dynamic objects."""
 
-    def __init__(self, scene: SceneMesh) -> None:
-        self._scene = scene
+    def __init__(self, scene: SceneMesh, triangles: TriangleHierarchy) -> None:
         self._centre = scene.centre
+        self._triangles = _NearTriangles(triangles)
         self._objects: dict[ObjectMesh, _NearTriangles] = {}
-
-    @cached_property
-    def _triangles(self) -> _NearTriangles:
-        # On demand: 0.1 s for a million triangles, which a camera without a bound does not need.
-        return _NearTriangles(self._scene.corners)
 
     def max_angle_rad(
         self, viewpoint: Floats, objects: tuple[DynamicObject, ...], errors: CoordinateErrors
     ) -> float:
-        """Rounding: of a scene's coordinates, as an angle, and of bounds and viewpoints, outward.
+        """The angle by which no point is displaced farther; at most pi.
 
-        Coordinates: the angle by which no point is displaced farther; at most pi.
-
-                Args:
-                    viewpoint: (3,) metres, world frame.
-                    objects: Dynamic objects in view.
-                    errors: Errors of the renderer's coordinates.
+        Args:
+            viewpoint: (3,) metres, world frame.
+            objects: Dynamic objects in view.
+            errors: Errors of the renderer's coordinates.
         """
         centre_m = hypot(*(viewpoint - self._centre).tolist())
-        position_m = errors.position_ulps * centre_m + errors.miss_m / UNIT_ROUNDOFF
-        size_ulps = errors.size_ulps
-        angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, size_ulps)
+        miss_m = errors.miss_m / UNIT_ROUNDOFF
+        position_m = errors.position_ulps * centre_m + miss_m
+        angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, errors)
+        # A camera far from the centre is the origin of its frames' objects.
+        if np.abs(viewpoint - self._centre).max() > MAX_FLOAT_REACH_M:
+            position_m = miss_m
         for one, near in zip(objects, self._object_proximities(objects, viewpoint), strict=True):
-            # Its corners are rounded in its own frame, within its sphere.
-            own_m = position_m + 2.0 * size_ulps * one.mesh.radius_m
-            angle_ulps = max(angle_ulps, near.angle_ulps(own_m, size_ulps))
+            own_m = position_m + errors.object_ulps * one.mesh.radius_m
+            angle_ulps = max(angle_ulps, near.angle_ulps(own_m, errors))
         return min(angle_ulps * UNIT_ROUNDOFF, math.pi)
 
     def min_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
@@ -223,7 +220,7 @@ class CoordinateRounding:
                 yield _Proximity(1.0 / distance_m, 2.0 * radius_m / distance_m)
                 continue
             if one.mesh not in self._objects:
-                self._objects[one.mesh] = _NearTriangles(one.mesh.corners)
+                self._objects[one.mesh] = _NearTriangles(TriangleHierarchy(one.mesh.corners))
             pose = one.world_from_object
             yield self._objects[one.mesh].proximity(
                 matmul(viewpoint - pose.translation, pose.rotation)
@@ -247,46 +244,29 @@ class _Proximity(NamedTuple):
     size_per_distance: float = 0.0
     """Longest edge of a triangle over its distance."""
 
-    def angle_ulps(self, position_ulp_m: float, size_ulps: float) -> float:
+    def angle_ulps(self, position_ulp_m: float, errors: CoordinateErrors) -> float:
         """Angle of a displacement by a length, and by a multiple of size and distance."""
+        size_per_distance = min(self.size_per_distance, errors.max_size_per_distance)
         by_position = position_ulp_m * self.inverse_distance_per_m
-        return by_position + size_ulps * self.size_per_distance + size_ulps
+        return by_position + errors.size_ulps * (size_per_distance + 1.0)
 
 
 _CELL_SIDES_M = (0.5, 0.25, 0.0625)
 # Half a cell's diagonal over the distance of the nearest triangle: the result is at most 1.5
 # times the centre's.
 _MAX_CELL_LOSS = 1.0 / 3.0
-# Triangles a group, a power of two as in a block of rows; boxes a larger one, and roots. Small
-# groups have tight boxes: a new cell among a million triangles measures two batches of groups of
-# 32, and one of these.
-_GROUP_SIZE, _BRANCHING, _MAX_ROOTS = 8, 16, 128
 # Groups measured at once, for NumPy's overhead.
 _BATCH_SIZE = 64
 # A group counts with its box, not with its triangles, where that raises no result by more.
 _MAX_EXCESS = 1.1
 _TINY = 1e-30
-# Diagonal of a group's box over the diagonal of a square of its share of a surface.
-_MAX_BOX_RATIO = 8.0
 
 
 class _NearTriangles:
-    """Triangles in groups, with a hierarchy of boxes around these, prepared for queries."""
+    """Proximities of the triangles of a hierarchy."""
 
-    def __init__(self, corners: Floats) -> None:
-        """Keep (n, 3, 3) corners, and find the box and the longest edge of each group."""
-        self._sizes, boxes = _group_triangles(corners)
-        # Neighbours in a file are most often neighbours in space, and to sort a million triangles
-        # takes 0.4 s: only an order without any sense is mended.
-        if _are_large(boxes):
-            corners = corners[make_clusters(corners, np.zeros(len(corners), dtype=np.intp)).order]
-            self._sizes, boxes = _group_triangles(corners)
-        self._corners = corners
-        # Groups first, roots last.
-        self._levels = [boxes]
-        while boxes.shape[1] > _MAX_ROOTS:
-            boxes = np.minimum.reduceat(boxes, np.arange(0, boxes.shape[1], _BRANCHING), axis=1)
-            self._levels.append(boxes)
+    def __init__(self, triangles: TriangleHierarchy) -> None:
+        self._triangles = triangles
         self._cells = ViewpointCells(_CELL_SIDES_M, self._proximity_in_cell)
 
     def proximity(self, viewpoint: Floats) -> _Proximity:
@@ -295,7 +275,7 @@ class _NearTriangles:
 
     def _proximity_in_cell(self, centre: Floats, sides: Floats) -> _Proximity | None:
         """Proximity of a cell; None for a cell too large for its surroundings."""
-        if not len(self._corners):
+        if not self._triangles.levels[0].size:
             return _Proximity()
         # A distance d is at least d - reach everywhere in the cell: 1 / d grows the more the
         # nearer, and the most for the nearest triangle.
@@ -338,17 +318,17 @@ class _NearTriangles:
             numbers of `_Proximity` can be for them; and (2, 1) least that they are for all. None
             where a triangle is nearer than 1 / max_inverse.
         """
-        roots = np.arange(self._levels[-1].shape[1])
-        of_roots = _bound_boxes(self._levels[-1], point)
+        levels = self._triangles.levels
+        roots = np.arange(levels[-1].shape[1])
+        of_roots = _bound_boxes(levels[-1], point)
         found = np.maximum(of_roots[1].max(axis=1, keepdims=True), _TINY)
         # First one path for each number: what its end shows leaves few of the other boxes.
         for is_path in (True, False):
             boxes, (bounds, least) = roots, of_roots
-            for level in reversed(self._levels[:-1]):
+            for level in range(len(levels) - 1, 0, -1):
                 kept = least.argmax(axis=1) if is_path else (bounds >= found).any(axis=0)
-                boxes = (boxes[kept, None] * _BRANCHING + np.arange(_BRANCHING)).ravel()
-                boxes = boxes[boxes < level.shape[1]]
-                bounds, least = _bound_boxes(level.take(boxes, axis=1), point)
+                _, boxes = self._triangles.children(level, boxes[kept])
+                bounds, least = _bound_boxes(levels[level - 1].take(boxes, axis=1), point)
                 found = np.maximum(found, least.max(axis=1, keepdims=True))
             if found[0] > max_inverse:
                 return None
@@ -356,48 +336,19 @@ class _NearTriangles:
 
     def _measure_groups(self, groups: Indices, point: Floats) -> Floats:
         """(2, m) both numbers of groups, from their triangles."""
-        rows = (groups[:, None] * _GROUP_SIZE + np.arange(_GROUP_SIZE)).ravel()
-        # The last group may be shorter: its last triangle counts several times.
-        rows = np.minimum(rows, len(self._corners) - 1)
-        inverse = _invert(triangle_distances(point, self._corners[rows]))
-        both = np.stack((inverse, inverse * self._sizes[rows]))
-        numbers: Floats = both.reshape(2, len(groups), _GROUP_SIZE).max(axis=-1)
+        rows = self._triangles.rows(groups)
+        distances = triangle_distances(point, self._triangles.corners[rows.ravel()])
+        inverse = _invert(distances).reshape(rows.shape)
+        both = np.stack((inverse, inverse * self._triangles.sizes[rows]))
+        numbers: Floats = both.max(axis=-1)
         return numbers
-
-
-def _group_triangles(corners: Floats) -> tuple[Floats, Floats]:
-    """Longest edges of (n, 3, 3) triangles, and boxes around groups of rows.
-
-    Returns:
-        (n,) lengths; and (7, m) for each box its least coordinates, its greatest and its longest
-        edge, these two negative, so that a larger box has the minima of its parts.
-    """
-    sizes, boxes = np.zeros(len(corners)), [np.zeros((7, 0))]
-    for block in row_blocks(len(corners)):
-        a, b, c = np.ascontiguousarray(corners[block].transpose(1, 2, 0))
-        squares = [np.square(edge).sum(axis=0) for edge in (b - a, c - b, a - c)]
-        sizes[block] = np.sqrt(np.maximum(np.maximum(*squares[:2]), squares[2]))
-        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        first = np.arange(0, len(sizes[block]), _GROUP_SIZE)
-        whole = np.concatenate((low, -high, -sizes[None, block]))
-        boxes.append(np.minimum.reduceat(whole, first, axis=1))
-    return sizes, np.concatenate(boxes, axis=1)
-
-
-def _are_large(boxes: Floats) -> bool:
-    """Whether (7, m) boxes are far larger than those of a divided surface would be."""
-    if not boxes.shape[1]:
-        return False
-    whole_m: float = hypot(*(boxes[:3].min(axis=1) + boxes[3:6].min(axis=1)))
-    mean_m = float(np.linalg.norm(boxes[:3] + boxes[3:6], axis=0).mean())
-    return mean_m > _MAX_BOX_RATIO * whole_m / math.sqrt(boxes.shape[1])
 
 
 def _bound_boxes(boxes: Floats, point: Floats) -> Floats:
     """(2, 2, m) most and least that both numbers of `_Proximity` can be for the triangles in boxes.
 
     Args:
-        boxes: (7, m), as by `_group_triangles`.
+        boxes: (7, m), as of `TriangleHierarchy.levels`.
         point: (3,) viewpoint.
     """
     below, above = (boxes[:6] - np.concatenate((point, -point))[:, None]).reshape(2, 3, -1)

@@ -7,8 +7,9 @@ band's two borders.
 
 Triangles are bounded in a hierarchy of boxes: neighbours share a box, neighbouring boxes a larger
 one. A query holds for all viewpoints of a box at once, so its result can be cached. A triangle is
-bounded by its own box, rotated with the optical axis, and by its own plane. Occlusion is not
-considered: a hidden triangle counts.
+bounded by its own box, rotated with the optical axis, and by its own plane; a box that looks small
+counts as a whole. So the time of a query follows from what is near and large, however many
+triangles that is made of. Occlusion is not considered: a hidden triangle counts.
 
 Of four sizes of cells the largest counts whose bound is little below its centre's. Cells are lower
 than wide: above an open floor, half a metre up or down would change the bound by far more than half
@@ -17,7 +18,7 @@ a metre sideways.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,8 +29,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import NUM_RINGS
 from catoptra_server.effects.bounds.coordinate_rounding import POINT_M, ViewpointCells, round_down
-from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.triangles import Indices, make_clusters
+from catoptra_server.world.shapes import facet_normals
+from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import Vector3
 
 _CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
@@ -38,8 +39,6 @@ _MIN_BOUND_FRACTION = 0.7
 # A ring this many times farther than the nearest may lose any fraction: the nearest ring dominates
 # the criteria.
 _FAR_RATIO = 4.0
-# A cell whose query opens more triangles than this counts as too large.
-_MAX_TRIANGLES_PER_CELL = 2048
 # Within 1e-6 rad, a tenth of the padding of boxes.
 _AXIS_DIGITS = 6
 _RingDistances = tuple[float, ...]
@@ -48,14 +47,9 @@ _RingDistances = tuple[float, ...]
 class DistanceBoundCache:
     """Distance bounds of one scene."""
 
-    def __init__(self, scene: SceneMesh) -> None:
-        self._scene = scene
+    def __init__(self, triangles: TriangleHierarchy) -> None:
+        self._triangles = triangles
         self._cells = ViewpointCells(_CELL_SIDES_M, self._bounds_in_cell)
-
-    @cached_property
-    def _bvh(self) -> RingDistanceBvh:
-        # On demand: 0.35 s for a million triangles.
-        return RingDistanceBvh(self._scene.corners, self._scene.normals)
 
     @property
     def num_evaluations(self) -> int:
@@ -78,13 +72,14 @@ class DistanceBoundCache:
         rings, rotation = image_rings(camera), rotation_to_axis(axis)
         box = ViewpointBox(centre, 0.5 * sides, rotation)
         if sides[0] == POINT_M:
-            return round_down(self._bvh.bounds(box, rings).tolist())
-        at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
+            return round_down(bound_ring_distances(self._triangles, box, rings).tolist())
+        point = ViewpointBox(centre, np.zeros(3), rotation)
+        at_centre = bound_ring_distances(self._triangles, point, rings)
         # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
         if at_centre.min() < sides.max():
             return None
         cutoff = _MIN_BOUND_FRACTION * at_centre
-        nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES_PER_CELL)
+        nearest = bound_ring_distances(self._triangles, box, rings, cutoff=cutoff)
         is_far = nearest >= _FAR_RATIO * nearest.min()
         is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0
         return round_down(nearest.tolist()) if is_fine else None
@@ -215,16 +210,14 @@ def _plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) 
     return np.where(distance[:, None] > 0.0, (1.0 - _RELATIVE_PADDING) * bounds, 0.0)
 
 
-# Triangles a leaf, and boxes a parent.
-_BRANCHING = 16
-_MAX_ROOTS = 128
 # A box that cannot lower the bound below this fraction is not refined.
 _REFINE_FRACTION = 0.95
+# Nor is one of a diagonal below this fraction of its distance: its nearest triangle is farther by
+# that at most, and a twentieth of a radian beside the ring.
+_REFINE_SIZE = 0.05
 # Boxes refined a ring and step: enough for NumPy's overhead to vanish, few enough for the next step
 # to profit from the bounds found.
 _BATCH_SIZE = 8
-# Some 5 ms.
-_MAX_TRIANGLES = 2**14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,146 +232,89 @@ class ViewpointBox:
     """(3, 3) to axes whose z is the mirror axis."""
 
 
-class RingDistanceBvh:
-    """Hierarchy over (n, 3, 3) corners and (n, 3) normals."""
+def bound_ring_distances(
+    triangles: TriangleHierarchy,
+    viewpoints: ViewpointBox,
+    rings: ImageRings,
+    *,
+    cutoff: Floats | None = None,
+) -> Floats:
+    """Distance within which no ring shows a triangle.
 
-    def __init__(self, corners: Floats, normals: Floats) -> None:
-        clusters = make_clusters(corners, np.zeros(len(corners), dtype=np.intp), size=_BRANCHING)
-        self._corners = corners
-        self._normals = normals
-        self._order = clusters.order
-        low, high = clusters.box_min, clusters.box_max
-        # Leaves first, roots last.
-        self._levels: list[_Boxes] = []
-        while len(low):
-            self._levels.append(_Boxes(0.5 * (low + high), 0.5 * (high - low)))
-            if len(low) <= _MAX_ROOTS:
-                break
-            first = np.arange(0, len(low), _BRANCHING)
-            low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
+    Args:
+        triangles: Triangles in view.
+        viewpoints: Viewpoints for which the result must hold.
+        rings: Rings of the image.
+        cutoff: (NUM_RINGS,) distances; boxes beyond are not refined.
 
-    def bounds(
-        self,
-        viewpoints: ViewpointBox,
-        rings: ImageRings,
-        *,
-        cutoff: Floats | None = None,
-        max_triangles: int = _MAX_TRIANGLES,
-    ) -> Floats:
-        """Distance within which no ring shows a triangle.
-
-        Args:
-            viewpoints: Viewpoints for which the result must hold.
-            cutoff: (NUM_RINGS,) distances; boxes beyond are not refined.
-            max_triangles: Number of triangles after which no box is refined; boxes then count as a
-                whole, which is safe and loose.
-
-        Returns:
-            (NUM_RINGS,) metres; inf for a ring without triangles.
-        """
-        nearest = np.full(NUM_RINGS, np.inf) if cutoff is None else cutoff / _REFINE_FRACTION
-        found = np.full(NUM_RINGS, np.inf)
-        pending = []
-        if self._levels:
-            roots = np.arange(len(self._levels[-1].half_extent))
-            pending.append(self._bound_nodes(len(self._levels) - 1, roots, viewpoints, rings))
-        while pending:
-            group = pending.pop()
-            is_needed = np.asarray(
-                (group.bounds < _REFINE_FRACTION * nearest).any(axis=1) & (max_triangles > 0)
-            )
-            # Boxes that are not refined count with their own bound.
-            found = np.minimum(found, group.bounds[~is_needed].min(axis=0, initial=np.inf))
-            if not is_needed.any():
-                continue
-            nearest_group, others = group.select(is_needed).split_nearest(
-                _REFINE_FRACTION * nearest
-            )
-            if len(others.nodes):
-                pending.append(others)
-            if group.level > 0:
-                level = group.level - 1
-                children = _child_indices(nearest_group.nodes, len(self._levels[level].centre))
-                pending.append(self._bound_nodes(level, children, viewpoints, rings))
-                continue
-            positions = _child_indices(nearest_group.nodes, len(self._order))
-            found = np.minimum(
-                found, self._triangle_bounds(positions, viewpoints, rings).min(axis=0)
-            )
-            nearest = np.minimum(nearest, found)
-            max_triangles -= len(positions)
-        return found
-
-    def _bound_nodes(
-        self, level: int, nodes: Indices, viewpoints: ViewpointBox, rings: ImageRings
-    ) -> _NodeBounds:
-        return _NodeBounds(level, nodes, self._levels[level].bounds(nodes, viewpoints, rings))
-
-    def _triangle_bounds(
-        self, positions: Indices, viewpoints: ViewpointBox, rings: ImageRings
-    ) -> Floats:
-        """(m, NUM_RINGS) bounds of the triangles at (m,) positions of the order."""
-        triangles = self._order[positions]
-        corners, normals = self._corners[triangles] - viewpoints.centre, self._normals[triangles]
-        rotated = matmul(corners, viewpoints.axis_rotation.T)
-        half = matmul(np.abs(viewpoints.axis_rotation), viewpoints.half_extent)
-        to_box = box_distance_bounds(rotated.min(axis=1) - half, rotated.max(axis=1) + half, rings)
-        along = matmul(corners, normals[:, :, None])[..., 0]
-        in_front, behind = along.min(axis=1), -along.max(axis=1)
-        distance = np.maximum(
-            np.maximum(in_front, behind) - matmul(np.abs(normals), viewpoints.half_extent), 0.0
-        )
-        # All corners lie on one side of a plane, and so does the triangle: this holds for any
-        # normal, so a degenerate triangle's does no harm.
-        cosine = matmul(normals, viewpoints.axis_rotation[2]) * np.where(
-            in_front >= behind, 1.0, -1.0
-        )
-        return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))
+    Returns:
+        (NUM_RINGS,) metres; inf for a ring without triangles.
+    """
+    cutoff = np.full(NUM_RINGS, np.inf) if cutoff is None else cutoff
+    found = np.full(NUM_RINGS, np.inf)
+    level = len(triangles.levels) - 1
+    boxes = np.arange(triangles.levels[level].shape[1])
+    pending = [(level, boxes, *_bound_boxes(triangles.levels[level], viewpoints, rings))]
+    while pending:
+        level, boxes, bounds, is_large = pending.pop()
+        limit = np.where(found < cutoff, _REFINE_FRACTION * found, cutoff)
+        is_needed = (bounds < limit).any(axis=1) & is_large
+        # Boxes that are not refined count with their own bound.
+        found = np.minimum(found, bounds[~is_needed].min(axis=0, initial=np.inf))
+        if not is_needed.any():
+            continue
+        boxes, bounds = boxes[is_needed], bounds[is_needed]
+        is_nearest = _are_nearest(bounds, limit)
+        if not is_nearest.all():
+            others = boxes[~is_nearest]
+            pending.append((level, others, bounds[~is_nearest], np.ones(len(others), dtype=bool)))
+        if level > 0:
+            _, parts = triangles.children(level, boxes[is_nearest])
+            of_parts = triangles.levels[level - 1].take(parts, axis=1)
+            pending.append((level - 1, parts, *_bound_boxes(of_parts, viewpoints, rings)))
+            continue
+        corners = triangles.corners[triangles.rows(boxes[is_nearest]).ravel()]
+        found = np.minimum(found, _bound_triangles(corners, viewpoints, rings).min(axis=0))
+    return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Boxes:
-    """Boxes of one level, (n, 3) each."""
-
-    centre: Floats
-    half_extent: Floats
-
-    def bounds(self, indices: Indices, viewpoints: ViewpointBox, rings: ImageRings) -> Floats:
-        """(m, NUM_RINGS) bounds of the boxes at some indices."""
-        centre = matmul(self.centre[indices] - viewpoints.centre, viewpoints.axis_rotation.T)
-        half = matmul(
-            self.half_extent[indices] + viewpoints.half_extent, np.abs(viewpoints.axis_rotation).T
-        )
-        return box_distance_bounds(centre - half, centre + half, rings)
+def _are_nearest(bounds: Floats, limit: Floats) -> Bools:
+    """(n,) boxes that are among the nearest in any ring, of (n, NUM_RINGS) bounds below limits."""
+    is_nearest = np.full(len(bounds), len(bounds) <= _BATCH_SIZE)
+    # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
+    if len(bounds) > _BATCH_SIZE:
+        of_open = np.where(bounds < limit, bounds, np.inf)
+        is_nearest[np.argpartition(of_open, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
+    return is_nearest
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _NodeBounds:
-    """Boxes of one level with their bounds."""
-
-    level: int
-    nodes: Indices
-    """(n,) indices within the level."""
-    bounds: Floats
-    """(n, NUM_RINGS) metres."""
-
-    def select(self, mask: Bools) -> _NodeBounds:
-        """Boxes of a (n,) mask."""
-        return _NodeBounds(self.level, self.nodes[mask], self.bounds[mask])
-
-    def split_nearest(self, cutoff: Floats) -> tuple[_NodeBounds, _NodeBounds]:
-        """Boxes that are nearest in any ring and nearer than the (NUM_RINGS,) cutoff; and the
-        rest."""
-        is_nearest = np.ones(len(self.nodes), dtype=bool)
-        # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
-        if len(is_nearest) > _BATCH_SIZE:
-            open_bounds = np.where(self.bounds < cutoff, self.bounds, np.inf)
-            is_nearest[:] = False
-            is_nearest[np.argpartition(open_bounds, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
-        return self.select(is_nearest), self.select(~is_nearest)
+def _bound_boxes(
+    boxes: Floats, viewpoints: ViewpointBox, rings: ImageRings
+) -> tuple[Floats, Bools]:
+    """(m, NUM_RINGS) bounds of (7, m) boxes, and whether each looks large."""
+    low, high = boxes[:3].T, -boxes[3:6].T
+    centre = matmul(0.5 * (low + high) - viewpoints.centre, viewpoints.axis_rotation.T)
+    half = matmul(0.5 * (high - low) + viewpoints.half_extent, np.abs(viewpoints.axis_rotation).T)
+    bounds = box_distance_bounds(centre - half, centre + half, rings)
+    diagonal = np.linalg.norm(high - low, axis=-1)
+    return bounds, diagonal > _REFINE_SIZE * bounds.min(axis=1)
 
 
-def _child_indices(nodes: Indices, count: int) -> Indices:
-    """Indices of the children of nodes, in a level of `count` members."""
-    children = (nodes[:, None] * _BRANCHING + np.arange(_BRANCHING)).ravel()
-    return children[children < count]
+def _bound_triangles(corners: Floats, viewpoints: ViewpointBox, rings: ImageRings) -> Floats:
+    """(m, NUM_RINGS) bounds of (m, 3, 3) triangles."""
+    normals, _ = facet_normals(corners)
+    corners = corners - viewpoints.centre
+    rotated = matmul(corners, viewpoints.axis_rotation.T)
+    half = matmul(np.abs(viewpoints.axis_rotation), viewpoints.half_extent)
+    to_box = box_distance_bounds(rotated.min(axis=1) - half, rotated.max(axis=1) + half, rings)
+    along = (matmul(corners, normals[:, :, None]))[..., 0]
+    in_front, behind = along.min(axis=1), -along.max(axis=1)
+    distance = np.maximum(
+        np.maximum(in_front, behind) - matmul(np.abs(normals), viewpoints.half_extent), 0.0
+    )
+    # All corners lie on one side of a plane, and so does the triangle: this holds for any normal,
+    # so a degenerate triangle's does no harm.
+    cosine = (matmul(normals, viewpoints.axis_rotation[2])) * np.where(
+        in_front >= behind, 1.0, -1.0
+    )
+    return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))

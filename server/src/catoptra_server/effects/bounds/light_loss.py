@@ -56,6 +56,7 @@ from catoptra_server.world.world_description import (
 )
 
 log = logging.getLogger(__name__)
+_Rows = slice | npt.NDArray[np.intp]
 
 
 def max_radiance(scene: SceneMesh, world: World) -> float:
@@ -131,35 +132,26 @@ def _max_irradiance_of_any_facet(world: World) -> Floats:
     return total
 
 
-def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
-    """Largest irradiance by a point light on triangles, at any orientation.
-
-    Args:
-        corners: (n, 3, 3) metres.
-
-    Returns:
-        (n, 3) irradiance, and (n,) metres from the light to the nearest point of each triangle's
-            box.
-    """
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    position = np.asarray(light.position_m)
-    # The nearest point of a box needs no case distinction, and is never farther than the
-    # triangle's.
-    outside = np.maximum(np.maximum(low - position, position - high), 0.0)
-    squared = np.maximum(
-        np.square(outside).sum(axis=-1), MIN_LIGHT_DISTANCE_M * MIN_LIGHT_DISTANCE_M
-    )
-    irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
-    return irradiance, np.sqrt(squared)
+def max_irradiance(scene: SceneMesh, light: ShadowCastingLight, rows: _Rows) -> Floats:
+    """(m, 3) largest irradiance by a light on some triangles of a scene."""
+    if not isinstance(light, PointLight):
+        return facet_irradiance((light,), scene.normals[rows])
+    return max_facet_irradiance(scene.corners[rows], scene.normals[rows], light)
 
 
 def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) -> Floats:
     """(n, 3) largest irradiance by a point light on (n, 3, 3) triangles with (n, 3) normals."""
-    nearest_m = max_point_irradiance(corners, light)[1]
+    # Coordinates first: a minimum of three along an axis takes ten times as long.
+    first, second, third = np.moveaxis(corners - np.asarray(light.position_m), 0, -1)
+    low = np.minimum(np.minimum(first, second), third)
+    high = np.maximum(np.maximum(first, second), third)
+    # The nearest point of a box needs no case distinction, and is never farther than the
+    # triangle's.
+    outside = np.maximum(np.maximum(low, -high), 0.0)
+    nearest_m = np.sqrt(np.square(outside).sum(axis=0))
     # The irradiance I h / d^3 of a facet grows towards the lamp, whose height above its plane is
     # the same all over it, and no greater than any distance.
-    to_light = np.asarray(light.position_m) - corners[:, 0]
-    height_m = np.maximum(einsum("ni,ni->n", normals, to_light), 0.0)
+    height_m = np.maximum(-einsum("ni,in->n", normals, first), 0.0)
     distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
     irradiance: Floats = (
         np.asarray(light.intensity) * (height_m / (distance_m * distance_m * distance_m))[:, None]
@@ -377,19 +369,7 @@ def _max_change_of_part(
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
     sky = facet_irradiance(hemisphere_lights(lights), scene.normals[part])
     remaining = albedo * scene.smallest_sky_factors(part)[:, None] * sky
-    lost = albedo * _max_irradiance(scene, light, part)
+    lost = albedo * max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
     can_be_darker = scene.has_varying_albedo(part)
     return grey_level_change(max_visible_loss(lost, remaining, can_be_darker=can_be_darker))
-
-
-def _max_irradiance(scene: SceneMesh, light: ShadowCastingLight, part: slice) -> Floats:
-    """(n, 3) largest irradiance by a light on the triangles of a part."""
-    normals, corners = scene.normals[part], scene.corners[part]
-    if not isinstance(light, PointLight):
-        return facet_irradiance((light,), normals)
-    height = einsum("ni,ni->n", normals, np.asarray(light.position_m) - corners[:, 0])
-    irradiance, distance = max_point_irradiance(corners, light)
-    cosine = np.clip(height / distance, 0.0, 1.0)
-    incident: Floats = irradiance * cosine[:, None]
-    return incident

@@ -4,7 +4,7 @@ Each triangle has the irradiance of the lights that a surface could occlude, poi
 nearest point of the triangle's box, and the irradiance that remains without them. The triangle
 whose encoded colour would change most decides; a texture may darken a triangle by any factor. A
 dynamic object can occlude any light from any surface, and counts as white: at most lit by all
-lights, at least by the dimmer half of the sky. Scenes of many triangles are bounded as a whole.
+lights, at least by the dimmer half of the sky.
 
 `_shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from
 a light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
@@ -18,7 +18,8 @@ only if it is separated by no plane: the plane of R, with T behind it; the plane
 light's side; and the planes through the light and an edge of R or of T. The last ones are the
 separating axes of two triangles in the light's projection (Ericson, Real-Time Collision Detection,
 2005, 5.2.10), so that for one caster the test is exact but for a tolerance; two casters never help
-each other, so it is exact for the scene: some point of R is hidden or none.
+each other, so it is exact for the scene: some point of R is hidden or none. Boxes of casters that
+do not reach into the shaft are left out: the time of a test follows from what is near the shaft.
 """
 
 from __future__ import annotations
@@ -34,8 +35,7 @@ from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
-    max_facet_irradiance,
-    max_point_irradiance,
+    max_irradiance,
     max_visible_loss,
     visible_losses,
 )
@@ -50,15 +50,14 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
 )
 from catoptra_server.world.shapes import bounding_box
-from catoptra_server.world.triangles import row_blocks, select_rows
+from catoptra_server.world.triangles import Indices, TriangleHierarchy, row_blocks
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 
-# Scenes with more triangles are bounded as a whole: a tenth of a second.
-_MAX_TRIANGLES = 100_000
-# Pairs of triangles that are tested, a tenth of a second; all others count as hidden.
-_MAX_PAIRS = 1_500_000
-# A test of one triangle takes as long as this many pairs, however few there are.
-_PAIRS_PER_TEST = 1000
+# Triangles tested at once: the first, and at most. Most often the first ones are hidden.
+_FIRST_CHUNK, _MAX_CHUNK = 16, 1024
+# Pairs of a triangle and a box that are tested; all other triangles count as hidden. Those tested
+# at once, and as many as NumPy's overhead takes the time of.
+_MAX_PAIRS, _PAIRS_AT_ONCE, _PAIRS_PER_STEP = 1_000_000, 4096, 1000
 # Distances of objects from the point lights, in cells.
 _CACHE_SIZE = 256
 
@@ -66,8 +65,9 @@ _CACHE_SIZE = 256
 class ShadowBounds:
     """Shadow losses of one world."""
 
-    def __init__(self, scene: SceneMesh, world: World) -> None:
+    def __init__(self, scene: SceneMesh, world: World, triangles: TriangleHierarchy) -> None:
         self._scene = scene
+        self._triangles = triangles
         self._lights = shadow_casting_lights(world.lights)
         self._point_lights = point_lights(world.lights)
         self._hemisphere_lights = hemisphere_lights(world.lights)
@@ -86,88 +86,33 @@ class ShadowBounds:
 
     @cached_property
     def _static_shadow(self) -> ShadowLoss:
-        """Loss by shadows of the static scene on itself."""
-        if len(self._scene) > _MAX_TRIANGLES:
-            return self._any_shadow
-        # (l, n, 3): what each triangle could lose of each light.
-        losses = np.zeros((len(self._lights), *self._scene.albedo.shape))
-        remaining = self._hemisphere_irradiance()
-        for lost, light in zip(losses, self._lights, strict=True):
-            irradiance = np.broadcast_to(self._max_irradiance(light), lost.shape)
-            can_be_lost = _shadow_candidates(self._scene, light)[:, None]
-            lost += np.where(can_be_lost, irradiance, 0.0)
-            if isinstance(light, DirectionalLight):
-                # A point light's irradiance is an upper bound, so only a directional light may
-                # count as remaining.
-                remaining += np.where(can_be_lost, 0.0, irradiance)
-        return self._search_largest(losses, remaining)
-
-    def _search_largest(self, losses: Floats, remaining: Floats) -> ShadowLoss:
-        """Most visible loss of any triangle, tested in order of what each could lose at most."""
-        potential = self._visible_losses(losses.sum(axis=0), remaining)
+        """Most visible loss of any triangle by shadows of the static scene on itself."""
+        candidates = np.array([_shadow_candidates(self._scene, light) for light in self._lights])
+        # Triangles in order of what each could lose at most.
+        potential = self._max_losses(candidates)
         order = np.argsort(-potential, kind="stable")
-        shafts = [LightShafts(self._scene, light) for light in self._lights]
-        is_directional = np.array([isinstance(one, DirectionalLight) for one in self._lights])
-        pairs_left, worst = _MAX_PAIRS, NO_SHADOW_LOSS
-        for triangle in order:
-            if potential[triangle] <= grey_level_change(worst):
-                break
-            of_lights = losses[:, triangle]
-            pairs_left -= sum(_PAIRS_PER_TEST + len(shaft) for shaft in shafts)
-            if pairs_left > 0:
-                hidden = np.array(
-                    [
-                        bool(lost.any()) and shaft.can_be_hidden(triangle)
-                        for lost, shaft in zip(of_lights, shafts, strict=True)
-                    ]
-                )
-            else:
-                # The rest counts as hidden, and loses no more than this one.
-                hidden = np.ones(len(shafts), dtype=bool)
-            block = slice(triangle, triangle + 1)
-            kept = remaining[block] + of_lights[~hidden & is_directional].sum(axis=0)
-            loss = self._max_loss_in_block(block, of_lights[hidden].sum(axis=0)[None], kept)
-            worst = max(worst, loss, key=grey_level_change)
+        shafts = [LightShafts(self._scene, light, self._triangles) for light in self._lights]
+        pairs_left, worst, count = _MAX_PAIRS, NO_SHADOW_LOSS, _FIRST_CHUNK
+        while len(order) and potential[order[0]] > grey_level_change(worst):
+            rows, order, count = order[:count], order[count:], min(2 * count, _MAX_CHUNK)
+            hidden = candidates[:, rows]
+            for of_light, shaft in zip(hidden, shafts, strict=True):
+                of_light[of_light], pairs_left = shaft.find_hidden(rows[of_light], pairs_left)
             if pairs_left <= 0:
-                break
+                # The rest counts as hidden, and loses no more than the next one.
+                rows = np.append(rows, order[:1])
+                hidden = np.append(hidden, candidates[:, order[:1]], axis=1)
+                order = order[:0]
+            worst = max(worst, self._max_loss(rows, hidden), key=grey_level_change)
         return worst
 
     @cached_property
     def _full_shadow(self) -> ShadowLoss:
         """Loss of a scene whose every surface loses every light, as objects anywhere could
         cause."""
-        if len(self._scene) > _MAX_TRIANGLES:
-            return self._any_shadow
-        lost: Floats = sum(
-            (self._max_irradiance(light) for light in self._lights), np.zeros((1, 3))
-        )
-        return self._max_loss(lost, self._hemisphere_irradiance())
-
-    @cached_property
-    def _any_shadow(self) -> ShadowLoss:
-        """Loss of a surface with the largest albedo of the scene under all lights at once: for
-        scenes whose triangles take too long to look at one by one."""
-        remaining, lost = self._dimmest_sky(), np.zeros(3)
-        for light in self._lights:
-            if isinstance(light, PointLight):
-                box = np.stack((self._scene.box_min, self._scene.box_max, self._scene.box_max))
-                lost += max_point_irradiance(box[None], light)[0][0]
-            else:
-                lost += np.asarray(light.irradiance)
-        albedo = np.max(
-            [self._scene.max_albedo(block).max(axis=0) for block in row_blocks(len(self._scene))],
-            axis=0,
-        )
-        return max_visible_loss(
-            (albedo * lost)[None], (albedo * remaining)[None], can_be_darker=np.array([True])
-        )
-
-    def _hemisphere_irradiance(self) -> Floats:
-        """(n, 3) irradiance by hemisphere lights where the scene hides most of the sky."""
-        whole = facet_irradiance(self._hemisphere_lights, self._scene.normals)
-        factors = self._scene.smallest_sky_factors(slice(None))
-        irradiance: Floats = factors[:, None] * whole
-        return irradiance
+        everywhere = np.ones((len(self._lights), len(self._scene)), dtype=bool)
+        worst = np.argsort(-self._max_losses(everywhere), kind="stable")[:1]
+        return self._max_loss(worst, everywhere[:, worst])
 
     def _dimmest_sky(self) -> Floats:
         """(3,) least irradiance of all hemisphere lights on any facet."""
@@ -178,43 +123,36 @@ class ShadowBounds:
         total: Floats = np.sum(darker, axis=0) if darker else np.zeros(3)
         return total
 
-    def _max_irradiance(self, light: ShadowCastingLight) -> Floats:
-        """(n, 3) largest irradiance by a light on each triangle."""
-        if isinstance(light, DirectionalLight):
-            return facet_irradiance((light,), self._scene.normals)
-        return max_facet_irradiance(self._scene.corners, self._scene.normals, light)
-
-    def _visible_losses(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> Floats:
-        """(n,) most visible losses of all triangles, grey levels."""
-        losses = np.zeros(len(lost_irradiance))
+    def _max_losses(self, can_be_lost: Bools) -> Floats:
+        """(n,) most visible losses of all triangles, grey levels, by (l, n) lights."""
+        losses = np.zeros(len(self._scene))
         for block in row_blocks(len(losses)):
-            lit = self._scene.max_albedo(block) * ~self._scene.unlit[block, None]
-            losses[block] = visible_losses(
-                lost_irradiance[block] * lit,
-                remaining_irradiance[block] * lit,
-                can_be_darker=self._scene.has_varying_albedo(block),
-            )
+            radiances = self._lose(block, can_be_lost[:, block])
+            varies = self._scene.has_varying_albedo(block)
+            losses[block] = visible_losses(*radiances, can_be_darker=varies)
         return losses
 
-    def _max_loss(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> ShadowLoss:
-        """Most visible loss of any triangle, of (n, 3) irradiance."""
-        lost, remaining = np.broadcast_arrays(lost_irradiance, remaining_irradiance)
-        losses = (
-            self._max_loss_in_block(block, lost[block], remaining[block])
-            for block in row_blocks(len(remaining))
-        )
-        return max(losses, key=grey_level_change, default=NO_SHADOW_LOSS)
+    def _max_loss(self, rows: Indices, is_lost: Bools) -> ShadowLoss:
+        """Most visible loss of any of (m,) triangles by (l, m) lights."""
+        varies = self._scene.has_varying_albedo(rows)
+        return max_visible_loss(*self._lose(rows, is_lost), can_be_darker=varies)
 
-    def _max_loss_in_block(
-        self, block: slice, lost_irradiance: Floats, remaining_irradiance: Floats
-    ) -> ShadowLoss:
-        """Most visible loss of the triangles of a block."""
-        lit = self._scene.max_albedo(block) * ~self._scene.unlit[block, None]
-        return max_visible_loss(
-            lost_irradiance * lit,
-            remaining_irradiance * lit,
-            can_be_darker=self._scene.has_varying_albedo(block),
-        )
+    def _lose(self, rows: slice | Indices, is_lost: Bools) -> tuple[Floats, Floats]:
+        """(m, 3) largest radiance that triangles lose by (l, m) lights, and least that remains."""
+        scene = self._scene
+        remaining = facet_irradiance(self._hemisphere_lights, scene.normals[rows])
+        # What the scene hides of the sky is dark already.
+        remaining = scene.smallest_sky_factors(rows)[:, None] * remaining
+        lost = np.zeros_like(remaining)
+        for light, is_hidden in zip(self._lights, is_lost, strict=True):
+            irradiance = max_irradiance(scene, light, rows)
+            if isinstance(light, DirectionalLight):
+                # A point light's irradiance is an upper bound, so only a directional light may
+                # count as remaining.
+                remaining += np.where(is_hidden[:, None], 0.0, irradiance)
+            lost += np.where(is_hidden[:, None], irradiance, 0.0)
+        lit = scene.max_albedo(rows) * ~scene.unlit[rows, None]
+        return lost * lit, remaining * lit
 
     def _find_darkest_with_objects(self, nearest_m: tuple[float, ...]) -> ShadowLoss:
         """Largest loss of the scene, or of white objects at any orientation.
@@ -246,55 +184,61 @@ _NUM_PROBED_TRIANGLES = 500
 
 def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     """(n,) triangles that the light faces and a surface of the scene might occlude."""
-    none = np.zeros(len(scene), dtype=bool)
-    # A copy of a million triangles takes a tenth of a second.
-    casting = select_rows(scene.corners, scene.casts_shadows)
-    if not len(casting):
-        return none
-    facing = _signed_light_distances(scene, light) > 0.0
+    height = _signed_light_distances(scene, light)
     # Unlit and black surfaces look the same in a shadow.
-    facing &= ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
-    receivers = np.flatnonzero(facing)
-    casters = _extreme_points(casting, num_planes=len(receivers))
-    normals = scene.normals.take(receivers, axis=0)
-    farthest = matmul(normals, casters.T).max(axis=1)
-    receivers = receivers[farthest - _plane_offsets(scene, receivers) > _IN_PLANE_M]
-    if not len(receivers) or not _has_separating_plane(
-        scene, light, scene.corners.take(receivers, axis=0)
-    ):
-        return none
-    none[receivers] = True
-    return none
+    facing = (height > 0.0) & ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
+    num_facing = int(np.count_nonzero(facing))
+    casters = _extreme_points(scene.corners, scene.casts_shadows, num_planes=num_facing)
+    for block in row_blocks(len(scene)):
+        facing[block] &= _reach_planes(scene.normals[block], scene.corners[block, 0], casters)
+    is_separated = _has_separating_plane(scene, height, facing)
+    return facing if is_separated else np.zeros_like(facing)
 
 
-def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: Floats) -> bool:
-    """Whether the plane of some caster separates the light from a corner of (k, 3, 3)."""
-    casters = np.flatnonzero(scene.casts_shadows)
-    height = _signed_light_distances(scene, light)[casters]
-    reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
-    casters, height = casters[reaches], height[reaches]
-    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
-    away = -np.sign(height)[:, None]
-    receivers = _extreme_points(corners, num_planes=len(casters))
-    # In most scenes a sample of the triangles already has such a plane.
-    for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
-        normals = away[part] * scene.normals[casters[part]]
-        offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if (matmul(normals, receivers.T).max(axis=1) - offset > _IN_PLANE_M).any():
-            return True
-    return False
-
-
-def _extreme_points(corners: Floats, *, num_planes: int) -> Floats:
-    """(m, 3) points whose convex hull contains (n, 3, 3) triangles, at least one.
+def _has_separating_plane(scene: SceneMesh, height: Floats, receivers: Bools) -> bool:
+    """Whether the plane of some caster separates the light from a corner of (n,) receivers.
 
     Args:
-        num_planes: Number of normals that the points will be multiplied with.
+        scene: Triangles.
+        height: (n,) signed distances of the light from their planes.
+        receivers: (n,) triangles that might be occluded.
     """
-    points = corners.reshape(-1, 3)
-    if num_planes * len(points) <= _MAX_PRODUCTS:
-        return np.unique(points, axis=0)
-    return np.array(list(product(*zip(*bounding_box(corners), strict=True))))
+    casters = np.flatnonzero(scene.casts_shadows & (np.abs(height) > _MIN_LIGHT_DISTANCE))
+    points = _extreme_points(scene.corners, receivers, num_planes=len(casters))
+    # In most scenes a sample of the triangles already has such a plane.
+    sample = slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES)
+    rows = (casters[part] for part in (sample, *row_blocks(len(casters))))
+    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
+    return any(
+        _reach_planes(
+            -np.sign(height[some])[:, None] * scene.normals[some], scene.corners[some, 0], points
+        ).any()
+        for some in rows
+    )
+
+
+def _extreme_points(corners: Floats, mask: Bools, *, num_planes: int) -> Floats:
+    """(m, 3) points whose convex hull contains those of (n, 3, 3) triangles in a mask.
+
+    Args:
+        corners: Triangles.
+        mask: (n,) triangles that count.
+        num_planes: Number of planes that the points will be compared with.
+    """
+    if num_planes * 3 * int(np.count_nonzero(mask)) <= _MAX_PRODUCTS:
+        return np.unique(corners[mask].reshape(-1, 3), axis=0)
+    # A copy of a million triangles takes a tenth of a second.
+    boxes = [bounding_box(corners[block][mask[block]]) for block in row_blocks(len(corners))]
+    low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+    return np.array(list(product(*zip(low, high, strict=True))))
+
+
+def _reach_planes(normals: Floats, on_planes: Floats, points: Floats) -> Bools:
+    """(k,) whether any of (m, 3) points lies in front of planes with (k, 3) normals and points."""
+    # Points first: a maximum along a short last axis takes ten times as long.
+    farthest = (matmul(points, normals.T)).max(axis=0, initial=-np.inf)
+    is_passed: Bools = farthest - einsum("ki,ki->k", normals, on_planes) > _IN_PLANE_M
+    return is_passed
 
 
 def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
@@ -307,12 +251,6 @@ def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floa
     return height
 
 
-def _plane_offsets(scene: SceneMesh, triangles: np.ndarray) -> Floats:
-    normals = scene.normals.take(triangles, axis=0)
-    offsets: Floats = einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
-    return offsets
-
-
 # Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
 _IN_PLANE_M = 1e-6
 # A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
@@ -322,33 +260,74 @@ _MIN_LIGHT_DISTANCE = 1e-9
 class LightShafts:
     """The casters of a scene in one light."""
 
-    def __init__(self, scene: SceneMesh, light: ShadowCastingLight) -> None:
+    def __init__(
+        self, scene: SceneMesh, light: ShadowCastingLight, triangles: TriangleHierarchy
+    ) -> None:
         self._scene = scene
         self._light = light
-        corners, normals = scene.corners[scene.casts_shadows], scene.normals[scene.casts_shadows]
-        height = einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
-        reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
-        self._corners = corners[reaches]
+        self._triangles = triangles
+
+    def find_hidden(self, receivers: Indices, max_pairs: int) -> tuple[Bools, int]:
+        """Triangles that are hidden anywhere.
+
+        Args:
+            receivers: (k,) triangles of the scene that face the light.
+            max_pairs: Number of pairs after which the rest counts as hidden.
+
+        Returns:
+            (k,) whether each is hidden, and the number of pairs that is left.
+        """
+        hidden = np.zeros(len(receivers), dtype=bool)
+        corners, normals = self._scene.corners[receivers], self._scene.normals[receivers]
+        sides, offsets = self._find_sides(corners)
+        # In front of the receiver, and within the shaft.
+        planes = np.concatenate((normals[:, None], sides), axis=1)
+        offsets = np.column_stack((einsum("ki,ki->k", normals, corners[:, 0]), offsets))
+        top = len(self._triangles.levels) - 1
+        roots = np.indices((len(receivers), self._triangles.levels[top].shape[1])).reshape(2, -1)
+        pending = [(top, *roots)]
+        while pending:
+            level, receiver, boxes = pending.pop()
+            is_open = ~hidden[receiver]
+            receiver, boxes = receiver[is_open], boxes[is_open]
+            if max_pairs <= 0:
+                hidden[receiver] = True
+                continue
+            if len(boxes) > _PAIRS_AT_ONCE:
+                pending.append((level, receiver[_PAIRS_AT_ONCE:], boxes[_PAIRS_AT_ONCE:]))
+                receiver, boxes = receiver[:_PAIRS_AT_ONCE], boxes[:_PAIRS_AT_ONCE]
+            max_pairs -= _PAIRS_PER_STEP + len(boxes)
+            reach = _reach_of_boxes(self._triangles.levels[level][:6, boxes], planes[receiver])
+            is_met = (reach > offsets[receiver]).all(axis=1)
+            receiver, boxes = receiver[is_met], boxes[is_met]
+            if level > 0:
+                parents, boxes = self._triangles.children(level, boxes)
+                pending.append((level - 1, receiver[parents], boxes))
+            else:
+                rows = self._triangles.rows(boxes)
+                max_pairs -= rows.size
+                receiver = np.repeat(receiver, rows.shape[1])
+                hidden[self._select_hidden(receivers, receiver, rows.ravel())] = True
+        return hidden, max_pairs
+
+    def _select_hidden(self, receivers: Indices, receiver: Indices, rows: Indices) -> Indices:
+        """Those of (p,) positions among receivers that the casters at (p,) rows hide."""
+        order = self._triangles.order
+        triangles = rows if order is None else order[rows]
+        is_kept = self._scene.casts_shadows[triangles]
+        receiver, triangles = receiver[is_kept], triangles[is_kept]
+        of_receivers = receivers[receiver]
+        casters, away = self._scene.corners[triangles], self._scene.normals[triangles]
+        height = einsum("pi,pi->p", away, self._towards(casters[:, 0]))
         # Turned away from the light: what the caster can hide lies in front.
-        self._normals = -np.sign(height[reaches])[:, None] * normals[reaches]
-        self._offsets = einsum("ni,ni->n", self._normals, self._corners[:, 0])
-
-    def __len__(self) -> int:
-        """Number of casters."""
-        return len(self._corners)
-
-    def can_be_hidden(self, receiver: int) -> bool:
-        """Whether a triangle of the scene that faces the light is hidden anywhere."""
-        corners, normal = self._scene.corners[receiver], self._scene.normals[receiver]
-        is_in_front = (
-            matmul(self._corners, normal).max(axis=1) - matmul(normal, corners[0]) > _IN_PLANE_M
-        )
-        hides = matmul(self._normals, corners.T).max(axis=1) - self._offsets > _IN_PLANE_M
-        casters = self._corners[is_in_front & hides]
-        if not len(casters):
-            return False
-        casters = casters[self._reach_into(corners[None], casters)]
-        return bool(self._reach_into(casters, corners[None]).any()) if len(casters) else False
+        away = -np.sign(height)[:, None] * away
+        shaded, normals = self._scene.corners[of_receivers], self._scene.normals[of_receivers]
+        is_kept = np.abs(height) > _MIN_LIGHT_DISTANCE
+        is_kept &= _reach_above(casters, normals, shaded) & _reach_above(shaded, away, casters)
+        receiver, casters, shaded = receiver[is_kept], casters[is_kept], shaded[is_kept]
+        is_kept = self._reach_into(shaded, casters)
+        receiver, casters, shaded = receiver[is_kept], casters[is_kept], shaded[is_kept]
+        return receiver[self._reach_into(casters, shaded)]
 
     def _towards(self, points: Floats) -> Floats:
         """(..., 3) vectors from points towards the light."""
@@ -356,22 +335,41 @@ class LightShafts:
             return np.broadcast_to(-np.asarray(self._light.direction), points.shape)
         return np.asarray(self._light.position_m) - points
 
-    def _reach_into(self, shafts: Floats, triangles: Floats) -> np.ndarray:
-        """(k,) whether triangles reach into the shafts of others, by the shafts' sides.
+    def _reach_into(self, shafts: Floats, triangles: Floats) -> Bools:
+        """(k,) whether (k, 3, 3) triangles reach into the shafts of others, by their sides."""
+        sides, offsets = self._find_sides(shafts)
+        reach = einsum("kei,kci->kec", sides, triangles).max(axis=-1)
+        is_inside: Bools = (reach - offsets > _IN_PLANE_M).all(axis=-1)
+        return is_inside
 
-        Args:
-            shafts: (k or 1, 3, 3) triangles between which and the light the shafts lie.
-            triangles: (k or 1, 3, 3).
+    def _find_sides(self, triangles: Floats) -> tuple[Floats, Floats]:
+        """Sides of the shafts between (k, 3, 3) triangles and the light.
+
+        Returns:
+            (k, 3, 3) unit normals, inward, and (k, 3) offsets of the planes.
         """
-        first, second = shafts, np.roll(shafts, -1, axis=1)
-        third = np.roll(shafts, -2, axis=1)
+        first, second = triangles, np.roll(triangles, -1, axis=1)
+        third = np.roll(triangles, -2, axis=1)
         sides = np.cross(second - first, self._towards(first))
         length = np.linalg.norm(sides, axis=-1, keepdims=True)
-        # A side of no area separates nothing.
         sides = np.divide(sides, length, out=np.zeros_like(sides), where=length > 0.0)
         inward = einsum("kei,kei->ke", sides, third - first)
         sides *= np.sign(inward)[..., None]
-        offsets = einsum("kei,kei->ke", sides, first)
-        reach = einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
-        is_inside: np.ndarray = ((reach > _IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
-        return is_inside
+        # A side of no area separates nothing.
+        offsets = np.where(inward == 0.0, -np.inf, einsum("kei,kei->ke", sides, first))
+        return sides, offsets
+
+
+def _reach_above(triangles: Floats, normals: Floats, others: Floats) -> Bools:
+    """(p,) whether (p, 3, 3) triangles reach before the planes of others with (p, 3) normals."""
+    reach = einsum("pci,pi->pc", triangles, normals).max(axis=1)
+    is_above: Bools = reach - einsum("pi,pi->p", normals, others[:, 0]) > _IN_PLANE_M
+    return is_above
+
+
+def _reach_of_boxes(boxes: Floats, directions: Floats) -> Floats:
+    """(p, d) largest products of the points in (6, p) boxes with (p, d, 3) directions."""
+    low, high = boxes[:3].T, -boxes[3:].T
+    centre = einsum("pdi,pi->pd", directions, 0.5 * (low + high))
+    reach: Floats = centre + einsum("pdi,pi->pd", np.abs(directions), 0.5 * (high - low))
+    return reach

@@ -16,8 +16,9 @@ twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
 | rounding  | float32 directions and atlas          | here                                         |
 | scene     | float32 coordinates of the scene      | `effects/bounds/coordinate_rounding.py`      |
 
-All but the rim add up: beyond the end of the mesh nothing is shown that could be displaced as well,
-so the rim is a lower limit of the total rather than a summand. Not included: the spacing of the
+All but the rim add up, in each of 64 rings of the image, and the largest ring is the bound. Beyond
+the end of the mesh nothing is shown that could be displaced as well, so the rim is a lower limit of
+the total rather than a summand. Not included: the spacing of the
 samples, which is `sampling` and adds to any measurement in a frame (`marker_error_px` is both, for
 the centroid of a disc); objects smaller than four of a face's texels; the tessellation of the scene
 itself; grey levels.
@@ -54,6 +55,8 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 
+import numpy as np
+
 from catoptra_protocol.optics.camera_rays import max_miss_m
 from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -61,13 +64,17 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
 from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.facet_error import (
+    NUM_RADII,
     GeometricError,
     apply_floor,
     facet_errors,
+    max_by_radius,
     rim_gap,
     sum_errors,
 )
+from catoptra_server.render.projection.large_triangles import MAX_SIZE_PER_DISTANCE
 from catoptra_server.render.renderer import FaceRegion, PerPixel, RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
 
 
@@ -82,9 +89,6 @@ class ErrorBound:
     components: tuple[_ErrorComponent, ...]
     """Components of the geometric error."""
     rim_radius_px: float
-    polygons_by_radius_px: tuple[float, ...] = ()
-    """Displacement by flat facets in rings of equal width, from the centre to the rim; empty for
-    the exact model."""
 
     @property
     def outline_error_px(self) -> float:
@@ -100,15 +104,10 @@ class ErrorBound:
         Args:
             radius: Distance from the image centre, over the rim's, 0 to 1.
         """
-        rings = self.polygons_by_radius_px
-        if not rings:
-            return self.outline_error_px
-        own_px = rings[min(int(radius * len(rings)), len(rings) - 1)]
-        others_px = sum(p.max_px for p in self.components if p.name not in ("polygons", "rim"))
-        rim_px = next(p.max_px for p in self.components if p.name == "rim")
+        rim_px = next((part.max_px for part in self.components if part.name == "rim"), 0.0)
         # Straight sides cut into the outermost part of the image alone. Its ring is one wider.
-        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / len(rings)
-        geometric_px = max(own_px + others_px, rim_px if radius >= rim_ring else 0.0)
+        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / NUM_RADII
+        geometric_px = max(self.geometric.at_px(radius), rim_px if radius >= rim_ring else 0.0)
         return geometric_px + self.sampling.edge_error_px
 
     @property
@@ -135,18 +134,30 @@ class ErrorBound:
             numbers["texels_per_px_max"] = footprint.max_texels_per_px
         return numbers | {f"{part.name}_px": part.max_px for part in self.components}
 
+    @property
+    def _parts(self) -> tuple[_ErrorComponent, ...]:
+        """Parts of the outline's error, that of the samples last."""
+        samples = self.sampling.samples
+        reason = f"{samples} x {samples} samples a pixel: more would help"
+        return *self.components, _ErrorComponent("edge", self.sampling.edge_error_px, reason)
+
+    def explain_size(self) -> str:
+        """Total and largest part, with what would make that smaller."""
+        part = max(self._parts, key=lambda one: one.max_px)
+        return f"{part.name} {part.max_px:.3g} of {self.outline_error_px:.3g} px ({part.reason})"
+
     def __str__(self) -> str:
-        geometric, sampling = self.geometric, self.sampling
-        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.components)
+        geometric, footprint = self.geometric, self.sampling.texel_footprint
+        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self._parts)
         text = (
-            f"displaced by at most {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
-            f"{geometric.rms_px:.2g} px rms ({parts}); samples add {sampling.edge_error_px:.2g} px"
+            f"outlines are displaced by at most {self.outline_error_px:.3g} px ({parts}), samples "
+            f"by {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
+            f"{geometric.rms_px:.2g} px rms"
         )
-        footprint = sampling.texel_footprint
         if footprint is None:
             return text
         density = f"{footprint.min_texels_per_px:.2g} to {footprint.max_texels_per_px:.2g}"
-        undersampled = ", undersampled" if sampling.is_undersampled else ""
+        undersampled = ", undersampled" if self.sampling.is_undersampled else ""
         return f"{text}; {density} texels a px{undersampled}"
 
 
@@ -158,6 +169,7 @@ class _ErrorComponent:
     max_px: float
     """Largest displacement by this cause alone."""
     reason: str
+    """The cause, and what would make it smaller."""
 
 
 # Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
@@ -205,13 +217,11 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     """
     components = _additive_components(camera, plan)
     geometric = sum_errors(error for _, error, _ in components)
-    by_radius_px: tuple[float, ...] = ()
     if isinstance(plan.surface, Tessellation):
         gap = rim_gap(camera, plan.surface)
         geometric = apply_floor(geometric, gap)
-        reason = f"{plan.surface.sectors} straight sides end within the rim"
+        reason = f"{plan.surface.sectors} straight sides end within the rim: more would help"
         components = (*components, ("rim", gap, reason))
-        by_radius_px = facet_errors(camera, plan.surface)[1]
     named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
         geometric,
@@ -222,44 +232,46 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
         ),
         named,
         camera.rim_radius_px,
-        by_radius_px,
     )
 
 
-def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
-    """Bound of a frame, from the plan's.
-
-    Args:
-        camera: The plan's camera.
-        angle_rad: Largest displacement by the scene's coordinates
-            (`bounds/coordinate_rounding`).
-    """
-    error = _angle_error(camera, angle_rad)
-    reason = "float32 coordinates of corners and viewpoint"
+def add_scene(bound: ErrorBound, scene: GeometricError) -> ErrorBound:
+    """Bound of a frame, from the plan's and the displacement by the scene's coordinates."""
+    reason = "float32 coordinates of near or large triangles: smaller ones or distance would help"
     return replace(
         bound,
-        geometric=sum_errors((bound.geometric, error)),
-        components=(*bound.components, _ErrorComponent("scene", error.max_px, reason)),
+        geometric=sum_errors((bound.geometric, scene)),
+        components=(*bound.components, _ErrorComponent("scene", scene.max_px, reason)),
     )
 
 
-# Corners and viewpoint are rounded once each, relative to the scene's centre; the arithmetic of
-# rays adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
-# displaced by 1.0 times their size over distance in the kernel, rounding of corners included
-# (tests/server/render/test_scene_rounding.py).
-_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+# In ordinary worlds and in large ones (`SceneMesh.is_large`). Corners and viewpoint are rounded
+# once each, relative to the scene's centre; the arithmetic of rays adds its own: rectangles with an
+# edge 2 cm to 5 m from the viewpoint were displaced by 1.0 times their size over distance, rounding
+# of corners included. In large worlds corners are met in float64 relative to the camera: no outline
+# of 200 km was displaced (tests/server/render/test_scene_rounding.py), whatever a triangle's size;
+# objects are rounded in frames of their own.
+_TRACE_COORDINATES = (
+    CoordinateErrors(position_ulps=2.0, size_ulps=4.0, object_ulps=8.0),
+    CoordinateErrors(0.0, size_ulps=1.0, max_size_per_distance=0.0, object_ulps=8.0),
+)
 # Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
-# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
-# their size over distance in llvmpipe.
-_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+# difference, and the rasterizer's clipping. Of a thousand edges of rectangles of up to 200 km, seen
+# through narrow lenses by llvmpipe, the worst was displaced by 0.37 times its size over distance,
+# just below the limit; split ones by a tenth of that (tests/server/render/test_scene_rounding.py).
+_RASTER_COORDINATES = CoordinateErrors(
+    position_ulps=0.0, size_ulps=1.0, max_size_per_distance=MAX_SIZE_PER_DISTANCE
+)
 
 
-def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
-    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
-    if plan.renderer.uses_faces:
-        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
-    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
-    return replace(_TRACE_COORDINATES, miss_m=miss_m)
+def coordinate_errors(
+    camera: OmniCamera, renderer: RendererKind, *, is_large: bool
+) -> CoordinateErrors:
+    """Errors of a renderer's coordinates of a scene, and the miss of an approximated viewpoint."""
+    errors = _RASTER_COORDINATES if renderer.uses_faces else _TRACE_COORDINATES[is_large]
+    has_viewpoint = renderer.uses_faces or camera.is_approximated
+    miss_m = max_miss_m(camera) if has_viewpoint else 0.0
+    return replace(errors, miss_m=miss_m)
 
 
 _Component = tuple[str, GeometricError, str]  # name, error, reason
@@ -276,21 +288,24 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
     # Trace intersects no rasterized corner: the mesh is evaluated in float64 at each sample.
     if has_faces and has_mesh:
         corners = _corner_error(camera, plan.samples)
-        components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
-    cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
+        cause = "snapped to 256ths of a sample: more samples would help"
+        components.append(("corners", corners, cause))
+    what = "atlas coordinates" if has_faces else "rays, rotated"
+    cause = f"float32 {what}: a smaller image would help"
     return (*components, ("rounding", _rounding_error(camera, plan), cause))
 
 
 def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
     size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
     reason = f"{size}, {tessellation.interpolation.value} interpolated"
-    return "polygons", facet_errors(camera, tessellation)[0], reason
+    return "polygons", facet_errors(camera, tessellation), f"{reason}: more would help"
 
 
 def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
     error = _face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
     displacement = _max_edge_displacement_texels(plan.face_samples)
-    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
+    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face: "
+    reason += "finer faces, or trace, would help"
     return "faces", error, reason
 
 
@@ -325,6 +340,7 @@ def _face_lookup_error(
         rms_px=rms * footprint.rms_px,
         max_deg=math.degrees(displacement * footprint.max_rad),
         rms_deg=math.degrees(rms * footprint.rms_rad),
+        by_radius_px=tuple(displacement * px for px in footprint.by_radius_px),
     )
 
 
@@ -349,22 +365,26 @@ _CORNER_PX = math.sqrt(2.0) / 512.0
 def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Displacement by float32 directions and atlas coordinates."""
     if not plan.renderer.uses_faces:
-        return _angle_error(camera, _TRACE_ULPS * UNIT_ROUNDOFF)
+        return angle_error(camera, _TRACE_ULPS * UNIT_ROUNDOFF)
     lookup = _atlas_coordinate_error(camera, plan.face_regions)
     # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
     if isinstance(plan.surface, PerPixel):
         return lookup
-    return sum_errors((_angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
+    return sum_errors((angle_error(camera, _SHADER_ULPS * UNIT_ROUNDOFF), lookup))
 
 
-def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+# All candidates of a target ask for two angles.
+@lru_cache(maxsize=64)
+def angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
     """Displacement of directions that are off by an angle at most."""
     scale = compute_image_scale(camera)
+    largest_px = angle_rad * np.maximum(scale.radial, scale.tangential)
     return GeometricError(
         max_px=angle_rad * scale.max_px_per_rad,
         rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
         max_deg=math.degrees(angle_rad),
         rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
+        by_radius_px=max_by_radius(camera, scale.radius_px, largest_px),
     )
 
 
@@ -378,6 +398,7 @@ def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...])
         rms_px=_RMS_FRACTION_OF_MAX * displacement_texels * footprint.rms_px,
         max_deg=math.degrees(displacement_texels * footprint.max_rad),
         rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(displacement_texels * footprint.rms_rad),
+        by_radius_px=tuple(displacement_texels * px for px in footprint.by_radius_px),
     )
 
 

@@ -34,7 +34,7 @@ from catoptra_protocol.optics.image_plane import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.frames.plan.facet_error import weighted_rms
+from catoptra_server.frames.plan.facet_error import max_by_radius, weighted_rms
 from catoptra_server.render.renderer import FaceRegion, FaceWindow
 
 # 512 MiB of linear light for all regions. The longest side leaves space for two regions in a
@@ -96,6 +96,8 @@ class TexelFootprint:
     """Of the geometric mean of both directions."""
     max_texels_per_px: float
     """Largest over the image, in the direction of the larger density."""
+    by_radius_px: tuple[float, ...]
+    """Longest extent in each ring of a `facet_error.GeometricError`."""
 
 
 @lru_cache(maxsize=64)
@@ -115,6 +117,7 @@ def texel_footprint(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> Texe
         min_texels_per_px=float(smallest.min()),
         median_texels_per_px=_weighted_median(np.sqrt(smallest * largest), weight),
         max_texels_per_px=float(largest.max()),
+        by_radius_px=max_by_radius(camera, scale.radius_px, 1.0 / smallest.min(axis=1)),
     )
 
 

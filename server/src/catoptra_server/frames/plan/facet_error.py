@@ -17,12 +17,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.elementary import arcsin, arctan, cos, dot, hypot, matmul, sin, tan
+from catoptra_protocol.optics.elementary import (
+    arcsin,
+    arctan,
+    cos,
+    dot,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+    tan,
+)
 from catoptra_protocol.optics.image_plane import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -42,26 +53,36 @@ class GeometricError:
     """No direction is displaced farther."""
     rms_deg: float
     """Root mean square over the image area."""
+    by_radius_px: tuple[float, ...] = ()
+    """Largest displacement in each of NUM_RADII rings of equal width, from the centre to the rim;
+    empty: alike in all."""
+
+    def at_px(self, radius: float) -> float:
+        """Largest displacement in the ring of a radius, over the rim's."""
+        rings = self.by_radius_px or (self.max_px,)
+        return rings[min(int(radius * len(rings)), len(rings) - 1)]
 
 
 def sum_errors(errors: Iterable[GeometricError]) -> GeometricError:
-    """Sum of errors: maxima add up, rms values of independent errors add in squares."""
+    """Sum of errors: maxima add up in each ring, rms values of independent errors in squares."""
     every = tuple(errors)
+    rings = [error.by_radius_px or NUM_RADII * (error.max_px,) for error in every]
+    by_radius_px = tuple(map(math.fsum, zip(*rings, strict=True)))
     return GeometricError(
-        max_px=math.fsum(error.max_px for error in every),
+        max_px=max(by_radius_px, default=0.0),
         rms_px=hypot(*(error.rms_px for error in every)),
         max_deg=math.fsum(error.max_deg for error in every),
         rms_deg=hypot(*(error.rms_deg for error in every)),
+        by_radius_px=by_radius_px,
     )
 
 
 def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
     """Error with maxima no smaller than another's; the rms stays."""
-    return GeometricError(
+    return replace(
+        error,
         max_px=max(error.max_px, floor.max_px),
-        rms_px=error.rms_px,
         max_deg=max(error.max_deg, floor.max_deg),
-        rms_deg=error.rms_deg,
     )
 
 
@@ -70,8 +91,19 @@ def weighted_rms(values: Floats, weight: Floats) -> float:
     return math.sqrt(float((np.square(values) * weight).sum() / weight.sum()))
 
 
-# Rings of the bound by place: a picture of 640 px has rings of 5 px.
-_NUM_RADII = 64
+NUM_RADII = 64
+"""Rings of the bound by place: a picture of 640 px has rings of 5 px."""
+
+
+def max_by_radius(camera: OmniCamera, radius_px: Floats, values: Floats) -> tuple[float, ...]:
+    """Largest of (n,) values in each ring, between rising (n,) image radii linear."""
+    ring = radius_px / camera.rim_radius_px * NUM_RADII
+    borders = interpolate_linear(np.arange(NUM_RADII + 1.0), ring, values)
+    largest = np.maximum(borders[:-1], borders[1:])
+    np.maximum.at(largest, np.clip(ring.astype(int), 0, NUM_RADII - 1), values)
+    return tuple(largest.tolist())
+
+
 _SAME_RADIUS = 1e-9
 # Finest first; even, as the quadrature needs. Two steps overstate the error by a third: 1 / (1 -
 # 1/4).
@@ -96,11 +128,8 @@ def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
 
 
 @lru_cache(maxsize=256)
-def facet_errors(
-    camera: OmniCamera, tessellation: Tessellation
-) -> tuple[GeometricError, tuple[float, ...]]:
-    """Displacement over the pixels that the mesh covers, and the largest in each of _NUM_RADII
-    rings of equal width from centre to rim, pixels.
+def facet_errors(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
+    """Displacement over the pixels that the mesh covers.
 
     Raises:
         DomainError: An orthographic camera; a mesh is projected from a pinhole.
@@ -120,28 +149,28 @@ def facet_errors(
     error_px = _displacement_px(camera, projected.point_px, lookup_direction)
     error_rad = _displacement_rad(camera, projected.point_px, lookup_direction)
     reserve = (1.0 + math.pi / tessellation.sectors / steps) / (1.0 - 1.0 / steps**2)
-    error = GeometricError(
+    return GeometricError(
         max_px=reserve * float(error_px[projected.is_near_image].max()),
         rms_px=weighted_rms(error_px, area),
         max_deg=reserve * math.degrees(float(error_rad[projected.is_near_image].max())),
         rms_deg=math.degrees(weighted_rms(error_rad, area)),
+        by_radius_px=_max_in_rings(camera, projected, reserve * error_px),
     )
-    return error, _max_by_radius(camera, projected, reserve * error_px)
 
 
-def _max_by_radius(
+def _max_in_rings(
     camera: OmniCamera, projected: _ProjectedPoints, error_px: Floats
 ) -> tuple[float, ...]:
     """Largest of (n, q) errors in each ring that a triangle reaches into."""
     # By whole triangles: between grid points an error belongs to all of a triangle.
-    radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * _NUM_RADII
+    radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * NUM_RADII
     largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
     # Corners on the border of two rings belong to both.
-    first = np.clip(np.floor(radius.min(axis=1) - _SAME_RADIUS).astype(int), 0, _NUM_RADII - 1)
-    last = np.clip(np.floor(radius.max(axis=1) + _SAME_RADIUS).astype(int), 0, _NUM_RADII - 1)
+    first = np.clip(np.floor(radius.min(axis=1) - _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
+    last = np.clip(np.floor(radius.max(axis=1) + _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
     return tuple(
         float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
-        for ring in range(_NUM_RADII)
+        for ring in range(NUM_RADII)
     )
 
 

@@ -40,6 +40,7 @@ from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import (
     PlanChoice,
     PlanOption,
+    SceneAngles,
     choose_by_settings,
     choose_plan,
     needs_exact_rays,
@@ -317,21 +318,28 @@ class RenderPlanner:
         self._corrections = CostCorrections()
 
     def choose_plan(
-        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+        self,
+        camera: OmniCameraSpec,
+        camera_states: Sequence[CameraState],
+        scene: SceneAngles | None = None,
     ) -> PlanChoice:
         """Choose the plan of a camera; the reason names the renderer, with engine and device.
 
         Args:
             camera_states: States to measure costs from, for a camera with an accuracy target.
+            scene: The scene's part of the bounds there; the choice's bound is without it.
         """
-        choice = self._choose_plan(camera, camera_states)
+        choice = self._choose_plan(camera, camera_states, scene)
         device = self.renderers.describe(choice.plan.renderer)
         notes = [choice.plan.reason, describe_viewpoint(camera), device]
         reason = "; ".join(note for note in notes if note)
         return replace(choice, plan=replace(choice.plan, reason=reason))
 
     def _choose_plan(
-        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+        self,
+        camera: OmniCameraSpec,
+        camera_states: Sequence[CameraState],
+        scene: SceneAngles | None,
     ) -> PlanChoice:
         target = camera.render_settings.accuracy_target
         if not target.is_set:
@@ -344,12 +352,16 @@ class RenderPlanner:
         if not table.options:
             choice = self._follow_settings(camera)
             reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
-            return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
+            plan = replace(choice.plan, reason=reason)
+            return PlanChoice(plan, None, target=target, fits_budget=False)
         correct = self._corrections.correct
+        placed = table.options
+        if scene:
+            placed = tuple(one.place(camera.camera, scene) for one in placed)
         # Corrected by drawn frames.
         corrected = (
             replace(one, predicted_ms=correct(camera, one.plan.renderer, one.predicted_ms))
-            for one in table.options
+            for one in placed
         )
         choice = choose_plan(camera.camera, pareto_front(corrected), target)
         note = self.renderers.replacement_note

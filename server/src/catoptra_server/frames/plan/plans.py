@@ -10,7 +10,8 @@ follow from a plan's numbers alone.
   front, from the cheapest to the most accurate. A choice is a point of the front and names both
   neighbours: a client sees the price of a little more accuracy, and the gain of a little less.
 * A tolerance takes the cheapest plan within, a budget the most accurate. In conflict the budget
-  wins.
+  wins. The scene's part of the bounds is that of the start poses. Each frame has the bound of its
+  own place, and meets the tolerance or not; another plan would have to be prepared.
 * A long exposure is limited in rays, not in milliseconds, so that a frame depends on camera state
   and plan alone. An object costs the rays that may meet it, and the placing of the triangles.
 """
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from catoptra_protocol.errors import DomainError
@@ -33,7 +34,12 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
+from catoptra_server.frames.plan.error_bound import (
+    ErrorBound,
+    add_scene,
+    angle_error,
+    error_bound,
+)
 from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
 from catoptra_server.render.renderer import (
     AccuracyTarget,
@@ -168,14 +174,29 @@ class PerspectivePlan:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 
 
+SceneAngles = Mapping[RendererKind, float]
+"""Largest displacement at a place by each renderer's coordinates of the scene, radians."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlanOption:
     """Candidate plan with error bound and predicted cost."""
 
     plan: RenderPlan
-    error_bound_px: float
-    """Largest displacement of an outline."""
+    plan_bound_px: float
+    """Largest displacement of an outline but for the scene's part."""
     predicted_ms: float
+    scene_px: float = 0.0
+    """The scene's part at a place."""
+
+    @property
+    def error_bound_px(self) -> float:
+        """Largest displacement of an outline."""
+        return self.plan_bound_px + self.scene_px
+
+    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanOption:
+        """Same option at a place."""
+        return replace(self, scene_px=angle_error(camera, scene[self.plan.renderer]).max_px)
 
     def __str__(self) -> str:
         numbers = f"{self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
@@ -191,18 +212,56 @@ class PlanChoice:
     """None for a plan whose error has no bound: a mesh under an orthographic camera."""
     predicted_ms: float | None = None
     """None without an accuracy target: no cost is measured then."""
-    target_met: bool = True
-    """Whether the plan meets the accuracy target."""
+    target: AccuracyTarget = AccuracyTarget()
+    fits_budget: bool = True
+    """Whether a plan fits into the target's budget, and has a bound for its tolerance."""
     more_accurate: PlanOption | None = None
     """Next more accurate option."""
     faster: PlanOption | None = None
     """Next cheaper option."""
 
+    @property
+    def target_met(self) -> bool:
+        """Whether the plan meets the accuracy target."""
+        return self.fits_budget and not self.excess
+
+    @property
+    def excess(self) -> str:
+        """What keeps the bound above the tolerance, in words; empty for a bound within."""
+        tolerance_px, bound = self.target.max_error_px, self.bound
+        if bound is None or not 0.0 < tolerance_px < bound.outline_error_px:
+            return ""
+        return f"{tolerance_px:g} px is not met: {bound.explain_size()}"
+
+    @property
+    def text(self) -> str:
+        """Plan in words, with what keeps it from its target."""
+        reasons = (self.excess, self.plan.reason) if self.excess else (self.plan.reason,)
+        return str(replace(self.plan, reason="; ".join(reasons)))
+
+    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanChoice:
+        """Same choice with the bounds of frames at a place; from one with those of plans alone.
+
+        A neighbour that the scene makes no longer one is left out.
+        """
+        if self.bound is None:
+            return self
+        bound = add_scene(self.bound, angle_error(camera, scene[self.plan.renderer]))
+        neighbours = self.more_accurate, self.faster
+        better, faster = (one and one.place(camera, scene) for one in neighbours)
+        own_px = bound.outline_error_px
+        return replace(
+            self,
+            bound=bound,
+            more_accurate=better if better and better.error_bound_px < own_px else None,
+            faster=faster if faster and faster.error_bound_px > own_px else None,
+        )
+
     def __str__(self) -> str:
         cost = "" if self.predicted_ms is None else f"; about {self.predicted_ms:.1f} ms a frame"
         better = f"; next better {self.more_accurate}" if self.more_accurate else ""
         cheaper = f"; next cheaper {self.faster}" if self.faster else ""
-        return f"{self.plan}{cost}{better}{cheaper}"
+        return f"{self.text}{cost}{better}{cheaper}"
 
 
 def pareto_front(options: Iterable[PlanOption]) -> tuple[PlanOption, ...]:
@@ -218,56 +277,47 @@ def pareto_front(options: Iterable[PlanOption]) -> tuple[PlanOption, ...]:
 def choose_plan(
     camera: OmniCamera, options: tuple[PlanOption, ...], target: AccuracyTarget
 ) -> PlanChoice:
-    """Choose the option that meets a target, or the nearest to it.
+    """Choose the option that meets a target, or the nearest to it, with the bound of its plan.
 
     Args:
         options: A Pareto front, not empty.
     """
-    index, target_met, reason = _choose_option(options, target)
+    index, fits_budget, reason = _choose_option(options, target)
     option = options[index]
     return PlanChoice(
         plan=replace(option.plan, reason=reason),
         bound=error_bound(camera, option.plan),
         predicted_ms=option.predicted_ms,
-        target_met=target_met,
+        target=target,
+        fits_budget=fits_budget,
         more_accurate=options[index + 1] if index + 1 < len(options) else None,
         faster=options[index - 1] if index else None,
     )
 
 
-_Selection = tuple[int, bool, str]  # index, whether the target is met, reason
+def _choose_option(
+    options: tuple[PlanOption, ...], target: AccuracyTarget
+) -> tuple[int, bool, str]:
+    """Index of an option, whether it fits into the budget, and the reason of the choice.
 
-
-def _choose_option(options: tuple[PlanOption, ...], target: AccuracyTarget) -> _Selection:
+    No reason has a bound: that of a frame is its place's.
+    """
     tolerance_px, budget_ms = target.max_error_px, target.budget_ms
     # The first within the tolerance is the cheapest: costs grow along the front.
     in_tolerance = next(
         (i for i, option in enumerate(options) if option.error_bound_px <= tolerance_px), None
     )
-    if not budget_ms:
-        return _choose_by_tolerance(options, tolerance_px, in_tolerance)
-    in_budget = [i for i, option in enumerate(options) if option.predicted_ms <= budget_ms]
-    if in_tolerance is not None and in_tolerance in in_budget:
-        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, in {budget_ms:g} ms"
+    if not budget_ms and in_tolerance is None:
+        return len(options) - 1, True, "chosen as the most accurate"
+    in_time = f", in {budget_ms:g} ms" if budget_ms else ""
+    in_budget = [i for i, one in enumerate(options) if one.predicted_ms <= (budget_ms or math.inf)]
     # In conflict the budget wins over the tolerance, as AccuracyTarget documents.
-    conflict = f"{tolerance_px:g} px is out of reach in that time, " if tolerance_px else ""
+    if in_tolerance is not None and in_tolerance in in_budget:
+        return in_tolerance, True, f"chosen as the cheapest within {tolerance_px:g} px{in_time}"
     if not in_budget:
         cheapest = f"the cheapest takes about {options[0].predicted_ms:.1f} ms"
-        return 0, False, f"{conflict}no plan fits into {budget_ms:g} ms: {cheapest}"
-    best = in_budget[-1]
-    reason = f"the most accurate within {budget_ms:g} ms, {options[best].error_bound_px:.3g} px"
-    return best, not tolerance_px, f"{conflict}{reason}"
-
-
-def _choose_by_tolerance(
-    options: tuple[PlanOption, ...], tolerance_px: float, in_tolerance: int | None
-) -> _Selection:
-    if in_tolerance is not None:
-        bound_px = options[in_tolerance].error_bound_px
-        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, {bound_px:.3g} px"
-    last = len(options) - 1
-    best = f"the most accurate has {options[last].error_bound_px:.3g} px"
-    return last, False, f"no plan stays within {tolerance_px:g} px: {best}"
+        return 0, False, f"no plan fits into {budget_ms:g} ms: {cheapest}"
+    return in_budget[-1], True, f"chosen as the most accurate within {budget_ms:g} ms"
 
 
 # Displacement over the image's radius: an image that is off by a twentieth shows other things. In a

@@ -141,13 +141,6 @@ class AtlasCell:
         y = (rows * down - (2.0 * self.row + self.height) * forward) / self.height
         return np.stack((x, y, forward))
 
-    @property
-    def max_depth_ratio(self) -> float:
-        """Largest ratio of a point's distance to the point's depth along the face's axis."""
-        max_s = max(-self.column, self.column + self.width) / self.region.columns_per_unit
-        max_t = max(-self.row, self.row + self.height) / self.region.rows_per_unit
-        return math.sqrt(1.0 + max_s**2 + max_t**2)
-
 
 def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels: int) -> Atlas:
     """Pack face regions into the texture of least area.

@@ -13,7 +13,6 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.frustum import min_distance_bound
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.shading import ShadowCastingLight
 from catoptra_server.world.world_description import DirectionalLight
@@ -71,7 +70,7 @@ class ShadowCasters:
         low, high = corners.min(axis=1), corners.max(axis=1)
         offsets = np.einsum("ni,ni->n", normals, corners[:, 0])
         min_distances = (
-            min_distance_bound(low, high, normals, offsets, point=position)
+            _min_distance_bound(low, high, normals, offsets, point=position)
             for position in light_positions
         )
         points = corners.reshape(-1, 3)
@@ -176,3 +175,23 @@ def _distances(points: Floats, position: Floats) -> Floats:
     """Distances of (n, 3) points from a (3,) position."""
     distances: Floats = np.linalg.norm(points - position, axis=-1)
     return distances
+
+
+def _min_distance_bound(
+    low: Floats, high: Floats, normals: Floats, offsets: Floats, *, point: Floats
+) -> float:
+    """Lower bound on the distance from a point to the nearest of n triangles, n >= 1.
+
+    No triangle is nearer than its box or its plane; the larger of the two is the bound.
+
+    Args:
+        low: (n, 3) least coordinates of the triangles.
+        high: (n, 3) greatest coordinates.
+        normals: (n, 3) unit normals of the triangles' planes.
+        offsets: (n,) distances of the planes from the origin along the normals.
+        point: (3,) position in the same frame.
+    """
+    outside = np.maximum(np.maximum(low - point, point - high), 0.0)
+    to_box = np.sqrt(np.square(outside).sum(axis=-1))
+    to_plane = np.abs(normals @ point - offsets)
+    return float(np.maximum(to_box, to_plane).min())

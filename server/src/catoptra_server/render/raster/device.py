@@ -11,6 +11,9 @@ as float32 can hold it anywhere in the world. With one float32 number each, a th
 away is displaced by 7 px of a 640 px image, 11 km from the scene's centre. A frame of 60 000
 triangles takes 1.05 times as long on llvmpipe.
 
+Clip z is in [0, w], and depth buffers hold float32 numbers (`projection/frustum.py` says why).
+moderngl has a call for neither.
+
 The level of a texture on a cube's face follows from the samples of the image, not from the face's
 texels: how many texels a sample covers depends on where on the mirror it is. The angles between
 samples vary smoothly with the incidence angle, so a polynomial of their logarithms is enough;
@@ -46,14 +49,16 @@ _PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 _REQUIRED_VERSION = 330
 GLSL_VERSION = "#version 330 core"
 _CONTEXT_SETTINGS: dict[str, Any] = {"backend": "egl", "libgl": GL_LIBRARY, "libegl": EGL_LIBRARY}
+# Of OpenGL 4.5, which Mesa's drivers have had as an extension since 2014.
+_CLIP_CONTROL = "GL_ARB_clip_control"
+_GL_LOWER_LEFT, _GL_ZERO_TO_ONE = 0x8CA1, 0x935F
+_GL_RENDERBUFFER, _GL_DEPTH_COMPONENT32F = 0x8D41, 0x8CAC
 # Names in GL_RENDERER of drivers that render on the processor.
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 _ROOT = files("catoptra_server") / "glsl"
 _INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)
 SPLIT_FORMAT = "3f 3f"
 """Buffer format of one split position."""
-COARSE_FORMAT = "3f 12x"
-"""Buffer format that reads the first of its two numbers alone."""
 _NUM_TERMS = 8
 """Coefficients of a polynomial; the bundled mirrors need eight for an error below 1 %."""
 Definitions = tuple[tuple[str, int], ...]
@@ -77,16 +82,21 @@ def open_device() -> GlDevice:
     The context is bound to the calling thread from here on.
 
     Raises:
-        OpenGLMissingError: A library is missing, or EGL offers no OpenGL 3.3 context.
+        OpenGLMissingError: A library is missing, or EGL offers no OpenGL 3.3 context with clip
+            control.
     """
-    for library in (EGL_LIBRARY, GL_LIBRARY):
-        _require_library(library)
+    _require_library(EGL_LIBRARY)
+    library = _require_library(GL_LIBRARY)
     try:
         context = moderngl.create_context(
             require=_REQUIRED_VERSION, standalone=True, **_CONTEXT_SETTINGS
         )
     except Exception as error:  # the C extension raises bare Exception, and ValueError for too old
         raise OpenGLMissingError(f"EGL offers no OpenGL 3.3 context ({error})") from error
+    if _CLIP_CONTROL not in context.extensions:
+        context.release()
+        raise OpenGLMissingError(f"its driver has no {_CLIP_CONTROL}")
+    library.glClipControl(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
     info = context.info
     return GlDevice(context, info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"])
 
@@ -117,12 +127,26 @@ class GlDevice:
         self.context.release()
 
 
-def _require_library(library: str) -> None:
-    """Raise OpenGLMissingError unless a shared library loads."""
+def make_depth_buffer(
+    context: moderngl.Context, size: tuple[int, int], samples: int = 0
+) -> moderngl.Renderbuffer:
+    """Depth buffer of float32 numbers."""
+    buffer = context.depth_renderbuffer(size, samples=samples)
+    # moderngl's has 24 bits: another store under the same name.
+    library = ctypes.CDLL(GL_LIBRARY)
+    library.glBindRenderbuffer(_GL_RENDERBUFFER, buffer.glo)
+    library.glRenderbufferStorageMultisample(
+        _GL_RENDERBUFFER, samples, _GL_DEPTH_COMPONENT32F, *size
+    )
+    return buffer
+
+
+def _require_library(library: str) -> ctypes.CDLL:
+    """Load a shared library, or raise OpenGLMissingError."""
     try:
         # moderngl reports a missing library as a bare exception without the file's name, so each
         # library is loaded here first.
-        ctypes.CDLL(library)
+        return ctypes.CDLL(library)
     except OSError as error:
         raise OpenGLMissingError(f"{library} cannot be loaded ({error})") from error
 
@@ -201,12 +225,10 @@ def split_positions(positions: Floats) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameUniforms:
-    """Viewpoint, depth mapping and point lights of one frame."""
+    """Viewpoint and point lights of one frame."""
 
     viewpoint: Floats
     """(3,) position in the scene's frame, metres."""
-    depth_from_forward: tuple[float, float]
-    """(a, b) of clip z = a w + b."""
     light_positions: Floats
     """(k, 3) positions of point lights relative to the viewpoint, metres."""
     light_intensities: Floats
@@ -214,12 +236,7 @@ class FrameUniforms:
 
     @classmethod
     def from_viewpoint(
-        cls,
-        viewpoint: Floats,
-        depth_from_forward: tuple[float, float],
-        *,
-        lights: tuple[PointLight, ...],
-        origin: Floats,
+        cls, viewpoint: Floats, *, lights: tuple[PointLight, ...], origin: Floats
     ) -> FrameUniforms:
         """Uniforms of a viewpoint; `origin` is the scene frame's, since lights are in the world."""
         # Differences in float64, before the cast: both positions may be far from the origin.
@@ -227,7 +244,6 @@ class FrameUniforms:
         intensities = [light.intensity for light in lights]
         return cls(
             viewpoint,
-            depth_from_forward,
             np.asarray(offsets).reshape(-1, 3),
             np.asarray(intensities, dtype=np.float64).reshape(-1, 3),
         )
@@ -237,7 +253,6 @@ class FrameUniforms:
         viewpoint = split_positions(self.viewpoint)
         set_uniform(program, "viewpoint", viewpoint[:3])
         set_uniform(program, "viewpoint_rest", viewpoint[3:])
-        set_uniform(program, "depth_from_forward", self.depth_from_forward)
         # GLSL has no arrays of length zero: programs of a world without point lights lack these
         # uniforms.
         if len(self.light_positions):

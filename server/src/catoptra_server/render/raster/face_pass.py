@@ -14,10 +14,9 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
-from catoptra_server.render.projection.frustum import MAX_NEAR_M, DepthRange, LensProjection
-from catoptra_server.render.raster.device import SampleSpacing
+from catoptra_server.render.projection.frustum import LensProjection
+from catoptra_server.render.raster.device import SampleSpacing, make_depth_buffer
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
-from catoptra_server.render.raster.scene_batches import object_distance_range
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.objects import CameraState
 
@@ -59,7 +58,6 @@ class FacePass(Generic[_LayoutT]):
         self._spacing = spacing
         self.atlas = atlas
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
-        self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         self._texels = sum(cell.width * cell.height for cell in atlas.cells)
         size = (atlas.width, atlas.height)
         self.texture = context.texture(size, 4, dtype=LINEAR_DTYPE)
@@ -73,7 +71,7 @@ class FacePass(Generic[_LayoutT]):
         colour = (
             context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) if multi else self.texture
         )
-        depth = context.depth_renderbuffer(size, samples=multi)
+        depth = make_depth_buffer(context, size, multi)
         self._target = context.framebuffer([colour], depth)
         self._resolved = context.framebuffer([self.texture]) if multi else None
         self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
@@ -85,11 +83,10 @@ class FacePass(Generic[_LayoutT]):
         """Render the faces from the viewpoint of a camera state."""
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
-        depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
         scene = self._scene.with_lighting(camera_state)
         # Before set_frame: whether objects' programs need uniforms depends on the upload.
-        scene.dynamic_objects.upload(camera_state.objects)
-        scene.set_frame(viewpoint, depth.clip_z_from_w)
+        scene.dynamic_objects.upload(camera_state.objects, pose.translation)
+        scene.set_frame(viewpoint)
         scene.set_fog(camera_state.fog)
         scene.set_spacing(self._spacing, pose.rotation[:, 2])
         fog = camera_state.fog
@@ -104,9 +101,9 @@ class FacePass(Generic[_LayoutT]):
     def _begin(self, background: tuple[float, float, float]) -> None:
         """Clear the whole target at once, which drivers do much faster than a part."""
         self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.depth_func = "<"
+        self._context.depth_func = ">"
         self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
-        self._target.clear(*background, 1.0, depth=1.0)
+        self._target.clear(*background, 1.0, depth=0.0)
         self._target.use()
 
     def _draw_cells(
@@ -116,16 +113,18 @@ class FacePass(Generic[_LayoutT]):
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
         cells: tuple[AtlasCell | LensProjection, ...] = self.atlas.cells
-        calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
+        pieces = self._scene.split_large_triangles(viewpoint)
+        calls = triangles = 0
         for cell, clip, cell_planes, visible_clusters in zip(
             cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
-            more_calls, num_object_triangles = scene.dynamic_objects.draw(
-                clip, cell_planes, viewpoint
-            )
-            calls += scene.batches.draw(clip, visible_clusters) + more_calls
-            triangles += num_object_triangles
+            for more_calls, more_triangles in (
+                scene.dynamic_objects.draw(clip, cell_planes, viewpoint),
+                scene.batches.draw(clip, visible_clusters, pieces),
+            ):
+                calls += more_calls
+                triangles += more_triangles
         return calls, triangles
 
     def close(self) -> None:
@@ -146,24 +145,6 @@ class DrawCounts:
     """OpenGL draw calls."""
     num_triangles: int
     """Triangles sent to the device."""
-
-
-def frame_depth_range(
-    scene: SceneBuffers, camera_state: CameraState, max_depth_ratio: float
-) -> DepthRange:
-    """Depth range of a frame, from the distances of the scene and of the dynamic objects.
-
-    max_depth_ratio: the largest of all cells, since one range serves the whole atlas.
-    """
-    viewpoint = camera_state.world_from_mirror.translation
-    object_distances = object_distance_range(
-        camera_state.objects, viewpoint, MAX_NEAR_M * max_depth_ratio
-    )
-    return scene.depth_range_finder.find_range(
-        viewpoint - scene.origin,
-        max_depth_ratio=max_depth_ratio,
-        object_distances_m=object_distances,
-    )
 
 
 def frustum_planes(clip_from_scene: Floats) -> Floats:

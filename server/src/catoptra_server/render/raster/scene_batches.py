@@ -9,13 +9,19 @@ triangle's light is computed at the object's current pose.
 
 from __future__ import annotations
 
+import math
+
 import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.frustum import min_distance_bound
+from catoptra_server.render.projection.large_triangles import (
+    MAX_SIZE_PER_DISTANCE,
+    LargeTriangles,
+    TrianglePieces,
+)
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,
     Definitions,
@@ -25,7 +31,7 @@ from catoptra_server.render.raster.device import (
     set_uniform,
     split_positions,
 )
-from catoptra_server.world.objects import DynamicObject, world_facets
+from catoptra_server.world.objects import DynamicObject, ObjectMesh, world_facets
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     OcclusionMap,
@@ -34,7 +40,12 @@ from catoptra_server.world.shading import (
     hemisphere_lights,
 )
 from catoptra_server.world.textures import Texture, build_levels
-from catoptra_server.world.triangles import Indices, TriangleClusters, visible_runs
+from catoptra_server.world.triangles import (
+    Indices,
+    TriangleClusters,
+    make_clusters,
+    visible_runs,
+)
 from catoptra_server.world.world_description import Light, srgb_from_linear
 
 # Definition of programs that interpolate colours between the corners of a triangle.
@@ -88,6 +99,7 @@ class SceneBatches:
         self._owned = self._upload(scene)
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
+        self._pieces: TrianglePieces | None = None
         self._batches = [
             self._make_batch(programs, scene, int(g)) for g in np.unique(clusters.groups)
         ]
@@ -144,14 +156,27 @@ class SceneBatches:
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
         )
 
-    def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
-        calls = 0
+    def draw(
+        self, clip_from_scene: Floats, visible: Bools, pieces: TrianglePieces
+    ) -> tuple[int, int]:
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w.
+
+        Args:
+            clip_from_scene: Map of offsets from the viewpoint.
+            visible: (m,) clusters.
+            pieces: What is drawn in place of large triangles; their corners have been uploaded.
+
+        Returns:
+            Draw calls and triangles sent.
+        """
+        if pieces is not self._pieces:
+            self._upload_pieces(pieces)
+        calls = triangles = 0
         if self._occlusion is not None:
             self._occlusion.use(_OCCLUSION_UNIT)
         for batch in self._batches:
             offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
-            runs = visible_runs(visible[batch.clusters], offsets)
+            runs = pieces.runs(visible[batch.clusters], offsets, len(self._clusters.order))
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
@@ -160,7 +185,19 @@ class SceneBatches:
             for first, count in runs:
                 batch.vertices.render(vertices=3 * count, first=3 * first)
             calls += len(runs)
-        return calls
+            triangles += sum(count for _, count in runs)
+        return calls, triangles
+
+    def _upload_pieces(self, pieces: TrianglePieces) -> None:
+        """Write the attributes of pieces behind those of all triangles."""
+        self._pieces = pieces
+        rows = pieces.replaced.tolist()
+        members = np.searchsorted(pieces.replaced, pieces.parents)
+        for buffer, layout in self._owned.values() if rows else ():
+            size = 4 * 3 * int(layout[:-1])  # of a triangle, bytes
+            triangles = b"".join(buffer.read(size, offset=size * row) for row in rows)
+            values = np.frombuffer(triangles, dtype=np.float32).reshape(len(rows), 3, -1)
+            append_values(buffer, len(self._clusters.order), pieces.weights @ values[members])
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
@@ -195,6 +232,22 @@ def upload_values(
     data = values.astype(np.float32).tobytes()
     # A world without surfaces is valid, an empty buffer is not.
     return context.buffer(data) if data else context.buffer(reserve=4)
+
+
+def append_values(
+    buffer: moderngl.Buffer, first: int, values: Floats | npt.NDArray[np.float32]
+) -> None:
+    """Write (m, 3, k) values at corners behind the first triangles; the buffer grows if it must."""
+    data = values.astype(np.float32).tobytes()
+    if not data:
+        return
+    start = 4 * first * values[0].size
+    if buffer.size < start + len(data):
+        kept = buffer.read(start)
+        # The same buffer with another store: vertex arrays stay valid.
+        buffer.orphan(start + 2 * len(data))
+        buffer.write(kept)
+    buffer.write(data, offset=start)
 
 
 def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
@@ -280,6 +333,7 @@ class DynamicObjectBuffer:
         self._buffer: moderngl.Buffer | None = None
         self._vertices: moderngl.VertexArray | None = None
         self._spheres: _BoundingSpheres | None = None
+        self._large_triangles: dict[ObjectMesh, LargeTriangles] = {}
 
     @property
     def buffer_bytes(self) -> int:
@@ -293,21 +347,25 @@ class DynamicObjectBuffer:
             return set()
         return {self._vertices.program}
 
-    def upload(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Upload the objects of a camera state at their current poses."""
+    def upload(self, objects: tuple[DynamicObject, ...], viewpoint: Floats) -> None:
+        """Upload the objects of a camera state at their current poses.
+
+        Args:
+            objects: Objects in view.
+            viewpoint: (3,) position in the world.
+        """
         if not objects:
             self._spheres = None
             return
+        data = [self._vertex_data(dynamic_object, viewpoint) for dynamic_object in objects]
         self._spheres = _BoundingSpheres(
             centres=np.array([dynamic_object.centre - self._origin for dynamic_object in objects]),
             radii=np.array([dynamic_object.mesh.radius_m for dynamic_object in objects]),
-            offsets=np.cumsum([0, *(len(dynamic_object.mesh) for dynamic_object in objects)]),
+            offsets=np.cumsum([0, *(len(values) // 3 for values in data)]),
         )
-        self._write_vertices(
-            np.concatenate([self._vertex_data(dynamic_object) for dynamic_object in objects])
-        )
+        self._write_vertices(np.concatenate(data))
 
-    def _vertex_data(self, dynamic_object: DynamicObject) -> Floats:
+    def _vertex_data(self, dynamic_object: DynamicObject, viewpoint: Floats) -> Floats:
         """(3 n, 9) or (3 n, 15) attributes of an object's corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
         attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
@@ -317,17 +375,29 @@ class DynamicObjectBuffer:
                 world_facets_of.normals,
                 world_facets_of.albedo * ~world_facets_of.unlit[:, None],
             ]
-        positions = (
-            dynamic_object.world_from_object.transform_points(dynamic_object.mesh.corners)
-            - self._origin
-        )
-        per_triangle = np.concatenate(attributes, axis=-1)
+        corners, triangles = self._split(dynamic_object, viewpoint)
+        positions = dynamic_object.world_from_object.transform_points(corners) - self._origin
+        per_triangle = np.concatenate(attributes, axis=-1)[triangles]
         # OpenGL 3.3 has no attributes per triangle: each corner carries a copy.
         per_corner = np.broadcast_to(
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
         vertices: Floats = np.concatenate((split_positions(positions), per_corner), axis=-1)
         return vertices.reshape(-1, 6 + per_triangle.shape[1])
+
+    def _split(
+        self, dynamic_object: DynamicObject, viewpoint: Floats
+    ) -> tuple[Floats, Indices | slice]:
+        """(m, 3, 3) corners in the object's frame, without large triangles, and their triangles."""
+        mesh, pose = dynamic_object.mesh, dynamic_object.world_from_object
+        # Most objects are far, and their sphere is small for its distance.
+        near_m = math.dist(dynamic_object.centre, viewpoint) - mesh.radius_m
+        if 2.0 * mesh.radius_m <= MAX_SIZE_PER_DISTANCE * near_m:
+            return mesh.corners, slice(None)
+        if mesh not in self._large_triangles:
+            clusters = make_clusters(mesh.corners, np.zeros(len(mesh), dtype=np.intp))
+            self._large_triangles[mesh] = LargeTriangles(clusters, mesh.corners)
+        return self._large_triangles[mesh].replace((viewpoint - pose.translation) @ pose.rotation)
 
     def _write_vertices(self, values: Floats) -> None:
         """Write the vertices; the buffer grows when necessary and never shrinks."""
@@ -364,6 +434,16 @@ class DynamicObjectBuffer:
             self._vertices.render(vertices=3 * count, first=3 * first)
         return len(runs), sum(count for _, count in runs)
 
+    def draw_positions(self, program: moderngl.Program) -> None:
+        """Draw all objects by a program that reads nothing but split positions."""
+        if self._buffer is None or self._spheres is None:
+            return
+        rest = 12 if not self._lighting.definitions else 36
+        attributes = (self._buffer, f"{SPLIT_FORMAT} {rest}x", "position", "position_rest")
+        vertices = self._context.vertex_array(program, [attributes])
+        vertices.render(vertices=3 * int(self._spheres.offsets[-1]))
+        vertices.release()
+
     def close(self) -> None:
         """Free the buffer, if any; the program belongs to the context."""
         if self._vertices is not None:
@@ -383,44 +463,3 @@ class _BoundingSpheres:
     """(n,) radii, metres."""
     offsets: Indices
     """(n + 1,) first triangle of each object, and the number of all."""
-
-
-def object_distance_range(
-    objects: tuple[DynamicObject, ...], viewpoint: Floats, cutoff_m: float
-) -> tuple[float, float]:
-    """Least and greatest distance of dynamic objects from a viewpoint.
-
-    Args:
-        objects: Objects at their current poses.
-        viewpoint: (3,) position, world frame, metres.
-        cutoff_m: Above this distance the least one is only bounded by a sphere.
-
-    Returns:
-        Lower bound of the least distance, inf without objects; upper bound of the greatest, else 0.
-    """
-    nearest, farthest = np.inf, 0.0
-    for dynamic_object in objects:
-        centre_distance = float(np.linalg.norm(dynamic_object.centre - viewpoint))
-        bound = centre_distance - dynamic_object.mesh.radius_m
-        # The sphere decides for far objects: the near plane does not depend on distances above the
-        # cutoff.
-        if bound < cutoff_m:
-            bound = _nearest_triangle(dynamic_object, viewpoint)
-        nearest, farthest = (
-            min(nearest, bound),
-            max(farthest, centre_distance + dynamic_object.mesh.radius_m),
-        )
-    return nearest, farthest
-
-
-def _nearest_triangle(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
-    """Lower bound on the distance to an object's nearest triangle."""
-    corners, normals = dynamic_object.mesh.corners, dynamic_object.mesh.normals
-    # In the object's own frame: its boxes and planes were never transformed.
-    return min_distance_bound(
-        corners.min(axis=1),
-        corners.max(axis=1),
-        normals,
-        np.einsum("ni,ni->n", normals, corners[:, 0]),
-        point=dynamic_object.world_from_object.inverse().transform_points(viewpoint),
-    )

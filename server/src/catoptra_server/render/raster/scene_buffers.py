@@ -1,9 +1,10 @@
 """A static scene on the device: uploaded once, drawn for any face.
 
-Triangles are grouped by texture and cut into clusters. Positions are relative to the scene's
-centre, for the passes that use one float32 number of each. Shadows use a second set of attributes
-and shadow maps; neither exists before the first camera state with shadows. Facets then carry the
-light of hemisphere lights alone, and each fragment adds the unshadowed part of the other lights.
+Triangles are grouped by texture and cut into clusters. Pieces of triangles that are large for their
+distance stand behind them in the same buffers, and are written anew where the viewpoint needs
+others. Shadows use a second set of attributes and shadow maps; neither exists before the first
+camera state with shadows. Facets then carry the light of hemisphere lights alone, and each fragment
+adds the unshadowed part of the other lights.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.projection.frustum import DepthRangeFinder
+from catoptra_server.render.projection.large_triangles import LargeTriangles, TrianglePieces
 from catoptra_server.render.raster.device import (
-    COARSE_FORMAT,
+    SPLIT_FORMAT,
     FrameUniforms,
     SampleSpacing,
     ShaderPrograms,
@@ -27,6 +28,7 @@ from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     FacetLighting,
     SceneBatches,
+    append_values,
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
@@ -72,19 +74,13 @@ class LitScene:
         self._point_lights = point_lights
         self._object_point_lights = object_point_lights
 
-    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
-        """Write the uniforms of a frame.
-
-        Args:
-            viewpoint: (3,) position in the scene's frame, metres.
-            depth_from_forward: (a, b) of clip z = a w + b.
-        """
+    def set_frame(self, viewpoint: Floats) -> None:
+        """Write the uniforms of a frame from a (3,) viewpoint in the scene's frame, metres."""
         lights_of = dict.fromkeys(self.batches.programs, self._point_lights)
         lights_of |= dict.fromkeys(self.dynamic_objects.programs, self._object_point_lights)
         for program, lights in lights_of.items():
-            FrameUniforms.from_viewpoint(
-                viewpoint, depth_from_forward, lights=lights, origin=self._origin
-            ).apply_to(program)
+            uniforms = FrameUniforms.from_viewpoint(viewpoint, lights=lights, origin=self._origin)
+            uniforms.apply_to(program)
             if self.maps is not None:
                 self.maps.apply_to(program, viewpoint)
         if self.maps is not None:
@@ -144,8 +140,8 @@ class SceneBuffers:
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
-        self.cluster_sizes = np.diff(self.clusters.offsets)
-        self.depth_range_finder = DepthRangeFinder(self.clusters, corners)
+        self._large_triangles = LargeTriangles(self.clusters, corners)
+        self._pieces: TrianglePieces | None = None
         self._position = upload_values(context, split_positions(corners[self.clusters.order]))
         self.plain = LitScene(
             self._make_batches(lighting),
@@ -167,12 +163,21 @@ class SceneBuffers:
             lighting=lighting,
         )
 
+    def split_large_triangles(self, viewpoint: Floats) -> TrianglePieces:
+        """Pieces for a (3,) viewpoint in the scene's frame, their corners uploaded."""
+        pieces = self._large_triangles.split(viewpoint)
+        if pieces is not self._pieces:
+            self._pieces = pieces
+            append_values(self._position, len(self._scene), split_positions(pieces.corners))
+        return pieces
+
     def make_position_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Vertex array of all corners, cluster by cluster, without other attributes.
 
         The caller frees the array, not the buffer.
         """
-        return self._context.vertex_array(program, [(self._position, COARSE_FORMAT, "position")])
+        attributes = [(self._position, SPLIT_FORMAT, "position", "position_rest")]
+        return self._context.vertex_array(program, attributes)
 
     def with_lighting(self, camera_state: CameraState) -> LitScene:
         """Scene under the lighting of a camera state: with shadows where some light casts any."""

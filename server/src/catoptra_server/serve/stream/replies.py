@@ -13,6 +13,7 @@ import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import field
 from functools import partial
+from typing import cast
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import DomainError
@@ -45,7 +46,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.frame import CameraChannel
+from catoptra_server.frames.frame import CameraChannel, ViewRequest
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -70,7 +71,7 @@ from catoptra_server.world.world_description import World
 # Class of the robot, name of the camera.
 _CameraKey = tuple[str, str]
 # Client, camera, and the callback with the camera's plan, called by any thread.
-_QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
+_QueryPlan = Callable[[Hashable, ViewRequest, PlanCallback], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,14 +324,14 @@ def request_plan(
         pending.reject(str(error))
         return
 
-    def query_camera_plan(camera: OmniCameraSpec | Fault | None, name: str) -> None:
+    def query_camera_plan(view: ViewRequest | Fault | None, name: str) -> None:
         # `name` names the camera that the simulation selected: a request may leave the name empty.
-        if not isinstance(camera, OmniCameraSpec):
-            pending.reply_from_thread(partial(_camera_error, request.id, name, camera))
+        if not isinstance(view, ViewRequest):
+            pending.reply_from_thread(partial(_camera_error, request.id, name, view))
             return
-        make_reply = partial(_plan_reply, request.id, name, camera)
+        make_reply = partial(_plan_reply, request.id, name, view)
         query_plan(
-            session, camera, lambda state: pending.reply_from_thread(partial(make_reply, state))
+            session, view, lambda state: pending.reply_from_thread(partial(make_reply, state))
         )
 
     session.post(
@@ -340,20 +341,19 @@ def request_plan(
     )
 
 
-def _plan_reply(
-    id_: int, name: str, camera: OmniCameraSpec, state: ViewState | PlanFailure
-) -> Reply:
+def _plan_reply(id_: int, name: str, view: ViewRequest, state: ViewState | PlanFailure) -> Reply:
     if isinstance(state, PlanFailure):
         return Error(id_, state.reason)
     # The target as the simulation has it, not as requested: None in a request leaves a value
     # unchanged.
-    choice, target = state.choice, camera.render_settings.accuracy_target
+    choice = state.choice
+    target = cast(OmniCameraSpec, view.camera).render_settings.accuracy_target
     return PlanReply(
         id=id_,
         camera=name,
         max_error_px=target.max_error_px,
         budget_ms=target.budget_ms,
-        plan=str(choice.plan),
+        plan=choice.text,
         target_met=choice.target_met,
         error_bound_px=choice.bound.outline_error_px if choice.bound else None,
         error_bounds=choice.bound.numbers_by_name() if choice.bound else None,

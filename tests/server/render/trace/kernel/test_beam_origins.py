@@ -159,14 +159,13 @@ def test_image_of_an_object_beside_the_mirror_when_filled_is_the_traced_one(name
 
 @pytest.mark.parametrize("name", MIRRORS)
 def test_image_far_from_the_scene_s_centre_when_filled_is_the_traced_one(name: str) -> None:
-    # Beyond 256 m float32 rounds origins by more than beams allow for: all rays are traced.
     table = make_table(name, width_px=72, samples=1)
-    for centre_m, is_filled in ((200.0, True), (600.0, False)):
+    for centre_m in (40.0, 600.0, 2e5):
         field = Item("far", Rectangle((2.0, 2.0)), Pose.from_rpy((2.0 * centre_m, 0.0, 0.0)), GREY)
         world = make_test_world()
         world = replace(world, items=(*world.items, field))
         filled, traced, share = fill_and_trace(world, CAMERA_STATE, table)
-        assert (share > 0.0) == is_filled
+        assert share > 0.1
         assert not level_differences(filled, traced).any()
 
 

@@ -33,8 +33,9 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
 )
 from catoptra_server.world.objects import CameraState, ObjectMesh, build_object_mesh
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, build_scene
 from catoptra_server.world.shapes import Patch
-from catoptra_server.world.world_description import Material
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.labelled_rooms import CAMERAS, SIDE_PX
 from helpers.trace_kernels import make_omni_table
@@ -67,12 +68,16 @@ def device() -> FakeDevice:
 
 @pytest.fixture
 def table(device: FakeDevice) -> ObjectTable:
-    return ObjectTable(device, np.zeros(3))  # type: ignore[arg-type]
+    return ObjectTable(device)  # type: ignore[arg-type]
 
 
-def make_frame(exposure: TracedExposure, table: ObjectTable, centre: Floats) -> FrameStruct:
+def make_frame(
+    exposure: TracedExposure, table: ObjectTable, centre: Floats, *, side_m: float = 1.0
+) -> FrameStruct:
     """Structure of an exposure; its arrays live on in an attribute."""
-    owned = exposure_arrays(exposure, centre, table)
+    pose = Pose.from_rpy(tuple(centre))
+    floor = Item("floor", Rectangle((side_m, side_m)), pose, Material((0.5, 0.5, 0.5)))
+    owned = exposure_arrays(exposure, build_scene(World("floor", (floor,))), table)
     frame: FrameStruct = owned.struct
     frame.owners = owned.owners  # type: ignore[attr-defined]
     return frame
@@ -96,6 +101,18 @@ def test_camera_is_relative_to_the_centre_to_float32_precision(table: ObjectTabl
     camera = read_floats(frame.camera, (12,))
     np.testing.assert_allclose(camera[:9].reshape(3, 3), MIRROR.rotation, atol=1e-7)
     np.testing.assert_allclose(camera[9:], MIRROR.translation, atol=1e-7)
+
+
+@pytest.mark.parametrize(("side_m", "away_m"), [(1.0, 1e4), (3.0 * MAX_FLOAT_REACH_M, 1.0)])
+def test_camera_of_a_large_scene_or_far_from_it_is_the_origin(
+    table: ObjectTable, side_m: float, away_m: float
+) -> None:
+    moved = Pose.from_rpy((FAR[0] + away_m, FAR[1], FAR[2])) @ MIRROR
+    cube = place_cube(*np.add(moved.translation, (0.0, 0.0, 0.5)))
+    frame = make_frame(CameraState(moved, (cube,)), table, FAR, side_m=side_m)
+    np.testing.assert_allclose(frame.origin, np.add(MIRROR.translation, (away_m, 0, 0)), atol=1e-9)
+    np.testing.assert_array_equal(read_floats(frame.camera, (12,))[9:], np.zeros(3))
+    np.testing.assert_allclose(read_floats(frame.object_poses, (12,))[9:], (0, 0, 0.5), atol=1e-7)
 
 
 def test_objects_have_meshes_poses_and_boxes_in_their_order(

@@ -13,11 +13,19 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.kernel import kernel_engine
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, face_ray_table, lens_ray_table
-from catoptra_server.world.world_description import HemisphereLight, PointLight
+from catoptra_server.world.world_description import (
+    HemisphereLight,
+    Item,
+    Material,
+    PointLight,
+    Ring,
+    SphereBand,
+)
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences
 from helpers.random_worlds import make_random_exposure
@@ -43,6 +51,7 @@ TABLES = {
     "perspective": lens_ray_table(PerspectiveCamera(80, 37, 1.2), 1),
 }
 WORLDS_PER_TABLE = 28
+GREY = Material((0.5, 0.5, 0.5), unlit=True)
 
 
 @pytest.mark.parametrize("table", TABLES, ids=str)
@@ -121,6 +130,43 @@ def test_light_when_filled_is_the_traced_one(samples: int) -> None:
         traced = rays.render_linear(CAMERA_STATE)
     np.testing.assert_array_equal(filled, traced)
     assert filled.max() > 1.0
+
+
+# Triangles: more than a part of the image lists, larger than all others, tiny, and behind a wall.
+CROWDS = {
+    "ball around the camera": SphereBand(0.4, 0.3, 2.8, 400, 260),
+    "dome": SphereBand(60.0, 0.5 * np.pi, np.pi - 0.001, 80, 36),
+    "fine ball": SphereBand(0.2, 0.001, 3.14, 350, 300),
+    "ring of slivers": Ring(0.3, 4.0, sectors=6000),
+}
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("crowd", CROWDS)
+def test_image_of_very_many_triangles_when_filled_is_the_traced_one(
+    crowd: str, samples: int
+) -> None:
+    field = scenes.make_worlds()["field"]
+    at = Pose.from_rpy((0.5, 0.3, -0.6) if "camera" in crowd else (1.1, -0.4, -0.15))
+    world = replace(field, items=(*field.items, Item("crowd", CROWDS[crowd], at, GREY)))
+    table = make_omni_table(width_px=136, samples=samples)
+    for objects in ((), TWO_ROBOTS):
+        state = replace(scenes.CAMERA_STATE, objects=objects)
+        assert count_differences(world, state, table) == 0
+
+
+@pytest.mark.parametrize("crowd", ["dome", "fine ball"])
+def test_field_is_filled_whatever_else_there_is(crowd: str) -> None:
+    field = scenes.make_worlds()["field"]
+    item = Item("crowd", CROWDS[crowd], Pose.from_rpy((2.5, 1.5, -0.2)), GREY)
+    shares = []
+    for world in (field, replace(field, items=(*field.items, item))):
+        with open_kernel(world) as engine:
+            rays = engine.prepare(make_omni_table(width_px=320))
+            rays.render_srgb(scenes.CAMERA_STATE)
+            shares.append(rays.last_counts.num_filled_tiles / rays.last_counts.num_tiles)
+    # The rim of the ball; the facets of the sky, where there was one.
+    assert shares[1] > shares[0] - (0.02 if crowd == "fine ball" else 0.15)
 
 
 @pytest.mark.parametrize(("samples", "share"), [(1, 0.75), (2, 0.82)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel import scene_arrays as module
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
     FACET_TEXTURED,
@@ -22,6 +21,11 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
     TextureStruct,
+)
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    available_instruction_sets,
+    choose_instruction_set,
 )
 from catoptra_server.render.trace.kernel.scene_arrays import (
     FlatSurfaces,
@@ -110,7 +114,7 @@ def test_scene_s_flags_name_unlit_textured_and_coloured_triangles(textured: Scen
 def test_scene_s_texture_coordinates_are_a_corner_and_two_edges(textured: SceneMesh) -> None:
     owned = scene_arrays(textured, np.zeros(3))
     arrays = owned.struct
-    frames = read_array(arrays.uv, (len(textured), 3, 2))
+    frames = read_array(arrays.uv, (len(textured), 3, 2), np.float64)
     whole = frames.copy()
     whole[:, 1:] += frames[:, :1]
     np.testing.assert_allclose(whole, textured.uv, atol=1e-6)
@@ -201,37 +205,13 @@ def test_hemisphere_is_the_sum_of_all() -> None:
     assert tuple(hemisphere_struct(()).up) == (0.0, 0.0, 0.0)
 
 
-def make_ball(centre: Floats) -> SceneMesh:
-    """A fine ball, whose triangles go into spheres, on a large floor."""
-    pose = Pose.from_rpy(tuple(centre))
-    items = (
-        Item("ball", SphereBand(0.2, 0.0, 3.1, 80, 40), pose, Material((0.5, 0.5, 0.5))),
-        Item("floor", Rectangle((5.0, 5.0)), pose, Material((0.5, 0.5, 0.5))),
-    )
-    return build_scene(World("w", items))
-
-
-def test_spheres_enclose_small_triangles_also_after_rounding() -> None:
-    scene = make_ball(FAR)
-    centre = FAR + np.array((1e3, 0.0, 0.0))
-    owned = surfaces_struct(scene, centre)
-    struct = owned.struct
-    spheres = read_array(struct.clusters, (struct.num_clusters, 4)).astype(np.float64)
-    large = read_array(struct.triangles, (struct.num_triangles,), np.int32)
-    small = np.delete(scene.corners, large, axis=0) - centre
-    # As the kernel gets them: rounded to float32.
-    small = small.astype(np.float32).astype(np.float64)
-    away = np.linalg.norm(small[:, :, None] - spheres[:, :3], axis=-1)
-    assert (away <= spheres[:, 3]).all(axis=1).any(axis=1).all()
-
-
 def test_surfaces_name_triangles_edges_and_representatives() -> None:
     scene = build_scene(
         World("w", (Item("box", Box((1, 2, 3)), Pose.identity(), Material((0.5, 0.5, 0.5))),))
     )
-    owned = surfaces_struct(scene, np.zeros(3))
+    owned = surfaces_struct(find_surfaces(scene))
     struct = owned.struct
-    assert (struct.num_triangles, struct.num_surfaces, struct.num_clusters) == (12, 6, 0)
+    assert struct.num_surfaces == 6
     surface = read_array(struct.surface, (12,), np.int32)
     representative = read_array(struct.representative, (6,), np.int32)
     np.testing.assert_array_equal(surface[representative], np.arange(6))
@@ -297,17 +277,25 @@ def make_scene(*shapes: Shape, material: Material = GREY) -> SceneMesh:
     return build_scene(World("w", items))
 
 
+def find_surfaces(scene: SceneMesh, *, threads: int = 1, instruction_set: str = "") -> FlatSurfaces:
+    """Surfaces by a device of its own."""
+    device = KernelDevice(instruction_set or choose_instruction_set(), threads)
+    try:
+        return find_flat_surfaces(scene, device)
+    finally:
+        device.close()
+
+
 def outer_edge_lengths(scene: SceneMesh, surfaces: FlatSurfaces) -> list[float]:
     """Lengths of the outer edges of all surfaces, sorted."""
-    corners = scene.corners[surfaces.triangles]
-    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
+    lengths = np.linalg.norm(np.roll(scene.corners, -1, axis=1) - scene.corners, axis=-1)
     is_outer = surfaces.outer_edges[:, None] >> np.arange(3) & 1
     return sorted(lengths[is_outer.astype(bool)].tolist())
 
 
 def test_box_has_six_surfaces_that_its_twelve_edges_bound_on_both_sides() -> None:
     scene = make_scene(Box((1.0, 2.0, 3.0)))
-    surfaces = find_flat_surfaces(scene)
+    surfaces = find_surfaces(scene)
     assert len(surfaces.representative) == 6
     assert np.bincount(surfaces.surface).tolist() == [2] * 6
     np.testing.assert_allclose(outer_edge_lengths(scene, surfaces), np.repeat([1.0, 2.0, 3.0], 8))
@@ -315,19 +303,19 @@ def test_box_has_six_surfaces_that_its_twelve_edges_bound_on_both_sides() -> Non
 
 def test_representative_of_a_surface_is_its_largest_triangle() -> None:
     scene = make_scene(Rectangle((2.0, 2.0)), Cylinder(0.5, 1.0))
-    surfaces = find_flat_surfaces(scene)
+    surfaces = find_surfaces(scene)
     cross = np.cross(
         scene.corners[:, 1] - scene.corners[:, 0], scene.corners[:, 2] - scene.corners[:, 0]
     )
     area = 0.5 * np.linalg.norm(cross, axis=-1)
     for number, triangle in enumerate(surfaces.representative):
-        members = surfaces.triangles[surfaces.surface == number]
+        members = np.flatnonzero(surfaces.surface == number)
         assert triangle in members
         assert area[triangle] == pytest.approx(area[members].max())
 
 
 def test_edges_between_facets_of_a_curved_surface_are_outer() -> None:
-    surfaces = find_flat_surfaces(make_scene(SphereBand(0.5, 0.1, 3.0, 9, 4)))
+    surfaces = find_surfaces(make_scene(SphereBand(0.5, 0.1, 3.0, 9, 4)))
     quads = len(surfaces.representative)
     assert quads == 9 * 4
     # Of each quad's two triangles only the diagonal is inside.
@@ -336,7 +324,7 @@ def test_edges_between_facets_of_a_curved_surface_are_outer() -> None:
 
 def test_ring_is_one_surface_with_outer_edges_along_both_circles() -> None:
     scene = make_scene(Ring(0.5, 1.0, sectors=12))
-    surfaces = find_flat_surfaces(scene)
+    surfaces = find_surfaces(scene)
     assert len(surfaces.representative) == 1
     chord = 2.0 * np.sin(np.pi / 12.0)
     expected = np.repeat([0.5 * chord, chord], 12)
@@ -347,16 +335,16 @@ def test_neighbours_when_of_two_colours_are_two_surfaces() -> None:
     scene = make_scene(Rectangle((1.0, 1.0)))
     albedo = scene.albedo.copy()
     albedo[1] = 0.7
-    assert find_flat_surfaces(scene).surface.tolist() == [0, 0]
-    assert sum(m.bit_count() for m in find_flat_surfaces(scene).outer_edges.tolist()) == 4
-    painted = find_flat_surfaces(replace(scene, albedo=albedo))
+    assert find_surfaces(scene).surface.tolist() == [0, 0]
+    assert sum(m.bit_count() for m in find_surfaces(scene).outer_edges.tolist()) == 4
+    painted = find_surfaces(replace(scene, albedo=albedo))
     assert painted.surface.tolist() == [0, 1]
     assert painted.outer_edges.tolist() == [7, 7]
 
 
 def test_neighbours_when_one_is_unlit_are_two_surfaces() -> None:
     scene = make_scene(Rectangle((1.0, 1.0)))
-    surfaces = find_flat_surfaces(replace(scene, unlit=np.array([True, False])))
+    surfaces = find_surfaces(replace(scene, unlit=np.array([True, False])))
     assert surfaces.surface.tolist() == [0, 1]
 
 
@@ -365,7 +353,7 @@ def test_triangles_whose_colour_varies_are_surfaces_of_their_own() -> None:
     colours = np.full((4, 3, 3), 0.5)
     colours[:2, 0] = 0.8
     coloured = replace(scene, corner_albedo=colours)
-    assert find_flat_surfaces(coloured).surface.tolist() == [0, 1, 2, 2]
+    assert find_surfaces(coloured).surface.tolist() == [0, 1, 2, 2]
 
 
 @pytest.mark.parametrize(("shift", "count"), [(0.0, 1), (0.25, 2)])
@@ -376,33 +364,27 @@ def test_neighbours_when_their_texture_does_not_go_on_are_two_surfaces(
     scene = make_scene(Rectangle((1.0, 2.0), (3.0, 2.0)), material=material)
     uv = scene.uv.copy()
     uv[1] += shift
-    assert len(find_flat_surfaces(replace(scene, uv=uv)).representative) == count
+    assert len(find_surfaces(replace(scene, uv=uv)).representative) == count
 
 
 def test_triangles_when_they_occur_twice_keep_their_outer_edges() -> None:
     # Both lie on the same side of each shared edge: nothing continues beyond it.
     scene = make_scene(Rectangle((1.0, 2.0)), Rectangle((1.0, 2.0)))
-    surfaces = find_flat_surfaces(scene)
+    surfaces = find_surfaces(scene)
     assert outer_edge_lengths(scene, surfaces)[-4:] == pytest.approx([5.0**0.5] * 4)
     assert len(outer_edge_lengths(scene, surfaces)) == 12
 
 
+def take_triangles(scene: SceneMesh, rows: Sequence[int] | npt.NDArray[np.intp]) -> SceneMesh:
+    """Some triangles of a scene without colours at corners, in an order."""
+    names = ("corners", "normals", "uv", "albedo", "unlit", "texture_index", "item_index")
+    arrays = (*names, "casts_shadows", "object_index")
+    return replace(scene, **{name: getattr(scene, name)[rows] for name in arrays})
+
+
 def test_edge_when_three_triangles_share_it_is_outer() -> None:
-    scene = make_scene(Rectangle((1.0, 1.0)))
-    rows = [0, 1, 0]
-    tripled = replace(
-        scene,
-        corners=scene.corners[rows],
-        normals=scene.normals[rows],
-        uv=scene.uv[rows],
-        albedo=scene.albedo[rows],
-        unlit=scene.unlit[rows],
-        texture_index=scene.texture_index[rows],
-        item_index=scene.item_index[rows],
-        casts_shadows=scene.casts_shadows[rows],
-        object_index=scene.object_index[rows],
-    )
-    assert find_flat_surfaces(tripled).outer_edges.tolist() == [7, 7, 7]
+    tripled = take_triangles(make_scene(Rectangle((1.0, 1.0))), [0, 1, 0])
+    assert find_surfaces(tripled).outer_edges.tolist() == [7, 7, 7]
 
 
 def test_triangle_without_area_is_joined_to_none() -> None:
@@ -411,34 +393,63 @@ def test_triangle_without_area_is_joined_to_none() -> None:
     corners[1, 2] = corners[1, 1]
     normals = scene.normals.copy()
     normals[1] = 0.0
-    surfaces = find_flat_surfaces(replace(scene, corners=corners, normals=normals))
+    surfaces = find_surfaces(replace(scene, corners=corners, normals=normals))
     assert surfaces.surface.tolist() == [0, 1]
     assert surfaces.outer_edges[0] == 7
 
 
-def test_small_triangles_when_many_lie_in_spheres_and_large_ones_do_not() -> None:
-    scene = make_scene(SphereBand(0.2, 0.0, 3.1, 80, 40), Rectangle((5.0, 5.0)))
-    assert len(scene) > 4000
-    surfaces = find_flat_surfaces(scene)
-    is_large = np.isin(np.arange(len(scene)), surfaces.triangles)
-    assert is_large[scene.item_index == 1].all()
-    assert 0 < len(surfaces.triangles) <= 4000
-    small = scene.corners[~is_large]
-    assert len(small) > 1000
-    centres, radii = surfaces.clusters[:, :3], surfaces.clusters[:, 3]
-    aside = np.linalg.norm(small[:, :, None] - centres, axis=-1)
-    # Some sphere holds all corners of each, and with them the whole triangle.
-    assert (aside <= radii + 1e-12).all(axis=1).any(axis=1).all()
-    assert len(centres) <= 500
-    assert radii.max() < 0.2
+def make_sheet(side: int) -> SceneMesh:
+    """A level square of 2 side^2 triangles, shuffled, each beginning with any of its corners."""
+    rng = np.random.default_rng(5)
+    column, row = np.divmod(np.arange(side * side), side)
+    first, right = np.stack((column, row), axis=-1), np.array((1, 0))
+    low = np.stack((first, first + right, first + 1), axis=1)
+    high = np.stack((first, first + 1, first + 1 - right), axis=1)
+    corners = np.zeros((2 * side * side, 3, 3))
+    corners[..., :2] = 0.1 * np.concatenate((low, high))
+    scene = take_triangles(make_scene(Rectangle((1.0, 1.0))), np.zeros(len(corners), dtype=np.intp))
+    turns = (np.arange(3) + rng.integers(0, 3, (len(corners), 1))) % 3
+    corners = np.take_along_axis(corners, turns[..., None], axis=1)[rng.permutation(len(corners))]
+    return replace(scene, corners=corners, normals=np.tile((0.0, 0.0, 1.0), (len(corners), 1)))
 
 
-def test_scene_when_empty_or_too_large_has_no_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = make_scene(Box((1.0, 1.0, 1.0)))
-    monkeypatch.setattr(module, "MAX_TRIANGLES", 12)
-    assert len(find_flat_surfaces(scene).representative) == 6
-    monkeypatch.setattr(module, "MAX_TRIANGLES", 11)
-    for none in (scene, build_scene(World("w", ()))):
-        surfaces = find_flat_surfaces(none)
-        assert len(surfaces.triangles) == len(surfaces.representative) == 0
-        assert surfaces.clusters.shape == (0, 4)
+@pytest.mark.parametrize("side", [1, 7, 60, 300])
+def test_sheet_of_many_triangles_is_one_surface_within_its_border(side: int) -> None:
+    scene = make_sheet(side)
+    surfaces = find_surfaces(scene, threads=2)
+    assert len(surfaces.representative) == 1
+    assert not surfaces.surface.any()
+    assert outer_edge_lengths(scene, surfaces) == pytest.approx([0.1] * 4 * side)
+
+
+def test_surfaces_are_the_same_with_all_threads_and_instruction_sets() -> None:
+    shapes = (SphereBand(0.5, 0.1, 3.0, 90, 40), Box((3.0, 2.0, 1.0)), Ring(0.5, 1.0, sectors=700))
+    scene = make_scene(*shapes)
+    expected = find_surfaces(scene)
+    sets = available_instruction_sets()
+    for threads, name in ((2, ""), (3, ""), (4, ""), *((2, name) for name in sets)):
+        found = find_surfaces(scene, threads=threads, instruction_set=name)
+        np.testing.assert_array_equal(found.surface, expected.surface)
+        np.testing.assert_array_equal(found.outer_edges, expected.outer_edges)
+        np.testing.assert_array_equal(found.representative, expected.representative)
+
+
+def test_scene_without_triangles_has_no_surfaces() -> None:
+    surfaces = find_surfaces(build_scene(World("w", ())))
+    assert len(surfaces.surface) == len(surfaces.outer_edges) == len(surfaces.representative) == 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e18, 1e300])
+def test_triangles_when_rays_meet_none_are_joined_to_none(value: float) -> None:
+    scene = make_scene(Rectangle((1.0, 1.0)))
+    corners = scene.corners.copy()
+    corners[1, 2, 2] = value
+    # So far away is the centre of the scene, the origin of the rays' coordinates.
+    assert find_surfaces(replace(scene, corners=corners)).outer_edges.tolist() == [7, 7]
+
+
+def test_many_copies_of_one_triangle_are_surfaces_of_their_own() -> None:
+    scene = take_triangles(make_scene(Rectangle((1.0, 1.0))), np.zeros(100_000, dtype=np.intp))
+    surfaces = find_surfaces(scene, threads=2)
+    np.testing.assert_array_equal(surfaces.surface, np.arange(100_000))
+    assert (surfaces.outer_edges == 7).all()

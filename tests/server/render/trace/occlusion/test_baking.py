@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
+from catoptra_server.render.trace.occlusion import baking
 from catoptra_server.render.trace.occlusion.baking import (
     RADIUS_M,
     bake_occlusion,
@@ -19,14 +19,22 @@ from catoptra_server.render.trace.occlusion.baking import (
     occluder_weights,
 )
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import BLOCK, OPEN
-from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
+from catoptra_server.world.shapes import facet_normals
+from catoptra_server.world.world_description import (
+    Box,
+    Item,
+    Material,
+    Rectangle,
+    SphereBand,
+    World,
+)
 from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
 
 GREY = Material((0.5, 0.5, 0.5))
 SCENE = build_scene(make_box_world())
-FRAMES = frame_surfaces(SCENE, find_flat_surfaces(SCENE))
+FRAMES = frame_surfaces(SCENE, threads=1)
 LAYOUT = lay_out(FRAMES, 0.1)
 # The mean of 32 rays a node, four sets mixed, interpolated between nodes 5 cm apart.
 TOLERANCE = 0.03
@@ -113,6 +121,11 @@ def test_thing_that_casts_no_shadow_occludes_nothing() -> None:
     assert (scene.occlusion.patch_of[:2] == -1).all()
 
 
+def test_scene_without_casters_needs_no_map() -> None:
+    world = World("floor", (replace(FLOOR, casts_shadows=False),), lights=(SKY,))
+    assert bake_scene(world).occlusion is None
+
+
 def test_unlit_facets_have_no_grid() -> None:
     world = make_box_world()
     glowing = replace(world.items[1], material=Material((1, 1, 1), unlit=True))
@@ -192,15 +205,65 @@ def test_every_corner_of_a_triangle_lies_in_its_surface_s_rectangle() -> None:
         np.testing.assert_allclose(at @ sides + FRAMES.origin[patch], corners, atol=1e-9)
 
 
-def test_small_triangles_have_grids_between_their_corners() -> None:
-    flat = find_flat_surfaces(SCENE)
-    none = flat.triangles[:0]
-    frames = frame_surfaces(
-        SCENE, FlatSurfaces(none, none, flat.outer_edges[:0], none, flat.clusters)
-    )
+def test_small_triangles_have_grids_between_their_corners(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 0)
+    frames = frame_surfaces(SCENE, threads=1)
     assert sorted(frames.patch_of.tolist()) == list(range(len(SCENE)))
     third = (frames.origin + frames.side_y)[frames.patch_of]
     np.testing.assert_allclose(third, SCENE.corners[:, 2], atol=1e-12)
+
+
+def make_ball(rings: int) -> SceneMesh:
+    """A ball of 160 triangles a ring, just above a floor."""
+    shape = SphereBand(0.3, 0.0, np.radians(179.9), sectors=80, rings=rings)
+    ball = Item("ball", shape, Pose.from_rpy((0.0, 0.0, -0.31)), GREY)
+    scene = build_scene(World("ball", (FLOOR, ball), lights=(SKY,)))
+    # A band is visible from inside.
+    outward = np.concatenate((scene.corners[:2], scene.corners[2:, ::-1]))
+    return replace(scene, corners=outward, normals=facet_normals(outward)[0])
+
+
+def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
+    scene = make_ball(40)
+    centres, factors = scene.corners.mean(axis=1), []
+    for most in (8000, 400):
+        monkeypatch.setattr(baking, "_MAX_SMALL_GRIDS", most)
+        occlusion = bake_occlusion(scene, commit_ray_caster(scene), threads=1)
+        assert occlusion is not None
+        factors.append(occlusion.factors(np.arange(len(scene)), centres))
+    single, joined = factors
+    # The floor darkens the lower half.
+    assert single[2:].mean() < 0.9
+    assert np.abs(joined - single)[2:].mean() < TOLERANCE
+    below = np.flatnonzero((centres[:, 2] > -0.25) & (centres[:, 2] < -0.1) & (joined != single))
+    for number in below[:: len(below) // 3]:
+        exact = integrate_factor(scene, centres[number], scene.normals[number], count=30)
+        assert joined[number] == pytest.approx(exact, abs=0.1)
+
+
+def test_small_triangles_share_at_most_so_many_grids_and_lie_behind_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
+    scene = make_ball(80)
+    frames = frame_surfaces(scene, threads=1)
+    small = np.flatnonzero(frames.patch_of >= baking._MAX_SURFACES)
+    assert len(small) > 8000
+    assert 4000 <= len(np.unique(frames.patch_of[small])) <= 8000
+    assert (frames.patch_of >= 0).all()
+    patch = frames.patch_of[small]
+    from_origin = scene.corners[small] - frames.origin[patch][:, None]
+    assert np.einsum("tci,ti->tc", from_origin, frames.normal[patch]).max() < 1e-9
+
+
+def test_scene_without_a_surface_needs_no_map() -> None:
+    world = World("line", (replace(FLOOR, shape=Rectangle((1.0, 1e-200))),), lights=(SKY,))
+    assert bake_scene(world).occlusion is None
 
 
 @pytest.mark.parametrize("distance_m", [0.03, 0.2, 50.0])

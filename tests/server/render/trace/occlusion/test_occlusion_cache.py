@@ -115,17 +115,6 @@ def test_world_wants_a_map_if_it_says_so_and_could_show_it() -> None:
     assert not wants_occlusion(replace(SCENE, unlit=np.ones(len(SCENE), dtype=bool)), WORLD)
 
 
-def test_limit_of_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(occlusion_cache, "MAX_TRIANGLES", len(SCENE))
-    assert not wants_occlusion(SCENE, WORLD)
-    monkeypatch.setattr(occlusion_cache, "MAX_TRIANGLES", len(SCENE) + 1)
-    assert wants_occlusion(SCENE, WORLD)
-
-
-def test_limit_is_two_hundred_thousand() -> None:
-    assert occlusion_cache.MAX_TRIANGLES == 200_000
-
-
 def test_world_of_unlit_facets_alone_has_no_map() -> None:
     glowing = Material((1.0, 1.0, 1.0), unlit=True)
     items = tuple(replace(item, material=glowing) for item in WORLD.items)

@@ -38,6 +38,7 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8
@@ -71,16 +72,29 @@ def ray_table_struct(table: RayTable) -> RayTableStruct:
     )
 
 
-def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable) -> OwningStruct:
-    """Frame without outputs: poses relative to the (3,) centre of the static scene."""
+def frame_origin(exposure: TracedExposure, scene: SceneMesh) -> Floats:
+    """(3,) origin of the coordinates of a frame in the world.
+
+    The scene's centre, so that nothing has to be moved; the camera where float32 is too coarse for
+    what is near it, because the scene is large, or the camera far from it.
+    """
+    camera = camera_states(exposure)[0].world_from_mirror.translation
+    is_far = np.abs(camera - scene.centre).max() > MAX_FLOAT_REACH_M
+    return camera if is_far or scene.is_large else scene.centre
+
+
+def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTable) -> OwningStruct:
+    """Frame without outputs: poses relative to its origin."""
     states = camera_states(exposure)
+    origin = frame_origin(exposure, scene)
     exposure_fraction, readout_fraction, max_instants = _shutter_fractions(exposure)
     objects = table.find_objects(tuple(placed.mesh for placed in states[0].objects))
     # Of the camera, then of the objects, each state by state.
     poses = [state.world_from_mirror for state in states]
     poses += [placed.world_from_object for state in states for placed in state.objects]
-    array = _pose_array(poses, centre)
+    array = _pose_array(poses, origin)
     struct = FrameStruct.from_buffer_copy(objects.struct)
+    struct.origin[:] = origin - scene.centre
     struct.num_poses = len(states)
     struct.camera = array.ctypes.data
     struct.object_poses = struct.camera + len(states) * array.strides[0]
@@ -118,15 +132,9 @@ def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32
 class ObjectTable:
     """Meshes of dynamic objects, each committed at its first use."""
 
-    def __init__(self, device: KernelDevice, centre: Floats) -> None:
-        """Begin without a mesh.
-
-        Args:
-            device: Device of the meshes.
-            centre: (3,) centre of the static scene, world frame.
-        """
+    def __init__(self, device: KernelDevice) -> None:
+        """Begin without a mesh."""
         self._device = device
-        self._centre = centre
         # By identity: robots of one class share a mesh.
         self._meshes: dict[ObjectMesh, _CommittedMesh] = {}
         self._objects: LruDict[tuple[ObjectMesh, ...], OwningStruct] = LruDict(_MAX_TUPLES)
@@ -264,9 +272,9 @@ def match_centres(
 
 
 def label_arrays(
-    match: CentreMatch, request: LabelRequest, centre: Floats
+    match: CentreMatch, request: LabelRequest, origin: Floats
 ) -> tuple[PixelLabels, OwningStruct]:
-    """Channels to be written, and the structure with the addresses; centre as of the scene."""
+    """Channels to be written, and the structure with the addresses; origin as of the frame."""
     arrays = _allocate(match.centres, [name for name in _MEMBERS if name in request.channels])
     tables = request.tables
     numbers = (tables.triangle_numbers, tables.object_numbers, tables.class_table)
@@ -278,7 +286,7 @@ def label_arrays(
         triangle_numbers=triangles.ctypes.data,
         object_numbers=objects.ctypes.data,
         class_table=classes.ctypes.data,
-        centre=tuple(centre),
+        centre=tuple(origin),
     )
     for name, array in arrays.items():
         setattr(struct, _MEMBERS[name], array.ctypes.data)
@@ -308,12 +316,12 @@ def _whole_lines(size: int) -> int:
     return -(-size // _LINE_BYTES) * _LINE_BYTES
 
 
-def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, OwningStruct]:
+def flow_arrays(tables: FlowTables, origin: Floats) -> tuple[Float32s, OwningStruct]:
     """Flow to be written whole, and the structure with the addresses.
 
     Args:
         tables: Points, motions and projection.
-        centre: (3,) scene's centre in the world.
+        origin: (3,) as of `frame_origin`.
     """
     flow = np.empty((*tables.ids.shape, 2), dtype=np.float32)
     motion_of = np.full(2**16, NO_MOTION, dtype=np.int32)
@@ -321,8 +329,8 @@ def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, OwningStr
     for index, (number, motion) in enumerate(tables.motions.items()):
         motion_of[number] = index
         motions[index, :9] = motion.rotation.reshape(-1)
-        # About the scene's centre, in float64: both may be far from the world's origin.
-        motions[index, 9:] = motion.transform_points(centre) - centre
+        # About the frame's origin, in float64: both may be far from the world's.
+        motions[index, 9:] = motion.transform_points(origin) - origin
     motion_of[list(tables.gone)] = NO_MOTION - 1
     points = np.ascontiguousarray(tables.points, dtype=np.float32)
     ids = np.ascontiguousarray(tables.ids, dtype=np.uint16)
@@ -345,7 +353,7 @@ def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, OwningStr
         origin_r=addresses[1],
         origin_z=addresses[2],
         flow=flow.ctypes.data,
-        centre=tuple(centre),
+        centre=tuple(origin),
         axes=tuple(tables.axes.reshape(-1)),
         centre_px=tables.centre_px,
     )

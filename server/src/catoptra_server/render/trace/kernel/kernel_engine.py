@@ -22,6 +22,7 @@ from catoptra_server.render.trace.kernel.exposure_arrays import (
     ObjectTable,
     exposure_arrays,
     flow_arrays,
+    frame_origin,
     label_arrays,
     match_centres,
     ray_table_struct,
@@ -44,6 +45,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
     caster_arrays,
     encoded_table,
+    find_flat_surfaces,
     hemisphere_struct,
     light_array,
     occlusion_struct,
@@ -105,7 +107,7 @@ class KernelRays:
             (*shape, 3), dtype=np.float32 if request.is_linear else np.uint8
         )
         inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
-        labels, owned = self._label_beside(request.labels)
+        labels, owned = self._label_beside(exposure, request.labels)
         self._render(
             exposure,
             output,
@@ -152,24 +154,27 @@ class KernelRays:
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
         """Labels without an image; the agreement is of these rays."""
-        arrays, owned = self._label_arrays(request)
+        arrays, owned = self._label_arrays(exposure, request)
         self._render(exposure, OUTPUT_LABELS, labels=ctypes.addressof(owned.struct))
         return arrays
 
     def _label_beside(
-        self, request: LabelRequest | None
+        self, exposure: TracedExposure, request: LabelRequest | None
     ) -> tuple[PixelLabels | None, OwningStruct | None]:
         """Channels to be found with a picture; none where these rays cannot find any."""
         if request is None:
             return None, None
         try:
-            return self._label_arrays(request)
+            return self._label_arrays(exposure, request)
         except DomainError:
             # The picture is as good without; whoever wants the labels alone is told why.
             return None, None
 
-    def _label_arrays(self, request: LabelRequest) -> tuple[PixelLabels, OwningStruct]:
-        return label_arrays(self._match(request.centres), request, self._engine.centre)
+    def _label_arrays(
+        self, exposure: TracedExposure, request: LabelRequest
+    ) -> tuple[PixelLabels, OwningStruct]:
+        origin = frame_origin(exposure, self._engine.scene)
+        return label_arrays(self._match(request.centres), request, origin)
 
     def _match(self, centres: RayTable) -> CentreMatch:
         """Where the rays of the pixels' centres are among these; kept for the next frame."""
@@ -180,7 +185,7 @@ class KernelRays:
 
     def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
         """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
-        flow, owned = flow_arrays(tables, self._engine.centre)
+        flow, owned = flow_arrays(tables, frame_origin(other, self._engine.scene))
         self._render(other, OUTPUT_FLOW, flow=ctypes.addressof(owned.struct))
         return flow
 
@@ -258,14 +263,12 @@ class KernelEngine:
         self._device = KernelDevice(instruction_set or choose_instruction_set(), threads)
         # Neither processor nor threads, which would be in the plan of every frame.
         self.description = "kernel"
-        self._mesh = scene
+        self.scene = scene
         self._world = world
         self._scene_lights = scene_lights
-        self.centre = scene.centre
-        """(3,) origin of the kernel's coordinates in the world."""
         self._owners: list[object] = []
         self._meshes: list[int] = []
-        self._objects = ObjectTable(self._device, self.centre)
+        self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
         try:
             self._scene = self._make_scene()
@@ -289,35 +292,35 @@ class KernelEngine:
 
     def _make_scene(self) -> SceneStruct:
         """Scene without what only shadows need."""
-        radiance = radiance_table(self._mesh, self._scene_lights, self._world.background)
+        radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
         encoded = encoded_table(radiance)
-        textures = self._keep(texture_array(self._mesh))
-        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.centre)
+        textures = self._keep(texture_array(self.scene))
+        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
         scene = SceneStruct(
-            mesh=self._commit(scene_arrays(self._mesh, self.centre)),
+            mesh=self._commit(scene_arrays(self.scene, self.scene.centre)),
             sharp_radiance=radiance.ctypes.data,
             # Read for shadows and hidden sky alone; until then the same table stands in.
             ambient_radiance=radiance.ctypes.data,
             encoded=encoded.ctypes.data,
-            num_textures=len(self._mesh.textures),
+            num_textures=len(self.scene.textures),
             textures=ctypes.addressof(textures),
             num_lights=num_lights,
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
-            surfaces=self._keep(surfaces_struct(self._mesh, self.centre)),
-            occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self.centre)),
+            surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
+            occlusion=self._keep(occlusion_struct(self.scene.occlusion, self.scene.centre)),
         )
-        if self._mesh.occlusion is not None:
+        if self.scene.occlusion is not None:
             scene.ambient_radiance = self._tabulate_ambient()
         return scene
 
     def _tabulate_ambient(self) -> int:
         """Address of the facets' radiance by hemisphere lights alone."""
         ambient = hemisphere_lights(self._scene_lights)
-        radiance = radiance_table(self._mesh, ambient, self._world.background)
+        radiance = radiance_table(self.scene, ambient, self._world.background)
         self._owners.append(radiance)
         return radiance.ctypes.data
 
@@ -336,12 +339,12 @@ class KernelEngine:
         """Add to the scene what only shadows need, at the first frame with shadows."""
         if self._has_shadow_tables:
             return
-        if self._mesh.occlusion is None:
+        if self.scene.occlusion is None:
             self._scene.ambient_radiance = self._tabulate_ambient()
         # Else the triangles that are seen occlude as well: no second hierarchy.
-        if not self._mesh.casts_shadows.all():
-            self._scene.casters = self._commit(caster_arrays(self._mesh, self.centre))
-            casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)
+        if not self.scene.casts_shadows.all():
+            self._scene.casters = self._commit(caster_arrays(self.scene, self.scene.centre))
+            casters = np.flatnonzero(self.scene.casts_shadows).astype(np.int32)
             self._owners.append(casters)
             self._scene.caster_triangles = casters.ctypes.data
         self._scene.light_maps = self._device.build_light_maps(self._scene)
@@ -360,7 +363,7 @@ class KernelEngine:
         **members: int | None,
     ) -> FrameCounts:
         """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
-        frame = exposure_arrays(exposure, self.centre, self._objects)
+        frame = exposure_arrays(exposure, self.scene, self._objects)
         struct = frame.struct
         if struct.has_shadows:
             self._prepare_shadows()
@@ -377,7 +380,7 @@ class KernelEngine:
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""
-        frame = exposure_arrays(exposure, self.centre, self._objects)
+        frame = exposure_arrays(exposure, self.scene, self._objects)
         self._device.trace(self._scene, view, frame.struct)
 
     def close(self) -> None:

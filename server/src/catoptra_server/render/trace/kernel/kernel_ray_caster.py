@@ -47,7 +47,7 @@ class KernelMeshCaster:
         self, origins: Floats, directions: Floats
     ) -> tuple[Floats, npt.NDArray[np.int32]]:
         """(n,) distances and triangles; infinite and -1 without a hit."""
-        starts = np.ascontiguousarray(origins - self._centre, dtype=np.float32)
+        starts = np.ascontiguousarray(origins - self._centre)
         rays = np.ascontiguousarray(directions, dtype=np.float32)
         ranges = np.zeros(len(rays), dtype=np.float32)
         triangles = np.zeros(len(rays), dtype=np.int32)

@@ -28,6 +28,7 @@ class MeshArrays(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
+        *_addresses("fine_corners"),
     ]
 
 
@@ -49,6 +50,7 @@ class LightStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("kind", c_int32),
         ("lights_scene", c_int32),
+        ("position", c_double * 3),
         ("vector", c_float * 3),
         ("intensity", c_float * 3),
     ]
@@ -60,16 +62,23 @@ class HemisphereStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [("up", c_float * 3), ("down", c_float * 3)]
 
 
-class SurfacesStruct(ctypes.Structure):
-    """Flat surfaces, and spheres around all other triangles."""
+class FacetSource(ctypes.Structure):
+    """What flat surfaces are found by."""
 
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
-        *_addresses("triangles", "surface", "outer_edges"),
+        ("centre", c_double * 3),
+        *_addresses("corners", "normals", "albedo", "uv", "texture", "object"),
+        *_addresses("unlit", "has_colours"),
+    ]
+
+
+class SurfacesStruct(ctypes.Structure):
+    """Flat surfaces."""
+
+    _fields_: ClassVar[Fields] = [
         ("num_surfaces", c_int32),
-        ("representative", c_void_p),
-        ("num_clusters", c_int32),
-        ("clusters", c_void_p),
+        *_addresses("surface", "outer_edges", "representative"),
     ]
 
 
@@ -83,6 +92,7 @@ class OcclusionPatchStruct(ctypes.Structure):
         ("top", c_int32),
         ("right", c_int32),
         ("bottom", c_int32),
+        ("offset", c_double * 2),
     ]
 
 
@@ -92,7 +102,9 @@ class OcclusionStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("width", c_int32),
         ("height", c_int32),
-        *_addresses("texels", "patch_of", "patches", "dark_sums"),
+        *_addresses("texels", "patch_of", "patches"),
+        ("num_patches", c_int32),
+        *_addresses("dark_sums"),
     ]
 
 
@@ -163,6 +175,7 @@ class FrameStruct(ctypes.Structure):
     """One exposure and its outputs."""
 
     _fields_: ClassVar[Fields] = [
+        ("origin", c_double * 3),
         ("num_poses", c_int32),
         ("camera", c_void_p),
         ("num_objects", c_int32),
@@ -246,6 +259,7 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     TextureLevelStruct,
     TextureStruct,
     LightStruct,
+    FacetSource,
     SurfacesStruct,
     OcclusionPatchStruct,
     OcclusionStruct,

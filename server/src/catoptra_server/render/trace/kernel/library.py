@@ -23,8 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
+    FacetSource,
     FrameCounts,
     FrameStruct,
     ImageJob,
@@ -97,6 +99,26 @@ class KernelDevice:
         """Free a mesh."""
         self._library.catoptra_release_mesh(mesh)
 
+    def find_surfaces(
+        self,
+        facets: FacetSource,
+        surface: npt.NDArray[np.int32],
+        outer_edges: npt.NDArray[np.uint8],
+        representative: npt.NDArray[np.int32],
+    ) -> int:
+        """Write the flat surfaces of n triangles into (n,) arrays; their number.
+
+        Raises:
+            KernelError: Memory is short.
+        """
+        addresses = (array.ctypes.data for array in (surface, outer_edges, representative))
+        count: int = self._library.catoptra_find_surfaces(
+            self._require_open(), ctypes.byref(facets), *addresses
+        )
+        if count < 0:
+            raise KernelError("no flat surfaces: out of memory")
+        return count
+
     def prepare(self, rays: RayTableStruct) -> int:
         """Prepare the rays of a view."""
         return self._make(self._library.catoptra_prepare, rays)
@@ -146,7 +168,7 @@ class KernelDevice:
     def cast(
         self,
         mesh: int,
-        origins: _Float32s,
+        origins: Floats,
         directions: _Float32s,
         ranges: _Float32s,
         triangles: npt.NDArray[np.int32],
@@ -228,6 +250,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),
+        "catoptra_find_surfaces": (c_int32, (c_void_p,) * 5),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),
         "catoptra_release_view": (None, (c_void_p,)),

@@ -3,9 +3,8 @@
 Texels have a border: the image is repeated by one texel on every side, so that a bilinear look-up
 never leaves the array. Twin: `world/textures.py:sample_levels`.
 
-The kernel proves for parts of an image that one flat surface fills all (`src/coverage.h`). Every
-surface is a candidate in every part of the image, so their number is limited; small triangles are
-enclosed in spheres, which can only prevent a proof.
+The kernel proves for parts of an image that one flat surface fills all (`src/coverage.h`); it finds
+the surfaces by sorting edges, a million triangles in the time of their hierarchy.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import einsum, matmul
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.image_changer import encode_srgb
@@ -28,6 +27,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
+    FacetSource,
     HemisphereStruct,
     LightStruct,
     MeshArrays,
@@ -37,8 +37,9 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureLevelStruct,
     TextureStruct,
 )
+from catoptra_server.render.trace.kernel.library import KernelDevice
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
     OPEN,
     OcclusionMap,
@@ -46,22 +47,10 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     write_facet_radiance,
 )
-from catoptra_server.world.textures import Levels, build_levels, uv_gradients
+from catoptra_server.world.textures import Levels, build_levels
 from catoptra_server.world.triangles import row_blocks
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
-# Beyond, no sensible part of an image shows one surface, and finding surfaces takes a second for a
-# million triangles.
-MAX_TRIANGLES = 200_000
-# Candidates of a frame: each costs 5 ns for each of 100 parts of an image.
-_MAX_LARGE = 4000
-_MAX_CLUSTERS = 500
-# Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad.
-_SAME_NORMAL = 1.0 - 5e-11
-# Texture coordinates at one point, by the planes of two triangles.
-_SAME_UV = 1e-9
-# Corners of neighbours result from different sums: within a nanometre both are one vertex.
-_SAME_POSITION_DIGITS = 9
 _MAX_TEXEL = 65535
 """Texel of white."""
 _Indices = npt.NDArray[np.int32]
@@ -114,8 +103,9 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
 
 def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
     """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown."""
-    relative = _round_corners(corners, centre)
-    return OwningStruct(MeshArrays(len(corners), corners=_address(relative)), (relative,))
+    arrays = _corner_members(corners, centre)
+    addresses = {name: _address(array) for name, array in arrays.items()}
+    return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
 
 
 def _mesh_arrays(
@@ -128,7 +118,7 @@ def _mesh_arrays(
 ) -> OwningStruct:
     """Triangles with their materials; optional: members of `MeshArrays` that some meshes have."""
     arrays = {
-        "corners": _round_corners(corners, centre),
+        **_corner_members(corners, centre),
         "normals": _float32(normals),
         "albedo": _float32(albedo),
         "flags": flags,
@@ -138,11 +128,12 @@ def _mesh_arrays(
     return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
 
 
-def _round_corners(corners: Floats, centre: Floats) -> npt.NDArray[np.float32]:
-    """(n, 3, 3) corners relative to a centre."""
+def _corner_members(corners: Floats, centre: Floats) -> dict[str, npt.NDArray[Any] | None]:
+    """(n, 3, 3) corners relative to a centre, in double precision besides where they are far."""
     relative = np.zeros(corners.shape, dtype=np.float32)
     np.subtract(corners, centre, out=relative, casting="same_kind")
-    return relative
+    is_large = np.abs(relative).max(initial=0.0) > MAX_FLOAT_REACH_M
+    return {"corners": relative, "fine_corners": corners - centre if is_large else None}
 
 
 def _float32(array: npt.NDArray[Any] | None) -> npt.NDArray[np.float32] | None:
@@ -154,12 +145,11 @@ def _address(array: npt.NDArray[Any] | None) -> int | None:
     return None if array is None else array.ctypes.data
 
 
-def _uv_frames(uv: Floats) -> npt.NDArray[np.float32]:
+def _uv_frames(uv: Floats) -> Floats:
     """(n, 6) texture coordinates of each triangle's first corner and of its two edges."""
     first, second, third = np.moveaxis(uv, 1, 0)
     # Edges instead of corners: coordinates at a point are then two products and two sums.
-    frames = np.concatenate((first, second - first, third - first), axis=-1)
-    return np.ascontiguousarray(frames, dtype=np.float32)
+    return np.concatenate((first, second - first, third - first), axis=-1)
 
 
 def _has_corner_colours(scene: SceneMesh) -> Bools:
@@ -231,9 +221,11 @@ def _light_struct(
 ) -> LightStruct:
     if isinstance(light, DirectionalLight):
         towards = -np.asarray(light.direction)
-        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, tuple(towards), tuple(light.irradiance))
-    position = np.asarray(light.position_m) - centre
-    return LightStruct(LIGHT_POINT, lights_scene, tuple(position), tuple(light.intensity))
+        nowhere = (0.0, 0.0, 0.0)
+        vectors = (nowhere, tuple(towards), tuple(light.irradiance))
+        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, *vectors)
+    position = tuple(np.asarray(light.position_m) - centre)
+    return LightStruct(LIGHT_POINT, lights_scene, position, position, tuple(light.intensity))
 
 
 def hemisphere_struct(lights: Sequence[Light]) -> HemisphereStruct:
@@ -258,6 +250,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     for struct, (column, row, bounds) in zip(structs, rows, strict=True):
         struct.column[:], struct.row[:] = column, row
         struct.left, struct.top, struct.right, struct.bottom = bounds
+        struct.offset[:] = column[3], row[3]
     height, width = occlusion.texels.shape
     sums = _sum_dark_nodes(occlusion.texels)
     struct = OcclusionStruct(
@@ -266,6 +259,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
         texels=occlusion.texels.ctypes.data,
         patch_of=occlusion.patch_of.ctypes.data,
         patches=ctypes.addressof(structs),
+        num_patches=len(structs),
         dark_sums=sums.ctypes.data,
     )
     return OwningStruct(struct, (occlusion, structs, sums))
@@ -286,186 +280,50 @@ def _sum_dark_nodes(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     return sums
 
 
-def surfaces_struct(scene: SceneMesh, centre: Floats) -> OwningStruct:
-    """Flat surfaces of a scene."""
-    found = find_flat_surfaces(scene)
-    clusters = found.clusters - np.append(centre, 0.0)
-    # Float32 rounds centres: spheres grow by as much.
-    clusters[:, 3] += 1e-6 * np.abs(clusters).max(axis=1, initial=0.0)
-    spheres = clusters.astype(np.float32)
-    struct = SurfacesStruct(
-        num_triangles=len(found.triangles),
-        triangles=found.triangles.ctypes.data,
-        surface=found.surface.ctypes.data,
-        outer_edges=found.outer_edges.ctypes.data,
-        num_surfaces=len(found.representative),
-        representative=found.representative.ctypes.data,
-        num_clusters=len(spheres),
-        clusters=spheres.ctypes.data,
-    )
-    return OwningStruct(struct, (found, spheres))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FlatSurfaces:
-    """Surfaces of a scene: connected coplanar triangles of one material. World frame."""
+    """Surfaces of a scene: connected coplanar triangles of one material."""
 
-    triangles: _Indices
-    """(m,) triangles that belong to surfaces."""
     surface: _Indices
-    """(m,) surface of each."""
+    """(n,) surface of each triangle."""
     outer_edges: npt.NDArray[np.uint8]
-    """(m,) bit masks of the edges that bound a surface; bit k is the edge from corner k on."""
+    """(n,) bit masks of the edges that bound a surface; bit k is the edge from corner k on."""
     representative: _Indices
     """(s,) largest triangle of each surface."""
-    clusters: Floats
-    """(c, 4) centres and radii of spheres around all other triangles, metres."""
 
 
-def find_flat_surfaces(scene: SceneMesh) -> FlatSurfaces:
-    """Surfaces and clusters of a scene; none at all for a scene of very many triangles."""
-    if not 0 < len(scene) <= MAX_TRIANGLES:
-        return _NO_SURFACES
-    longest = _longest_edge(scene.corners)
-    side = _cluster_side(scene.corners, longest)
-    large, small = np.flatnonzero(longest > side), np.flatnonzero(longest <= side)
-    pairs, outer_edges = _join_triangles(scene, large)
-    surface = _connected_components(len(large), pairs)
-    return FlatSurfaces(
-        triangles=large.astype(np.int32),
-        surface=surface,
-        outer_edges=outer_edges,
-        representative=_largest_of_each(scene.corners, large, surface),
-        clusters=_enclose_clusters(scene.corners[small], side),
-    )
+def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
+    """Surfaces of a scene, by all threads of a device.
 
-
-_NO_SURFACES = FlatSurfaces(
-    triangles=np.zeros(0, np.int32),
-    surface=np.zeros(0, np.int32),
-    outer_edges=np.zeros(0, np.uint8),
-    representative=np.zeros(0, np.int32),
-    clusters=np.zeros((0, 4)),
-)
-
-
-def _longest_edge(corners: Floats) -> Floats:
-    """(n,) length of each triangle's longest edge."""
-    edges = corners - np.roll(corners, 1, axis=1)
-    longest: Floats = np.sqrt(np.square(edges).sum(axis=-1).max(axis=-1, initial=0.0))
-    return longest
-
-
-def _cluster_side(corners: Floats, longest: Floats) -> float:
-    """Least side of clusters that leaves few enough triangles and clusters, metres; -1: none."""
-    if len(corners) <= _MAX_LARGE:
-        return -1.0
-    # Not so small that the numbers of the cubes leave 63 bits.
-    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    side = max(float(np.partition(longest, -_MAX_LARGE)[-_MAX_LARGE]), 1e-5 * extent)
-    centres = corners.mean(axis=1)
-    while len(np.unique(_number_cubes(centres, side))) > _MAX_CLUSTERS:
-        side *= 1.5
-    return side
-
-
-def _number_cubes(points: Floats, side: float) -> npt.NDArray[np.int64]:
-    """(n,) number of the cube that contains each of (n, 3) points."""
-    cell = np.floor((points - points.min(axis=0, initial=np.inf)) / side).astype(np.int64)
-    count = cell.max(axis=0, initial=0) + 1
-    numbers: npt.NDArray[np.int64] = (cell[:, 0] * count[1] + cell[:, 1]) * count[2] + cell[:, 2]
-    return numbers
-
-
-def _enclose_clusters(corners: Floats, side: float) -> Floats:
-    """(c, 4) centres and radii of spheres around the triangles of each cube."""
-    if not len(corners):
-        return np.zeros((0, 4))
-    _, group = np.unique(_number_cubes(corners.mean(axis=1), side), return_inverse=True)
-    order = np.argsort(group, kind="stable")
-    starts = np.searchsorted(group[order], np.arange(int(group.max()) + 1))
-    lowest = np.minimum.reduceat(corners.min(axis=1)[order], starts)
-    highest = np.maximum.reduceat(corners.max(axis=1)[order], starts)
-    centres = 0.5 * (lowest + highest)
-    reach = np.linalg.norm(corners - centres[group][:, None], axis=-1).max(axis=-1)
-    return np.column_stack((centres, np.maximum.reduceat(reach[order], starts)))
-
-
-def _largest_of_each(corners: Floats, large: npt.NDArray[np.intp], surface: _Indices) -> _Indices:
-    """(s,) triangle with the largest area of each surface: its plane is the best known."""
-    cross = np.cross(corners[large, 1] - corners[large, 0], corners[large, 2] - corners[large, 0])
-    order = np.lexsort((-np.linalg.norm(cross, axis=-1), surface))
-    first = np.searchsorted(surface[order], np.arange(int(surface.max(initial=-1)) + 1))
-    return large[order[first]].astype(np.int32)
-
-
-def _join_triangles(
-    scene: SceneMesh, large: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
-    """(p, 2) pairs of large triangles that continue each other, and the edges without any pair."""
-    corners = scene.corners[large].reshape(-1, 3).round(_SAME_POSITION_DIGITS)
-    _, corner = np.unique(_number_rows(corners), return_inverse=True)
-    triangles = corner.reshape(-1, 3)
-    follower = np.roll(triangles, -1, axis=1)
-    ends = np.sort(np.stack((triangles, follower), axis=-1), axis=-1)
-    numbers = _number_rows(ends.reshape(-1, 2))
-    _, edge, count = np.unique(numbers, return_inverse=True, return_counts=True)
-    order = np.argsort(edge.reshape(-1), kind="stable")
-    first = (np.cumsum(count) - count)[count == 2]
-    # Flat indices 3 * triangle + edge of the two sides of each edge that two triangles share.
-    sides = np.stack((order[first], order[first + 1]), axis=-1)
-    # One edge, one normal: triangles that pass the edge in opposite directions lie on both
-    # sides. Copies of one triangle do not, and end there.
-    is_forward = (triangles < follower).reshape(-1)[sides]
-    sides = sides[is_forward[:, 0] != is_forward[:, 1]]
-    sides = sides[_continue_each_other(scene, large[sides // 3])]
-    is_outer = np.ones(3 * len(large), dtype=bool)
-    is_outer[sides.reshape(-1)] = False
-    return sides // 3, (is_outer.reshape(-1, 3) @ np.array([1, 2, 4])).astype(np.uint8)
-
-
-def _number_rows(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.int64]:
-    """(n,) numbers that order and tell apart (n, k) rows, as their elements do.
-
-    Sorted column by column: `np.unique` of whole rows takes seven times as long.
+    Raises:
+        KernelError: Memory is short.
     """
-    numbers = np.zeros(len(rows), dtype=np.int64)
-    for column in rows.T:
-        values, rank = np.unique(column, return_inverse=True)
-        numbers = numbers * len(values) + rank
-    return numbers
+    arrays: dict[str, npt.NDArray[Any] | None] = {
+        "corners": scene.corners,
+        "normals": scene.normals,
+        "albedo": scene.albedo,
+        "uv": scene.uv if scene.textures else None,
+        "texture": scene.texture_index,
+        "object": scene.object_index,
+        "unlit": scene.unlit,
+        "has_colours": _has_corner_colours(scene),
+    }
+    arrays = {n: None if a is None else np.ascontiguousarray(a) for n, a in arrays.items()}
+    addresses = {name: _address(array) for name, array in arrays.items()}
+    surface = np.zeros(len(scene), dtype=np.int32)
+    outer_edges = np.zeros(len(scene), dtype=np.uint8)
+    largest = np.zeros(len(scene), dtype=np.int32)
+    facets = FacetSource(len(scene), tuple(scene.centre), **addresses)
+    count = device.find_surfaces(facets, surface, outer_edges, largest)
+    return FlatSurfaces(surface, outer_edges, largest[:count].copy())
 
 
-def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools:
-    """(p,) whether two neighbours are coplanar and of one material."""
-    a, b = pairs[:, 0], pairs[:, 1]
-    alike: Bools = einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
-    alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
-    alike &= scene.unlit[a] == scene.unlit[b]
-    # One surface has one label.
-    alike &= scene.object_index[a] == scene.object_index[b]
-    alike &= scene.texture_index[a] == scene.texture_index[b]
-    has_colours = _has_corner_colours(scene)
-    alike &= ~has_colours[a] & ~has_colours[b]
-    textured = np.flatnonzero(alike & (scene.texture_index[a] >= 0))
-    # Texture coordinates of the first one's plane, at the other's corners.
-    corners, uv = scene.corners[a[textured]], scene.uv[a[textured]]
-    gradient = uv_gradients(corners, uv)
-    offset = uv[:, 0] - einsum("nki,ni->nk", gradient, corners[:, 0])
-    there = einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
-    alike[textured] = (np.abs(there - scene.uv[b[textured]]) < _SAME_UV).all(axis=(1, 2))
-    return alike
-
-
-def _connected_components(count: int, pairs: npt.NDArray[np.intp]) -> _Indices:
-    """(count,) group of each element joined by (p, 2) pairs, numbered from 0."""
-    label = np.arange(count)
-    while True:
-        smallest = label.copy()
-        np.minimum.at(smallest, pairs[:, 0], label[pairs[:, 1]])
-        np.minimum.at(smallest, pairs[:, 1], label[pairs[:, 0]])
-        smallest = smallest[smallest]  # halves the length of chains
-        if (smallest == label).all():
-            break
-        label = smallest
-    return np.unique(label, return_inverse=True)[1].astype(np.int32)
+def surfaces_struct(surfaces: FlatSurfaces) -> OwningStruct:
+    """Flat surfaces of a scene."""
+    struct = SurfacesStruct(
+        num_surfaces=len(surfaces.representative),
+        surface=_address(surfaces.surface),
+        outer_edges=_address(surfaces.outer_edges),
+        representative=_address(surfaces.representative),
+    )
+    return OwningStruct(struct, (surfaces,))

@@ -7,12 +7,13 @@ room every direction ends on something. Source: Zhukov et al. 1998, "An ambient 
 model".
 
 Five steps, in the order of this file. Flat surfaces get grids of nodes over their bounding
-rectangles, the outermost nodes on the border; triangles of no flat surface get two by two nodes, if
-they are few enough. Only nodes near boxes around casters are measured. Neighbouring nodes use
-different sets of directions, in squares of two by two. A node inside a solid, which nobody sees,
-takes its neighbours' factors: a floor goes on below a crate, and interpolation would darken the
-floor beside it. A tent over three by three nodes then weighs all four sets alike, so that steps at
-the edges of occluders vanish. Factors are bytes, so the last bits of rays hardly show.
+rectangles, the outermost nodes on the border; triangles of no flat surface get two by two nodes,
+where there are many of them neighbours of like direction together. Only nodes near boxes around
+casters are measured. Neighbouring nodes use different sets of directions, in squares of two by two.
+A node inside a solid, which nobody sees, takes its neighbours' factors: a floor goes on below a
+crate, and interpolation would darken the floor beside it. A tent over three by three nodes then
+weighs all four sets alike, so that steps at the edges of occluders vanish. Factors are bytes, so
+the last bits of rays hardly show.
 """
 
 from __future__ import annotations
@@ -24,9 +25,14 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import cos, einsum, matmul, sin, solve_linear
+from catoptra_protocol.optics.elementary import cos, dot, einsum, matmul, sin, solve_linear
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelUnavailableError,
+    choose_instruction_set,
+)
 from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OPEN, OcclusionMap
@@ -46,8 +52,12 @@ _MAX_TEXELS = 2_000_000
 _MIN_NODE_DISTANCE_M = 0.05
 # Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
 _MAX_SIDE_NODES = 1000
-# Four nodes each, of the 48 000 that are measured.
-_MAX_SMALL_TRIANGLES = 8000
+# Grids of whole surfaces, the largest; each is compared with each box of casters.
+_MAX_SURFACES = 4000
+# Of triangles of no flat surface: four nodes each, of the 48 000 that are measured.
+_MAX_SMALL_GRIDS = 8000
+# Between triangles that share a grid: the components of their normals beyond a third agree in sign.
+_DIRECTIONS_PER_UNIT = 3.0
 # Lower things occlude nothing of a plane: markings lie on floors, posters on walls.
 _MIN_HEIGHT_M = 0.005
 # Boxes in all, at least; a scene of few triangles has one each.
@@ -86,16 +96,29 @@ def bake_occlusion(
     """Occlusion map of a scene; None where nothing is occluded.
 
     Args:
-        scene: Triangles, fewer than `kernel/scene_arrays.py:MAX_TRIANGLES`.
+        scene: Triangles.
         caster: Rays in the same triangles; called from several threads at once.
         threads: Threads; the result is the same for any number.
     """
-    frames = frame_surfaces(scene, find_flat_surfaces(scene))
+    frames = frame_surfaces(scene, threads=threads)
     layout, near = _choose_layout(scene, frames)
     nodes = _place_nodes(frames, layout, near)
     factors, inside = _measure_all(scene, caster, nodes, threads)
     texels = filter_factors(layout, near, factors, inside)
     return _without_open_grids(frames, layout, texels)
+
+
+def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
+    """Flat surfaces; where no kernel runs, each triangle is one, with more nodes than it needs."""
+    try:
+        device = KernelDevice(choose_instruction_set(), threads)
+    except KernelUnavailableError:
+        alone = np.arange(len(scene), dtype=np.int32)
+        return FlatSurfaces(alone, np.full(len(scene), 7, dtype=np.uint8), alone)
+    try:
+        return find_flat_surfaces(scene, device)
+    finally:
+        device.close()
 
 
 def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
@@ -154,32 +177,95 @@ class _SurfaceFrames:
         return replace(self, side_x=self.side_y, side_y=self.side_x)
 
 
-def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def frame_surfaces(scene: SceneMesh, *, threads: int) -> _SurfaceFrames:
     """Coordinate systems of the lit surfaces of a scene."""
-    patch_of = np.full(len(scene), -1, dtype=np.int32)
-    patch_of[flat.triangles] = flat.surface
-    large = _frame_large(scene, flat)
-    small = np.flatnonzero((patch_of < 0) & ~scene.unlit)
-    if len(small) > _MAX_SMALL_TRIANGLES:
-        small = small[:0]
-    patch_of[small] = len(flat.representative) + np.arange(len(small), dtype=np.int32)
-    first, second, third = np.moveaxis(scene.corners[small], 1, 0)
+    flat = _find_surfaces(scene, threads)
+    largest = _choose_largest(scene, flat)
+    number = np.full(len(flat.representative), -1, dtype=np.int32)
+    number[largest] = np.arange(len(largest), dtype=np.int32)
+    patch_of, representative = number[flat.surface], flat.representative[largest]
+    large = _frame_large(scene, patch_of, representative)
+    is_small = (patch_of < 0) & ~scene.unlit & scene.normals.any(axis=1)
+    small = np.flatnonzero(is_small).astype(np.int32)
+    group, middle = _join_neighbours(scene, small)
+    joined = _frame_groups(scene, small, group, middle)
+    patch_of[small] = len(representative) + group
     frames = _SurfaceFrames(
         patch_of,
-        np.concatenate((large.origin, first)),
-        np.concatenate((large.side_x, second - first)),
-        np.concatenate((large.side_y, third - first)),
-        np.concatenate((large.normal, scene.normals[small])),
+        np.concatenate((large.origin, joined.origin)),
+        np.concatenate((large.side_x, joined.side_x)),
+        np.concatenate((large.side_y, joined.side_y)),
+        np.concatenate((large.normal, joined.normal)),
     )
     # Unlit surfaces show their albedo; one without an area has no plane.
-    is_lit = np.concatenate((~scene.unlit[flat.representative], np.ones(len(small), dtype=bool)))
+    is_lit = np.concatenate((~scene.unlit[representative], np.ones(len(middle), dtype=bool)))
     has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
     return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
 
 
-def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indices]:
+    """Grids of small triangles: one each, or one for neighbours where that were too many.
+
+    Returns:
+        (k,) grid of each of (k,) triangles, and (m,) triangle in the middle of each grid.
+    """
+    group = np.arange(len(small))
+    if len(small) <= _MAX_SMALL_GRIDS:
+        return group.astype(np.int32), small
+    normals = scene.normals[small]
+    first, second, third = np.moveaxis(scene.corners[small], 1, 0)
+    area_m2 = 0.5 * float(_lengths(np.cross(second - first, third - first)).sum())
+    side_m = 0.5 * np.sqrt(area_m2 / _MAX_SMALL_GRIDS)
+    places = np.column_stack(
+        ((first + second + third) / 3.0, np.sign(np.trunc(_DIRECTIONS_PER_UNIT * normals)))
+    )
+    # By what is left of the last round: a million triangles are sorted once.
+    while len(places) > _MAX_SMALL_GRIDS:
+        cells = np.column_stack((np.floor(places[:, :3] / side_m), places[:, 3:]))
+        order = np.lexsort(cells.T)
+        is_new = np.append(True, (np.diff(cells[order], axis=0) != 0.0).any(axis=1))
+        number = np.zeros(len(places), dtype=np.intp)
+        number[order] = np.cumsum(is_new) - 1
+        group, places = number[group], places[order[is_new]]
+        side_m *= 1.2
+    # The triangle that faces most as all together do.
+    sums = np.stack([np.bincount(group, component) for component in normals.T], axis=-1)
+    order = np.lexsort((-dot(normals, np.asarray(sums[group], dtype=np.float64)), group))
+    middle = small[order[np.searchsorted(group[order], np.arange(len(places)))]]
+    return group.astype(np.int32), middle
+
+
+def _frame_groups(
+    scene: SceneMesh, small: _Indices, group: _Indices, middle: _Indices
+) -> _SurfaceFrames:
+    """Parallelograms over single triangles, rectangles in front of those that share a grid."""
+    group_of = np.full(len(scene), -1, dtype=np.int32)
+    group_of[small] = group
+    frames = _frame_large(scene, group_of, middle)
+    from_origin = scene.corners[small] - frames.origin[group][:, None]
+    height = einsum("tci,ti->tc", from_origin, frames.normal[group]).max(axis=1)
+    highest = np.zeros(len(middle))
+    np.maximum.at(highest, group, height)
+    first, second, third = np.moveaxis(scene.corners[middle], 1, 0)
+    is_single = (np.bincount(group, minlength=len(middle)) == 1)[:, None]
+    return replace(
+        frames,
+        origin=np.where(is_single, first, frames.origin + highest[:, None] * frames.normal),
+        side_x=np.where(is_single, second - first, frames.side_x),
+        side_y=np.where(is_single, third - first, frames.side_y),
+    )
+
+
+def _choose_largest(scene: SceneMesh, flat: FlatSurfaces) -> _Numbers:
+    """(m,) surfaces of the largest areas, in their order."""
+    first, second, third = np.moveaxis(scene.corners, 1, 0)
+    area = np.bincount(flat.surface, _lengths(np.cross(second - first, third - first)))
+    return np.sort(np.argsort(-area, kind="stable")[:_MAX_SURFACES])
+
+
+def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices) -> _SurfaceFrames:
     """Bounding rectangles of flat surfaces along axes of their planes."""
-    normal = scene.normals[flat.representative]
+    normal = scene.normals[representative]
     # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
     # world's x axis.
     horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
@@ -188,11 +274,12 @@ def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
     axis_x -= einsum("mi,mi->m", axis_x, normal)[:, None] * normal
     axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
     axis_y = np.cross(normal, axis_x)
-    corners = scene.corners[flat.triangles]
-    anchor = scene.corners[flat.representative, 0]
-    low, high = _extents(corners, anchor, np.stack((axis_x, axis_y), axis=1), flat.surface)
+    triangles = np.flatnonzero(patch_of >= 0)
+    anchor = scene.corners[representative, 0]
+    axes = np.stack((axis_x, axis_y), axis=1)
+    low, high = _extents(scene.corners[triangles], anchor, axes, patch_of[triangles])
     return _SurfaceFrames(
-        flat.surface,
+        patch_of,
         anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
         (high - low)[:, :1] * axis_x,
         (high - low)[:, 1:] * axis_y,
@@ -337,16 +424,24 @@ def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
     middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
     diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
     limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + RADIUS_M
-    pairs = []
+    pairs = [(np.zeros(0, dtype=np.intp),) * 2]
     # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
-    for first in range(0, len(middle), _SURFACES_AT_ONCE):
+    for first in range(0, len(middle) if len(boxes.half) else 0, _SURFACES_AT_ONCE):
         part = slice(first, first + _SURFACES_AT_ONCE)
         offset = boxes.centre - middle[part, None]
         outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
-        near = einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
+        squared = einsum("mbi,mbi->mb", outside, outside)
+        near = squared < limit[part, None] ** 2
         height = einsum("mbi,mi->mb", offset, frames.normal[part])
         reach = matmul(np.abs(frames.normal[part]), boxes.half.T)
         near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < RADIUS_M)
+        # Where the nearest box is within the radius of all nodes, no other adds one.
+        squared[~near] = np.inf
+        nearest = squared.argmin(axis=1)
+        reserve = np.maximum(2.0 * RADIUS_M - limit[part], 0.0)
+        is_whole = np.flatnonzero(squared.min(axis=1, initial=np.inf) < np.square(reserve))
+        near[is_whole] = False
+        near[is_whole, nearest[is_whole]] = True
         surface, box = np.nonzero(near)
         pairs.append((surface + first, box))
     surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))

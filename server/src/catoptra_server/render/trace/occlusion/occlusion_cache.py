@@ -17,7 +17,6 @@ import numpy as np
 from numpy.lib.format import read_array
 
 from catoptra_server import __version__
-from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
@@ -26,18 +25,19 @@ from catoptra_server.world.world_description import World
 log = logging.getLogger(__name__)
 
 # Increased when maps change for the same scene.
-_FORMAT_VERSION = 2
+_FORMAT_VERSION = 3
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 _DIGEST_BYTES = 32
-# The largest atlas and the arrays of 200 000 triangles; a larger file was not written here.
-_MAX_BYTES = 32 * 2**20
+# The largest atlas and the arrays of its grids, and what each triangle adds; a larger file was not
+# written here.
+_MAX_BYTES, _BYTES_PER_TRIANGLE = 32 * 2**20, 4
 
 
 def wants_occlusion(scene: SceneMesh, world: World) -> bool:
-    """Whether a world asks for an occlusion map, is small enough, and something is occluded."""
+    """Whether a world asks for an occlusion map, and something is occluded."""
     return (
         world.ambient_occlusion
-        and 0 < len(scene) < MAX_TRIANGLES
+        and len(scene) > 0
         and bool(hemisphere_lights(world.lights))
         and not bool(scene.unlit.all())
         and bool(scene.casts_shadows.any())
@@ -84,7 +84,7 @@ def _read(file: Path, num_triangles: int) -> OcclusionMap | None:
     """Map of a file; None for an absent or unusable one."""
     try:
         with file.open("rb") as opened:
-            content = opened.read(_MAX_BYTES + 1)
+            content = opened.read(_MAX_BYTES + _BYTES_PER_TRIANGLE * num_triangles + 1)
         body = content[_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != content[:_DIGEST_BYTES]:
             return None

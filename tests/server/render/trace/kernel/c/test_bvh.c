@@ -152,6 +152,18 @@ static void hash_values(Walk *walk, const void *values, size_t size) {
         walk->hash = (walk->hash ^ ((const uint8_t *)values)[i]) * 1099511628211u;
 }
 
+/* Whether a leaf has a triangle's corners in their order, from any of them on. */
+static int has_corners(const BvhLeaf *leaf, int lane, const float *corners) {
+    for (int first = 0; first < 3; first++) {
+        int same = 1;
+        for (int k = 0; k < 9; k++)
+            same &= leaf->corner[k][lane] == corners[(3 * first + k) % 9];
+        if (same)
+            return 1;
+    }
+    return 0;
+}
+
 static void walk_leaf(Walk *walk, const BvhLeaf *leaf, const float least[3], const float most[3]) {
     walk->leaves++;
     CHECK(leaf->triangle[0] != NO_TRIANGLE);
@@ -163,8 +175,8 @@ static void walk_leaf(Walk *walk, const BvhLeaf *leaf, const float least[3], con
         if (triangle == NO_TRIANGLE)
             continue;
         CHECK(!walk->is_in_leaf[triangle]++);
+        CHECK(has_corners(leaf, lane, walk->corners + 9 * (size_t)triangle));
         for (int k = 0; k < 9; k++) {
-            CHECK(leaf->corner[k][lane] == walk->corners[9 * (size_t)triangle + (size_t)k]);
             CHECK(least[k % 3] <= leaf->corner[k][lane] && leaf->corner[k][lane] <= most[k % 3]);
         }
     }
@@ -229,7 +241,7 @@ static void test_structures(Workers *const workers[2]) {
             for (int pool = 0; pool < 2; pool++) {
                 Bvh bvh;
                 threads = workers_count(workers[pool]);
-                CHECK(build_bvh(&bvh, workers[pool], corners, counts[c]));
+                CHECK(build_bvh(&bvh, workers[pool], corners, NULL, counts[c]));
                 hash[pool] = check_structure(&bvh, corners, counts[c]);
                 free_bvh(&bvh);
             }
@@ -242,7 +254,7 @@ static void test_structures(Workers *const workers[2]) {
 static void test_copies(Workers *workers) {
     float *corners = make_mesh(&KINDS[2], 1000000);
     Bvh bvh;
-    CHECK(build_bvh(&bvh, workers, corners, 1000000));
+    CHECK(build_bvh(&bvh, workers, corners, NULL, 1000000));
     CHECK(bvh.num_nodes == 1 && bvh.num_leaves == 1);
     CHECK(bvh.leaves[0].triangle[0] + bvh.leaves[0].triangle[1] == 3);
     free_bvh(&bvh);
@@ -277,13 +289,12 @@ static float meet_triangle(const float *corners, const RayBlock *rays, int lane)
     float first[3], second[3], length[3];
     for (int i = 0; i < 3; i++) {
         const float *start = corners + (i + 1) % 3 * 3, *end = corners + (i + 2) % 3 * 3;
-        float dx = end[axis[0]] - start[axis[0]], dy = end[axis[1]] - start[axis[1]];
-        float dz = end[axis[2]] - start[axis[2]];
+        float dx = end[0] - start[0], dy = end[1] - start[1], dz = end[2] - start[2];
         length[i] = dx * dx + dy * dy + dz * dz;
     }
     int base = length[0] >= length[1] && length[0] >= length[2] ? 0 : length[1] >= length[2] ? 1 : 2;
-    const float *from = corners + 3 * base, *other = corners + (base ? 0 : 3);
-    const float *last = corners + (base == 2 ? 3 : 6);
+    const float *from = corners + 3 * base, *other = corners + (base + 1) % 3 * 3;
+    const float *last = corners + (base + 2) % 3 * 3;
     for (int k = 0; k < 3; k++) {
         first[k] = other[axis[k]] - from[axis[k]];
         second[k] = last[axis[k]] - from[axis[k]];
@@ -291,7 +302,7 @@ static float meet_triangle(const float *corners, const RayBlock *rays, int lane)
     float a = first[1] * second[2] - first[2] * second[1];
     float b = first[2] * second[0] - first[0] * second[2];
     float c = first[0] * second[1] - first[1] * second[0];
-    float depth = (a * to[0][0] + b * to[0][1] + c * to[0][2]) / (a * shear[0] + b * shear[1] + c);
+    float depth = (a * to[base][0] + b * to[base][1] + c * to[base][2]) / (a * shear[0] + b * shear[1] + c);
     float least = fminf(fminf(to[0][2], to[1][2]), to[2][2]);
     float most = fmaxf(fmaxf(to[0][2], to[1][2]), to[2][2]);
     depth = depth > least ? depth : least;
@@ -398,10 +409,12 @@ static int check_rays(const void *scene, const RayBlock *rays, const Expected *e
 }
 
 static void intersect_mesh(const void *bvh, RayBlock *rays, HitBlock *hits) {
-    intersect_bvh(bvh, OBJECT_STATIC, rays, hits);
+    intersect_bvh(bvh, NULL, OBJECT_STATIC, rays, hits);
 }
 
-static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) { return occlude_bvh(bvh, rays); }
+static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) {
+    return occlude_bvh(bvh, NULL, rays);
+}
 
 static void test_queries(Workers *workers, int rounds) {
     for (int k = 0; k < NUM_KINDS; k++) {
@@ -409,7 +422,7 @@ static void test_queries(Workers *workers, int rounds) {
         int met = 0;
         float *corners = make_mesh(&KINDS[k], count);
         Bvh bvh;
-        CHECK(build_bvh(&bvh, workers, corners, count));
+        CHECK(build_bvh(&bvh, workers, corners, NULL, count));
         for (int round = 0; round < rounds; round++) {
             float size = KINDS[k].largest;
             if (KINDS[k].put == put_exponential)
@@ -468,8 +481,8 @@ enum { NUM_OBJECTS = 12, OBJECT_TRIANGLES = 60 };
 static void test_instances(Workers *workers, int num_poses, int rounds) {
     float *corners = make_mesh(&KINDS[0], OBJECT_TRIANGLES);
     Mesh mesh = {.arrays = {.corners = corners}}, empty = {.arrays = {.num_triangles = 0}};
-    CHECK(build_bvh(&mesh.bvh, workers, corners, OBJECT_TRIANGLES));
-    CHECK(build_bvh(&empty.bvh, workers, NULL, 0));
+    CHECK(build_bvh(&mesh.bvh, workers, corners, NULL, OBJECT_TRIANGLES));
+    CHECK(build_bvh(&empty.bvh, workers, NULL, NULL, 0));
     Mesh *objects[NUM_OBJECTS];
     Pose poses[3 * NUM_OBJECTS];
     for (int round = 0, met = 0; round < rounds; round++) {
@@ -512,7 +525,7 @@ static void test_lost_instances(Workers *workers) {
     static const float lost[] = {NAN, INFINITY, 3e38f};
     float *corners = make_mesh(&KINDS[0], OBJECT_TRIANGLES);
     Mesh mesh = {.arrays = {.corners = corners}}, *objects[] = {&mesh, &mesh, &mesh};
-    CHECK(build_bvh(&mesh.bvh, workers, corners, OBJECT_TRIANGLES));
+    CHECK(build_bvh(&mesh.bvh, workers, corners, NULL, OBJECT_TRIANGLES));
     for (int i = 0; i < 3; i++) {
         Pose poses[] = {make_pose(), make_pose(), make_pose()};
         Frame frame = {.num_poses = 1, .num_objects = 3, .objects = objects, .object_poses = poses};

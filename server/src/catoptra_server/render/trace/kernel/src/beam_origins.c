@@ -14,11 +14,6 @@
  * parallel rays their own is their squared angle, 1e-6 in images of 4000 px. */
 #define MEAN_WEIGHT 1e-8
 
-int has_beams(const View *view, const Pose *camera) {
-    return !view->rays.times && (!view->rays.origins ||
-                                 max_abs(vec3(camera->translation)) < MAX_COORDINATE_M);
-}
-
 /* Where rays pass nearest: the least squares of their distances, as a 3 x 3 system. */
 typedef struct {
     double matrix[3][3], right[3];

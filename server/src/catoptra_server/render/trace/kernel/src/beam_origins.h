@@ -10,13 +10,9 @@
 
 #include "beams.h"
 
-/* Rays begin at most this far from their place in the mirror frame: what float32 rounds of a camera's
- * position less than 256 m from the scene's centre. Farther ones are not proven. */
+/* Rays begin at most this far from their place in the mirror frame: a camera far from the origin of
+ * coordinates is made their origin, and float32 rounds the position of no other by more. */
 #define ORIGIN_ROUNDING_M 2e-5f
-#define MAX_COORDINATE_M 256.0f
-
-/* Whether the rays of a frame lie within the view's beams. */
-int has_beams(const View *view, const Pose *camera);
 
 /* Apex and origins of a narrow tile's beam, whose sides may be moved outward. */
 void enclose_tile_origins(const RayTable *rays, int tile, Beam *beam, BeamOrigin *found);

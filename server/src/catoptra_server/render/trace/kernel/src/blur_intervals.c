@@ -32,7 +32,7 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
             return 0;
         for (int corner = 0; corner < 3; corner++)
             set->corners[set->count][corner] = candidate_corner(candidates, i, corner);
-        set->triangle[set->count++] = state->scene->surfaces.triangles[id];
+        set->triangle[set->count++] = id;
     }
     return 1;
 }
@@ -75,12 +75,12 @@ static int enclose_footprint(const FrameState *state, int tile, float time, Vec3
 /* What the exposure shows of a triangle at most: what a tile sees of its plane, and itself. */
 static Box enclose_visible(const FrameState *state, int tile, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 first = vec3(mesh->corners + 9 * (size_t)triangle);
+    Vec3 first = plane_point(state, triangle);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
     Box whole = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     Box footprint = whole;
     for (int corner = 0; corner < 3; corner++)
-        enclose_point(&whole, vec3(mesh->corners + 9 * (size_t)triangle + 3 * corner));
+        enclose_point(&whole, scene_corner(state, triangle, corner));
     float half = 0.5f * state->frame->exposure + 0.5f * state->frame->readout;
     for (int i = -1; i <= 1; i++)
         if (!enclose_footprint(state, tile, 0.5f + (float)i * half, first, normal, &footprint))
@@ -136,7 +136,7 @@ static void light_triangle(const FrameState *state, int tile, const Instants *in
     if (moving->is_constant && (state->frame->has_shadows || is_occluded)) {
         Vec3 corners[4];
         Box box = enclose_visible(state, tile, triangle);
-        find_corners(&box, vec3(mesh->corners + 9 * (size_t)triangle),
+        find_corners(&box, plane_point(state, triangle),
                      vec3(mesh->normals + 3 * (size_t)triangle), corners);
         if (state->frame->has_shadows)
             proof = prove_lights(state, triangle, corners);

@@ -187,7 +187,7 @@ void note_plane(const FrameState *state, int tile, int32_t triangle) {
     if (triangle >= 0) {
         const MeshArrays *mesh = &state->scene->mesh->arrays;
         Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-        Vec3 first = vec3(mesh->corners + 9 * (size_t)triangle);
+        Vec3 first = plane_point(state, triangle);
         Vec3 seen = rotate(state->camera.rotation, direction);
         inverse = dot(normal, seen) /
                   dot(normal, subtract(first, vec3(state->camera.translation)));

@@ -20,26 +20,74 @@ enum { SINGLE_RAYS = 4 };
 /* Rays that go less far along a beam's axis are traced one by one. */
 #define LEAST_COSINE 0.2f
 
+static const double NOWHERE[3];
+
+/* Rays in the mesh's coordinates have rounded origins: boxes are met this share of the largest
+ * coordinate before they begin, which holds the rounding of corners, too. */
+#define PLACE_RESERVE 0x1p-22f
+
 typedef struct {
     const BvhNode *nodes;
     const BvhLeaf *leaves;
+    const FineLeaf *fine_leaves; /* instead of `leaves`, or NULL */
     const RayBlock *rays;
+    const double *place;       /* of the rays' coordinates in the mesh's; NULL: they are the same */
+    const float (*start8)[BLOCK_RAYS]; /* origins in the mesh's coordinates */
+    float reserve;             /* of these */
     uint32_t active; /* of an occlusion query: the rays that have met nothing */
     _Alignas(64) float limit[BLOCK_RAYS];
     int32_t triangle[BLOCK_RAYS]; /* the nearest so far */
     float inverse[3][BLOCK_RAYS]; /* of the directions' components */
     /* The ray's own frame: a point is sheared along the axis in which the ray goes farthest, so
      * that the ray is this axis. */
-    float shear[2][BLOCK_RAYS];
+    float shear8[2][BLOCK_RAYS];
+    float along8[BLOCK_RAYS];    /* distance per depth along this axis */
     int32_t axis[3][BLOCK_RAYS]; /* the two others, and this one */
     int has_one_axis;            /* of all active rays */
     int first;                   /* active ray */
+    /* The same for fine leaves: starts in the rays' coordinates. Only these read them. */
+    float placed[3][BLOCK_RAYS];
+    double start8d[3][BLOCK_RAYS], shear8d[2][BLOCK_RAYS], along8d[BLOCK_RAYS];
 } Query;
 
-static void aim_query(Query *query, const Bvh *bvh, const RayBlock *rays) {
+static void place_query(Query *query, const Bvh *bvh, const double place[3]) {
+    float largest = 0.0f;
+    for (int axis = 0; axis < 3; axis++) {
+        largest = fmaxf(largest, fmaxf(fabsf(bvh->box.least[axis]), fabsf(bvh->box.most[axis])));
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            double start = place[axis] + (double)query->rays->origin[axis][lane];
+            query->placed[axis][lane] = (float)start;
+            largest = fmaxf(largest, fabsf((float)start));
+        }
+    }
+    query->start8 = (const float(*)[BLOCK_RAYS])query->placed;
+    query->reserve = PLACE_RESERVE * largest;
+}
+
+static void aim_finely(Query *query) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        double along = 1.0 / (double)query->rays->direction[query->axis[2][lane]][lane];
+        query->along8d[lane] = along;
+        for (int i = 0; i < 2; i++)
+            query->shear8d[i][lane] =
+                (double)query->rays->direction[query->axis[i][lane]][lane] * along;
+        for (int axis = 0; axis < 3; axis++)
+            query->start8d[axis][lane] = (double)query->rays->origin[axis][lane];
+    }
+}
+
+static void aim_query(Query *query, const Bvh *bvh, const double *place, const RayBlock *rays) {
     query->nodes = bvh->nodes;
     query->leaves = bvh->leaves;
+    query->fine_leaves = bvh->fine_leaves;
     query->rays = rays;
+    if (bvh->fine_leaves && !place)
+        place = NOWHERE;
+    query->place = place;
+    query->start8 = rays->origin;
+    query->reserve = 0.0f;
+    if (place)
+        place_query(query, bvh, place);
     query->active = rays->active;
     memcpy(query->limit, rays->limit, sizeof query->limit);
     memset(query->triangle, 0xff, sizeof query->triangle);
@@ -52,8 +100,9 @@ static void aim_query(Query *query, const Bvh *bvh, const RayBlock *rays) {
     }
     Ints16 is_x = (size[0] >= size[1]) & (size[0] >= size[2]), is_y = ~is_x & (size[1] >= size[2]);
     Floats16 along = select16(is_x, inverse[0], select16(is_y, inverse[1], inverse[2]));
-    store16(select16(is_x, direction[1], direction[0]) * along, query->shear[0]);
-    store16(select16(is_x | is_y, direction[2], direction[1]) * along, query->shear[1]);
+    store16(along, query->along8);
+    store16(select16(is_x, direction[1], direction[0]) * along, query->shear8[0]);
+    store16(select16(is_x | is_y, direction[2], direction[1]) * along, query->shear8[1]);
     /* x: 1, 2, 0; y: 0, 2, 1; z: 0, 1, 2. */
     Ints16 axis = (~is_x & 2) + is_y;
     store_ints16(is_x & 1, query->axis[0]);
@@ -62,10 +111,13 @@ static void aim_query(Query *query, const Bvh *bvh, const RayBlock *rays) {
     query->first = __builtin_ctz(rays->active);
     query->has_one_axis =
         !(bits16(axis != query->axis[2][query->first]) & rays->active);
+    if (bvh->fine_leaves)
+        aim_finely(query);
 }
 
 /* Note the nearest of a leaf's hits, or of equally near ones that of the lowest number. */
-static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits, Floats8 distance) {
+static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint32_t hits,
+                     Floats8 distance) {
     _Alignas(32) float distances[LANES];
     int is_nearer = 0;
     store8(distance, distances);
@@ -73,9 +125,9 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
         int i = __builtin_ctz(hits);
         hits &= hits - 1;
         float at = distances[i], limit = query->limit[lane];
-        if (at > 0.0f && (at < limit || (at == limit && leaf->triangle[i] < query->triangle[lane]))) {
+        if (at > 0.0f && (at < limit || (at == limit && triangle[i] < query->triangle[lane]))) {
             query->limit[lane] = at;
-            query->triangle[lane] = leaf->triangle[i];
+            query->triangle[lane] = triangle[i];
             is_nearer = 1;
         }
     } while (hits);
@@ -84,104 +136,175 @@ static int note_hits(Query *query, const BvhLeaf *leaf, int lane, uint32_t hits,
 
 /* The test of rays with triangles, for one ray and eight triangles or for one triangle and sixteen
  * rays: `start`, `shear` and `corner` are coordinates across, across and along the rays' axis. Masks
- * what is met into `is_met`, and gives its depth along the axis. */
-#define DEFINE_TEST(N)                                                                             \
-    static inline __attribute__((always_inline)) Floats##N subtract_product##N(                    \
-        Floats##N a, Floats##N b, Floats##N c, Floats##N d) {                                      \
+ * what is met, and gives its depth along the axis. */
+#define DEFINE_TEST(S, VECTOR, MASK)                                                               \
+    static inline __attribute__((always_inline)) VECTOR subtract_product##S(                       \
+        VECTOR a, VECTOR b, VECTOR c, VECTOR d) {                                                  \
         return a * b - c * d;                                                                      \
     }                                                                                              \
     /* Corners as they lie across a ray, which is at 0. */                                         \
-    static inline __attribute__((always_inline)) void shear_corners##N(                            \
-        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3],          \
-        Floats##N across[2][3]) {                                                                  \
+    static inline __attribute__((always_inline)) void shear_corners##S(                            \
+        const VECTOR start[3], const VECTOR shear[2], const VECTOR corner[3][3],                   \
+        VECTOR across[2][3]) {                                                                     \
         for (int i = 0; i < 3; i++) {                                                              \
-            Floats##N along = corner[i][2] - start[2];                                             \
+            VECTOR along = corner[i][2] - start[2];                                                \
             for (int axis = 0; axis < 2; axis++)                                                   \
                 across[axis][i] = corner[i][axis] - start[axis] - shear[axis] * along;             \
         }                                                                                          \
     }                                                                                              \
-    static inline __attribute__((always_inline)) Ints##N pass_inside##N(                           \
-        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N across[2][3], *x = across[0], *y = across[1];                                    \
-        shear_corners##N(start, shear, corner, across);                                            \
+    static inline __attribute__((always_inline)) MASK pass_inside##S(                              \
+        const VECTOR start[3], const VECTOR shear[2], const VECTOR corner[3][3]) {                 \
+        VECTOR across[2][3], *x = across[0], *y = across[1];                                       \
+        shear_corners##S(start, shear, corner, across);                                            \
         /* On which side of each edge the ray passes. A difference of rounded products has the     \
          * sign of the exact one, or is 0: then the ray is inside of both of the edge's            \
          * triangles. */                                                                           \
-        Floats##N u = subtract_product##N(x[2], y[1], y[2], x[1]);                                 \
-        Floats##N v = subtract_product##N(x[0], y[2], y[0], x[2]);                                 \
-        Floats##N w = subtract_product##N(x[1], y[0], y[1], x[0]);                                 \
-        /* Not both: the ray lies in the triangle's plane, or the triangle is a point. */           \
-        return (least##N(least##N(u, v), w) >= 0.0f) ^ (most##N(most##N(u, v), w) <= 0.0f);        \
+        VECTOR u = subtract_product##S(x[2], y[1], y[2], x[1]);                                    \
+        VECTOR v = subtract_product##S(x[0], y[2], y[0], x[2]);                                    \
+        VECTOR w = subtract_product##S(x[1], y[0], y[1], x[0]);                                    \
+        /* Not both: the ray lies in the triangle's plane, or the triangle is a point. */          \
+        return (least##S(least##S(u, v), w) >= 0) ^ (most##S(most##S(u, v), w) <= 0);              \
     }                                                                                              \
-    /* Whether the ray passes the rectangle around the corners: beside a triangle that is a millionth\
-     * of its distance from the ray, the sides of its edges are rounding alone. */                 \
-    static inline __attribute__((always_inline)) Ints##N pass_box##N(                              \
-        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N across[2][3];                                                                    \
-        Ints##N passes = (Ints##N){0} == 0;                                                        \
-        shear_corners##N(start, shear, corner, across);                                            \
+    /* Whether the ray passes the rectangle around the corners: beside a triangle that is a        \
+     * millionth of its distance from the ray, the sides of its edges are rounding alone. */       \
+    static inline __attribute__((always_inline)) MASK pass_box##S(                                 \
+        const VECTOR start[3], const VECTOR shear[2], const VECTOR corner[3][3]) {                 \
+        VECTOR across[2][3];                                                                       \
+        MASK passes = (MASK){0} == 0;                                                              \
+        shear_corners##S(start, shear, corner, across);                                            \
         for (int axis = 0; axis < 2; axis++) {                                                     \
-            const Floats##N *x = across[axis];                                                     \
-            passes &= (least##N(least##N(x[0], x[1]), x[2]) <= 0.0f) &                             \
-                      (most##N(most##N(x[0], x[1]), x[2]) >= 0.0f);                                \
+            const VECTOR *x = across[axis];                                                        \
+            passes &= (least##S(least##S(x[0], x[1]), x[2]) <= 0) &                                \
+                      (most##S(most##S(x[0], x[1]), x[2]) >= 0);                                   \
         }                                                                                          \
         return passes;                                                                             \
     }                                                                                              \
-    /* Depth at which the ray meets the plane, by the normal; never beyond the corners, however    \
-     * flat the triangle lies. */                                                                  \
-    static inline __attribute__((always_inline)) Floats##N find_depth##N(                          \
-        const Floats##N start[3], const Floats##N shear[2], const Floats##N corner[3][3]) {        \
-        Floats##N to[3], first[3], second[3], length[3];                                           \
-        for (int i = 0; i < 3; i++) {                                                              \
-            const Floats##N *from = corner[(i + 1) % 3], *end = corner[(i + 2) % 3];               \
-            Floats##N x = end[0] - from[0], y = end[1] - from[1], z = end[2] - from[2];            \
-            length[i] = x * x + y * y + z * z;                                                     \
-        }                                                                                          \
-        /* The normal of the two shorter edges: that of a sliver's long ones is rounding alone. */ \
-        Ints##N at_0 = (length[0] >= length[1]) & (length[0] >= length[2]);                        \
-        Ints##N at_1 = ~at_0 & (length[1] >= length[2]);                                           \
+    /* Depth at which the ray meets the plane, by the normal of the edges at corner 0; never       \
+     * beyond the corners, however flat the triangle lies. */                                      \
+    static inline __attribute__((always_inline)) VECTOR find_depth##S(                             \
+        const VECTOR start[3], const VECTOR shear[2], const VECTOR corner[3][3]) {                 \
+        VECTOR to[3], first[3], second[3], depths[3];                                              \
         for (int axis = 0; axis < 3; axis++) {                                                     \
-            Floats##N a = corner[0][axis], b = corner[1][axis], c = corner[2][axis];               \
-            Floats##N base = select##N(at_0, a, select##N(at_1, b, c));                            \
-            to[axis] = a - start[axis];                                                            \
-            first[axis] = select##N(at_0, b, a) - base;                                            \
-            second[axis] = select##N(at_0 | at_1, c, b) - base;                                    \
+            to[axis] = corner[0][axis] - start[axis];                                              \
+            first[axis] = corner[1][axis] - corner[0][axis];                                       \
+            second[axis] = corner[2][axis] - corner[0][axis];                                      \
+            depths[axis] = corner[axis][2] - start[2];                                             \
         }                                                                                          \
-        Floats##N x = subtract_product##N(first[1], second[2], first[2], second[1]);               \
-        Floats##N y = subtract_product##N(first[2], second[0], first[0], second[2]);               \
-        Floats##N z = subtract_product##N(first[0], second[1], first[1], second[0]);               \
-        Floats##N depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z); \
-        Floats##N x0 = corner[0][2] - start[2], x1 = corner[1][2] - start[2];                      \
-        Floats##N x2 = corner[2][2] - start[2];                                                    \
-        depth = most##N(depth, least##N(least##N(x0, x1), x2));                                    \
-        return least##N(depth, most##N(most##N(x0, x1), x2));                                      \
+        VECTOR x = subtract_product##S(first[1], second[2], first[2], second[1]);                  \
+        VECTOR y = subtract_product##S(first[2], second[0], first[0], second[2]);                  \
+        VECTOR z = subtract_product##S(first[0], second[1], first[1], second[0]);                  \
+        VECTOR depth = (x * to[0] + y * to[1] + z * to[2]) / (x * shear[0] + y * shear[1] + z);    \
+        depth = most##S(depth, least##S(least##S(depths[0], depths[1]), depths[2]));               \
+        return least##S(depth, most##S(most##S(depths[0], depths[1]), depths[2]));                 \
     }
 
-DEFINE_TEST(8)
-DEFINE_TEST(16)
+DEFINE_TEST(8, Floats8, Ints8)
+DEFINE_TEST(16, Floats16, Ints16)
+DEFINE_TEST(8d, Doubles8, Longs8)
+DEFINE_TEST(16d, Doubles16, Longs16)
 
-/* Test a ray against the triangles of a leaf; whether one is nearer than all so far. */
-static inline __attribute__((always_inline)) int test_leaf(Query *query, const BvhLeaf *leaf,
-                                                           int lane) {
-    Floats8 start[3], corner[3][3];
-    Floats8 shear[2] = {splat8(query->shear[0][lane]), splat8(query->shear[1][lane])};
-    for (int i = 0; i < 3; i++) {
-        int axis = query->axis[i][lane];
-        start[i] = splat8(query->rays->origin[axis][lane]);
-        for (int number = 0; number < 3; number++)
-            corner[number][i] = leaf->corner[3 * number + axis];
+/* A frustum around all active rays, along the coordinate in which the first goes farthest: where a
+ * ray is at a depth along it, its two other coordinates are slope times depth. */
+typedef struct {
+    int axis[3]; /* two across, and the one along */
+    float sign;  /* of the rays' way along it */
+    float first[3], last[3]; /* least and largest coordinates of the origins */
+    float least[2], most[2]; /* slopes */
+    float width[2]; /* a narrower box, per depth, is missed by some of the rays */
+    float inverse_least[2], inverse_most[2]; /* of slopes that are not 0 */
+    _Alignas(64) float along[BLOCK_RAYS]; /* depth per distance */
+} Beam;
+
+/* Coordinates of a leaf in those of the rays' starts. */
+#define AS_STORED(query, value, axis) (value)
+#define FROM_PLACE(query, value, axis) ((value) - (query)->place[axis])
+
+/* Tests with the triangles of a leaf of floats or of doubles; the names of functions on eight and
+ * on sixteen of these end with S and ALL. */
+#define DEFINE_LEAF(LEAF, AT, S, VECTOR, ALL, VECTORS)                                             \
+    /* A ray against all triangles; whether one is nearer than all so far. */                      \
+    static inline __attribute__((always_inline)) int test_leaf##S(Query *query, const LEAF *leaf,  \
+                                                                  int lane) {                      \
+        VECTOR start[3], corner[3][3];                                                             \
+        VECTOR shear[2] = {splat##S(query->shear##S[0][lane]), splat##S(query->shear##S[1][lane])};\
+        for (int i = 0; i < 3; i++) {                                                              \
+            int axis = query->axis[i][lane];                                                       \
+            start[i] = splat##S(query->start##S[axis][lane]);                                      \
+            for (int number = 0; number < 3; number++)                                             \
+                corner[number][i] = AT(query, leaf->corner[3 * number + axis], axis);              \
+        }                                                                                          \
+        uint32_t hits = bits##S(pass_inside##S(start, shear, corner));                             \
+        if (!hits || !(hits &= bits##S(pass_box##S(start, shear, corner))))                        \
+            return 0;                                                                              \
+        VECTOR depth = find_depth##S(start, shear, corner);                                        \
+        return note_hits(query, leaf->triangle, lane, hits,                                        \
+                         __builtin_convertvector(depth * query->along##S[lane], Floats8));         \
+    }                                                                                              \
+    /* Rays that go farthest along the same axis against one triangle; those for which it is       \
+     * nearer than all so far. */                                                                  \
+    static inline uint32_t test_rays##S(Query *query, const LEAF *leaf, int slot,                  \
+                                        uint32_t lanes) {                                          \
+        VECTORS start[3], corner[3][3];                                                            \
+        VECTORS shear[2] = {load##ALL(query->shear##S[0]), load##ALL(query->shear##S[1])};         \
+        for (int i = 0; i < 3; i++) {                                                              \
+            int axis = query->axis[i][query->first];                                               \
+            start[i] = load##ALL(query->start##S[axis]);                                           \
+            for (int number = 0; number < 3; number++)                                             \
+                corner[number][i] =                                                                \
+                    splat##ALL(AT(query, leaf->corner[3 * number + axis][slot], axis));            \
+        }                                                                                          \
+        Ints16 is_inside = mask16(lanes) &                                                         \
+                           __builtin_convertvector(pass_inside##ALL(start, shear, corner), Ints16);\
+        if (!bits16(is_inside))                                                                    \
+            return 0;                                                                              \
+        is_inside &= __builtin_convertvector(pass_box##ALL(start, shear, corner), Ints16);         \
+        VECTORS depth = find_depth##ALL(start, shear, corner);                                     \
+        Floats16 distance =                                                                        \
+            __builtin_convertvector(depth * load##ALL(query->along##S), Floats16);                 \
+        Floats16 limit = load16(query->limit);                                                     \
+        Ints16 triangle = load_ints16(query->triangle);                                            \
+        int32_t number = leaf->triangle[slot];                                                     \
+        Ints16 is_nearer = is_inside & (distance > 0.0f) &                                         \
+                           ((distance < limit) | ((distance == limit) & (number < triangle)));     \
+        store16(select16(is_nearer, distance, limit), query->limit);                               \
+        store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);             \
+        return bits16(is_nearer);                                                                  \
+    }                                                                                              \
+    /* Triangles that are not wholly beyond a side of a beam, wherever its rays begin. */          \
+    static uint32_t meet_triangles##S(const Beam *beam, const LEAF *leaf) {                        \
+        Ints8 is_outside = (Ints8){0};                                                             \
+        for (int i = 0; i < 2; i++) {                                                              \
+            float least = beam->least[i] * beam->sign, most = beam->most[i] * beam->sign;          \
+            float least_start = least > 0.0f ? beam->last[2] : beam->first[2];                     \
+            float most_start = most > 0.0f ? beam->first[2] : beam->last[2];                       \
+            Floats8 above_least = splat8(-INFINITY), above_most = splat8(INFINITY);                \
+            for (int corner = 0; corner < 3; corner++) {                                           \
+                VECTOR x = leaf->corner[3 * corner + beam->axis[i]];                               \
+                VECTOR z = leaf->corner[3 * corner + beam->axis[2]];                               \
+                Floats8 across = __builtin_convertvector(x, Floats8);                              \
+                Floats8 along = __builtin_convertvector(z, Floats8);                               \
+                above_least =                                                                      \
+                    most8(above_least, across - beam->first[i] - least * (along - least_start));   \
+                above_most =                                                                       \
+                    least8(above_most, across - beam->last[i] - most * (along - most_start));      \
+            }                                                                                      \
+            is_outside |= (above_least < 0.0f) | (above_most > 0.0f);                              \
+        }                                                                                          \
+        return bits8(~is_outside & (load_ints8(leaf->triangle) != NO_TRIANGLE));                   \
     }
-    uint32_t hits = bits8(pass_inside8(start, shear, corner));
-    if (!hits || !(hits &= bits8(pass_box8(start, shear, corner))))
-        return 0;
-    Floats8 depth = find_depth8(start, shear, corner);
-    return note_hits(query, leaf, lane, hits,
-                     depth * query->inverse[query->axis[2][lane]][lane]);
+
+DEFINE_LEAF(BvhLeaf, AS_STORED, 8, Floats8, 16, Floats16)
+DEFINE_LEAF(FineLeaf, FROM_PLACE, 8d, Doubles8, 16d, Doubles16)
+
+static inline __attribute__((always_inline)) int test_leaf(Query *query, int32_t leaf, int lane) {
+    return query->fine_leaves ? test_leaf8d(query, query->fine_leaves + leaf, lane)
+                              : test_leaf8(query, query->leaves + leaf, lane);
 }
 
 static inline void prefetch(const Query *query, int32_t child) {
-    const char *at = child < 0 ? (const char *)(query->leaves + ~child)
-                               : (const char *)(query->nodes + child);
+    const char *at = child >= 0            ? (const char *)(query->nodes + child)
+                     : query->fine_leaves ? (const char *)(query->fine_leaves + ~child)
+                                          : (const char *)(query->leaves + ~child);
     __builtin_prefetch(at);
     __builtin_prefetch(at + 64);
     __builtin_prefetch(at + 128);
@@ -195,32 +318,38 @@ typedef struct {
 
 /* Distances at which a ray enters the boxes of a node's children, and whether it does. */
 typedef struct {
-    Floats8 origin[3], inverse[3];
+    Floats8 begin[3], end[3], inverse[3]; /* origins for the near and the far sides */
     int near[3], far[3]; /* sides of the boxes, by the signs of the direction */
 } Slabs;
 
 static inline Slabs make_slabs(const Query *query, int lane) {
     Slabs slabs;
     for (int axis = 0; axis < 3; axis++) {
-        slabs.origin[axis] = splat8(query->rays->origin[axis][lane]);
-        slabs.inverse[axis] = splat8(query->inverse[axis][lane]);
         int is_back = query->inverse[axis][lane] < 0.0f;
+        float start = query->start8[axis][lane], reserve = is_back ? -query->reserve : query->reserve;
+        slabs.begin[axis] = splat8(start + reserve);
+        slabs.end[axis] = splat8(start - reserve);
+        slabs.inverse[axis] = splat8(query->inverse[axis][lane]);
         slabs.near[axis] = is_back ? 3 + axis : axis;
         slabs.far[axis] = is_back ? axis : 3 + axis;
     }
     return slabs;
 }
 
-static inline Floats8 side(const Slabs *slabs, const BvhNode *node, const int sides[3], int axis) {
-    return (node->bounds[sides[axis]] - slabs->origin[axis]) * slabs->inverse[axis];
+static inline Floats8 near_side(const Slabs *slabs, const BvhNode *node, int axis) {
+    return (node->bounds[slabs->near[axis]] - slabs->begin[axis]) * slabs->inverse[axis];
+}
+
+static inline Floats8 far_side(const Slabs *slabs, const BvhNode *node, int axis) {
+    return (node->bounds[slabs->far[axis]] - slabs->end[axis]) * slabs->inverse[axis];
 }
 
 static inline uint32_t meet_boxes(const Slabs *slabs, const BvhNode *node, float limit,
                                   Floats8 *near) {
-    *near = most8(most8(side(slabs, node, slabs->near, 0), side(slabs, node, slabs->near, 1)),
-                  most8(side(slabs, node, slabs->near, 2), (Floats8){0}));
-    Floats8 far = least8(least8(side(slabs, node, slabs->far, 0), side(slabs, node, slabs->far, 1)),
-                         side(slabs, node, slabs->far, 2));
+    *near = most8(most8(near_side(slabs, node, 0), near_side(slabs, node, 1)),
+                  most8(near_side(slabs, node, 2), (Floats8){0}));
+    Floats8 far = least8(least8(far_side(slabs, node, 0), far_side(slabs, node, 1)),
+                         far_side(slabs, node, 2));
     return bits8((*near <= far * BOX_RESERVE) & (*near <= limit));
 }
 
@@ -265,7 +394,7 @@ static inline __attribute__((always_inline)) int descend_ray(Query *query, int l
             else if (met)
                 at = node->child[__builtin_ctz(met)];
         }
-        if (at != NO_CHILD && test_leaf(query, query->leaves + ~at, lane)) {
+        if (at != NO_CHILD && test_leaf(query, ~at, lane)) {
             has_hit = 1;
             if (ends_at_first)
                 break;
@@ -283,29 +412,19 @@ static __attribute__((noinline)) int find_any(Query *query, int lane, int32_t ch
     return descend_ray(query, lane, child, 1);
 }
 
-/* A frustum around all active rays, along the coordinate in which the first goes farthest: where a
- * ray is at a depth along it, its two other coordinates are slope times depth. */
-typedef struct {
-    int axis[3]; /* two across, and the one along */
-    float sign;  /* of the rays' way along it */
-    float first[3], last[3]; /* least and largest coordinates of the origins */
-    float least[2], most[2]; /* slopes */
-    float width[2]; /* a narrower box, per depth, is missed by some of the rays */
-    float inverse_least[2], inverse_most[2]; /* of slopes that are not 0 */
-    _Alignas(64) float along[BLOCK_RAYS]; /* depth per distance */
-} Beam;
-
 /* Where all active rays begin: one viewpoint, or the box around their origins. */
 static void aim_origins(const Query *query, Beam *beam) {
     Ints16 is_active = mask16(query->active);
     for (int i = 0; i < 3; i++) {
-        const float *origins = query->rays->origin[beam->axis[i]];
+        const float *origins = query->start8[beam->axis[i]];
         beam->first[i] = beam->last[i] = origins[query->first];
-        if (!query->rays->has_origins)
-            continue;
-        Floats16 origin = select16(is_active, load16(origins), splat16(beam->first[i]));
-        beam->first[i] = least_of16(origin);
-        beam->last[i] = most_of16(origin);
+        if (query->rays->has_origins) {
+            Floats16 origin = select16(is_active, load16(origins), splat16(beam->first[i]));
+            beam->first[i] = least_of16(origin);
+            beam->last[i] = most_of16(origin);
+        }
+        beam->first[i] -= query->reserve;
+        beam->last[i] += query->reserve;
     }
 }
 
@@ -384,9 +503,9 @@ static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float de
 static uint32_t meet_box(const Query *query, const float bounds[6]) {
     Floats16 near = (Floats16){0}, far = load16(query->limit) * LIMIT_RESERVE;
     for (int axis = 0; axis < 3; axis++) {
-        Floats16 origin = load16(query->rays->origin[axis]), inverse = load16(query->inverse[axis]);
-        Floats16 first = (bounds[axis] - origin) * inverse;
-        Floats16 second = (bounds[3 + axis] - origin) * inverse;
+        Floats16 origin = load16(query->start8[axis]), inverse = load16(query->inverse[axis]);
+        Floats16 first = (bounds[axis] - query->reserve - origin) * inverse;
+        Floats16 second = (bounds[3 + axis] + query->reserve - origin) * inverse;
         near = most16(near, least16(first, second));
         far = least16(far, most16(first, second) * BOX_RESERVE);
     }
@@ -431,53 +550,7 @@ static int descend_rays(Query *query, uint32_t lanes, int32_t child, int ends_at
     return has_hit;
 }
 
-/* Triangles of a leaf that are not wholly beyond a side of a beam, wherever its rays begin. */
-static uint32_t meet_triangles(const Beam *beam, const BvhLeaf *leaf) {
-    Ints8 is_outside = (Ints8){0};
-    for (int i = 0; i < 2; i++) {
-        float least = beam->least[i] * beam->sign, most = beam->most[i] * beam->sign;
-        float least_start = least > 0.0f ? beam->last[2] : beam->first[2];
-        float most_start = most > 0.0f ? beam->first[2] : beam->last[2];
-        Floats8 above_least = splat8(-INFINITY), above_most = splat8(INFINITY);
-        for (int corner = 0; corner < 3; corner++) {
-            Floats8 across = leaf->corner[3 * corner + beam->axis[i]];
-            Floats8 along = leaf->corner[3 * corner + beam->axis[2]];
-            above_least = most8(above_least, across - beam->first[i] - least * (along - least_start));
-            above_most = least8(above_most, across - beam->last[i] - most * (along - most_start));
-        }
-        is_outside |= (above_least < 0.0f) | (above_most > 0.0f);
-    }
-    return bits8(~is_outside & (load_ints8(leaf->triangle) != NO_TRIANGLE));
-}
-
-/* Test rays that go farthest along the same axis against a triangle of a leaf; those for which it
- * is nearer than all so far. */
-static inline uint32_t test_rays(Query *query, const BvhLeaf *leaf, int slot, uint32_t lanes) {
-    Floats16 start[3], corner[3][3];
-    Floats16 shear[2] = {load16(query->shear[0]), load16(query->shear[1])};
-    for (int i = 0; i < 3; i++) {
-        int axis = query->axis[i][query->first];
-        start[i] = load16(query->rays->origin[axis]);
-        for (int number = 0; number < 3; number++)
-            corner[number][i] = splat16(leaf->corner[3 * number + axis][slot]);
-    }
-    Ints16 is_inside = pass_inside16(start, shear, corner) & mask16(lanes);
-    if (!bits16(is_inside))
-        return 0;
-    is_inside &= pass_box16(start, shear, corner);
-    Floats16 distance = find_depth16(start, shear, corner) *
-                        load16(query->inverse[query->axis[2][query->first]]);
-    Floats16 limit = load16(query->limit);
-    Ints16 triangle = load_ints16(query->triangle);
-    int32_t number = leaf->triangle[slot];
-    Ints16 is_nearer = is_inside & (distance > 0.0f) &
-                       ((distance < limit) | ((distance == limit) & (number < triangle)));
-    store16(select16(is_nearer, distance, limit), query->limit);
-    store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);
-    return bits16(is_nearer);
-}
-
-static int test_leaf_singly(Query *query, uint32_t lanes, const BvhLeaf *leaf, int ends_at_first) {
+static int test_leaf_singly(Query *query, uint32_t lanes, int32_t leaf, int ends_at_first) {
     int has_hit = 0;
     for (; lanes; lanes &= lanes - 1) {
         int lane = __builtin_ctz(lanes);
@@ -489,13 +562,18 @@ static int test_leaf_singly(Query *query, uint32_t lanes, const BvhLeaf *leaf, i
     return has_hit;
 }
 
-static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, const BvhLeaf *leaf,
+static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, int32_t leaf,
                           int ends_at_first) {
     if (!query->has_one_axis || __builtin_popcount(lanes) <= SINGLE_RAYS)
         return test_leaf_singly(query, lanes, leaf, ends_at_first);
     uint32_t met = 0;
-    for (uint32_t slots = meet_triangles(beam, leaf); slots; slots &= slots - 1)
-        met |= test_rays(query, leaf, __builtin_ctz(slots), lanes);
+    const BvhLeaf *plain = query->leaves + leaf;
+    const FineLeaf *fine = query->fine_leaves ? query->fine_leaves + leaf : NULL;
+    uint32_t slots = fine ? meet_triangles8d(beam, fine) : meet_triangles8(beam, plain);
+    for (; slots; slots &= slots - 1) {
+        int slot = __builtin_ctz(slots);
+        met |= fine ? test_rays8d(query, fine, slot, lanes) : test_rays8(query, plain, slot, lanes);
+    }
     if (ends_at_first)
         query->active &= ~met;
     return met != 0;
@@ -517,8 +595,7 @@ static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
             continue;
         int has_hit = 0;
         if (visit.child < 0) {
-            has_hit = test_leaf_rays(query, beam, lanes, query->leaves + ~visit.child,
-                                     ends_at_first);
+            has_hit = test_leaf_rays(query, beam, lanes, ~visit.child, ends_at_first);
         } else if (__builtin_popcount(lanes) <= SINGLE_RAYS) {
             has_hit = descend_rays(query, lanes, visit.child, ends_at_first);
         } else {
@@ -544,11 +621,12 @@ static void run_query(Query *query, int ends_at_first) {
         descend_beam(query, &beam, ends_at_first);
 }
 
-void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hits) {
+void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
+                   HitBlock *hits) {
     Query query;
     if (!bvh->num_nodes || !rays->active)
         return;
-    aim_query(&query, bvh, rays);
+    aim_query(&query, bvh, place, rays);
     run_query(&query, 0);
     Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
     store16(load16(query.limit), rays->limit);
@@ -556,11 +634,11 @@ void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hit
     store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
 }
 
-uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays) {
+uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays) {
     Query query;
     if (!bvh->num_nodes || !rays->active)
         return 0;
-    aim_query(&query, bvh, rays);
+    aim_query(&query, bvh, place, rays);
     run_query(&query, 1);
     return rays->active & ~query.active;
 }
@@ -568,7 +646,7 @@ uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays) {
 void meet_children(const BvhNode *node, const RayBlock *rays, uint32_t met[LANES]) {
     Query query;
     Bvh bvh = {.nodes = NULL};
-    aim_query(&query, &bvh, rays);
+    aim_query(&query, &bvh, NULL, rays);
     for (int slot = 0; slot < LANES; slot++)
         met[slot] = meet_child(&query, node, slot);
 }

@@ -10,6 +10,10 @@
  * rounding off counts as inside for both. A hit follows from the ray and the triangle alone, and of
  * two at one distance the triangle of the lower number is met: neither the hierarchy, nor the block
  * that a ray belongs to, nor the processor changes what is seen.
+ *
+ * Boxes are of floats in the mesh's coordinates, and have a reserve for their rounding. Corners of a
+ * mesh that is large for floats are doubles: relative to the rays' own coordinates, whose origin is
+ * near, they are exact at any distance, and so are the planes of large triangles close by.
  */
 #ifndef CATOPTRA_BVH_H
 #define CATOPTRA_BVH_H
@@ -47,16 +51,29 @@ typedef struct {
     int32_t triangle[LANES]; /* NO_TRIANGLE for unused lanes, whose corners are not numbers */
 } BvhLeaf;
 
+/* The same of a mesh that is large for float32, whose corners are met in double precision. */
+typedef struct {
+    Doubles8 corner[9];
+    int32_t triangle[LANES];
+} FineLeaf;
+
 typedef struct {
     ItemBox box;       /* of all; inside out without triangles */
     BvhNode *nodes; /* the first is the root */
-    BvhLeaf *leaves;
+    BvhLeaf *leaves;       /* NULL for a large mesh */
+    FineLeaf *fine_leaves; /* of a large mesh; else NULL */
     int32_t num_nodes, num_leaves;
 } Bvh;
 
-/* Hierarchy of (count, 3, 3) corners; triangles that are not finite are left out. 0 if memory is
- * short. */
-int build_bvh(Bvh *bvh, Workers *workers, const float *corners, int32_t count);
+/* The triangles of a leaf, NO_TRIANGLE for unused lanes. */
+static inline const int32_t *leaf_triangles(const Bvh *bvh, int32_t leaf) {
+    return bvh->fine_leaves ? bvh->fine_leaves[leaf].triangle : bvh->leaves[leaf].triangle;
+}
+
+/* Hierarchy of (count, 3, 3) corners; triangles that are not finite are left out. A large mesh has
+ * fine corners besides, which the others round. 0 if memory is short. */
+int build_bvh(Bvh *bvh, Workers *workers, const float *corners, const double *fine_corners,
+              int32_t count);
 
 void free_bvh(Bvh *bvh);
 
@@ -67,11 +84,13 @@ void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes);
 int32_t max_nodes(int32_t count, int32_t leaf_size);
 
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit, `object`
- * the object that it belongs to. */
-void intersect_bvh(const Bvh *bvh, int32_t object, RayBlock *rays, HitBlock *hits);
+ * the object that it belongs to. `place` is that of the rays' coordinates in the mesh's; NULL: they
+ * are the same. */
+void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
+                   HitBlock *hits);
 
 /* Bit mask of the active rays that meet something nearer than their limits. */
-uint32_t occlude_bvh(const Bvh *bvh, const RayBlock *rays);
+uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays);
 
 /* Bit masks of the active rays that meet the boxes of a node's children before their limits. */
 void meet_children(const BvhNode *node, const RayBlock *rays, uint32_t met[LANES]);

@@ -56,7 +56,9 @@ typedef struct {
     int num_waiting;
     float padding; /* of the boxes, to all sides */
     const float *corners;
+    const double *fine_corners; /* NULL without */
     BvhLeaf *filled;
+    FineLeaf *finely_filled;
     atomic_int next_leaf;
 } Build;
 
@@ -92,10 +94,16 @@ static float half_area(const Bounds *bounds) {
     return size[0] < 0.0f ? 0.0f : size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
 }
 
-static int compare_triangles(const void *first, const void *second, void *all_corners) {
+static int compare_corners(const Build *build, int32_t a, int32_t b) {
+    size_t i = 9 * (size_t)a, j = 9 * (size_t)b;
+    return build->fine_corners
+               ? memcmp(build->fine_corners + i, build->fine_corners + j, 9 * sizeof(double))
+               : memcmp(build->corners + i, build->corners + j, 9 * sizeof(float));
+}
+
+static int compare_triangles(const void *first, const void *second, void *build) {
     const ItemBox *a = first, *b = second;
-    const float *corners = all_corners;
-    int order = memcmp(corners + 9 * (size_t)a->item, corners + 9 * (size_t)b->item, 9 * sizeof *corners);
+    int order = compare_corners(build, a->item, b->item);
     return order ? order : (a->item > b->item) - (a->item < b->item);
 }
 
@@ -106,11 +114,10 @@ static void drop_copies(const Build *build, Range *range) {
         size[0] > LEAST_SIZE || size[1] > LEAST_SIZE || size[2] > LEAST_SIZE)
         return;
     ItemBox *boxes = build->boxes + range->first;
-    qsort_r(boxes, (size_t)range->count, sizeof *boxes, compare_triangles, (void *)build->corners);
+    qsort_r(boxes, (size_t)range->count, sizeof *boxes, compare_triangles, (void *)build);
     int32_t kept = 1;
     for (int32_t i = 1; i < range->count; i++)
-        if (memcmp(build->corners + 9 * (size_t)boxes[kept - 1].item,
-                   build->corners + 9 * (size_t)boxes[i].item, 9 * sizeof *build->corners))
+        if (compare_corners(build, boxes[kept - 1].item, boxes[i].item))
             boxes[kept++] = boxes[i];
     range->count = kept;
     range->has_no_copies = 1;
@@ -330,14 +337,46 @@ static void build_subtrees(void *argument) {
     }
 }
 
-static void fill_leaf(const Build *build, const LeafRange *range, BvhLeaf *leaf) {
-    for (int lane = 0; lane < LANES; lane++) {
-        int is_used = lane < range->count;
-        int32_t triangle = is_used ? build->boxes[range->first + lane].item : NO_TRIANGLE;
-        leaf->triangle[lane] = triangle;
-        for (int i = 0; i < 9; i++)
-            leaf->corner[i][lane] = is_used ? build->corners[9 * (size_t)triangle + (size_t)i] : NAN;
+static float squared_length(const float *from, const float *to) {
+    float sum = 0.0f;
+    for (int axis = 0; axis < 3; axis++)
+        sum += (to[axis] - from[axis]) * (to[axis] - from[axis]);
+    return sum;
+}
+
+/* The corner of a triangle's two shorter edges, on which the queries base its normal: that of a
+ * sliver's long edges is rounding alone. */
+static int find_base(const float *corners) {
+    float length[3];
+    for (int i = 0; i < 3; i++)
+        length[i] = squared_length(corners + 3 * ((i + 1) % 3), corners + 3 * ((i + 2) % 3));
+    return length[0] >= length[1] && length[0] >= length[2] ? 0 : length[1] >= length[2] ? 1 : 2;
+}
+
+static void fill_lane(const Build *build, int32_t leaf, int lane, int32_t triangle) {
+    const float *corners = build->corners + 9 * (size_t)(triangle == NO_TRIANGLE ? 0 : triangle);
+    int base = find_base(corners);
+    for (int i = 0; i < 9; i++) {
+        size_t at = (size_t)(3 * base + i) % 9;
+        double value = triangle == NO_TRIANGLE ? (double)NAN
+                       : build->fine_corners   ? build->fine_corners[9 * (size_t)triangle + at]
+                                               : (double)corners[at];
+        if (build->fine_corners)
+            build->finely_filled[leaf].corner[i][lane] = value;
+        else
+            build->filled[leaf].corner[i][lane] = (float)value;
     }
+    if (build->fine_corners)
+        build->finely_filled[leaf].triangle[lane] = triangle;
+    else
+        build->filled[leaf].triangle[lane] = triangle;
+}
+
+static void fill_leaf(const Build *build, int32_t leaf) {
+    const LeafRange *range = build->leaves + leaf;
+    for (int lane = 0; lane < LANES; lane++)
+        fill_lane(build, leaf, lane,
+                  lane < range->count ? build->boxes[range->first + lane].item : NO_TRIANGLE);
 }
 
 static void fill_leaves(void *argument) {
@@ -345,7 +384,7 @@ static void fill_leaves(void *argument) {
     int first, count = atomic_load(&build->num_leaves);
     while ((first = atomic_fetch_add(&build->next_leaf, LEAVES_AT_ONCE)) < count)
         for (int leaf = first; leaf < first + LEAVES_AT_ONCE && leaf < count; leaf++)
-            fill_leaf(build, build->leaves + leaf, build->filled + leaf);
+            fill_leaf(build, leaf);
 }
 
 static int make_box(const float *corners, int32_t triangle, ItemBox *box) {
@@ -428,8 +467,14 @@ static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
         workers_run(workers, build_subtrees, build);
     bvh->num_nodes = atomic_load(&build->num_nodes);
     bvh->num_leaves = atomic_load(&build->num_leaves);
-    bvh->leaves = build->filled = aligned_alloc(64, sizeof *bvh->leaves * (size_t)bvh->num_leaves);
-    if (!bvh->leaves)
+    size_t num_leaves = (size_t)bvh->num_leaves;
+    if (build->fine_corners)
+        bvh->fine_leaves = aligned_alloc(64, sizeof *bvh->fine_leaves * num_leaves);
+    else
+        bvh->leaves = aligned_alloc(64, sizeof *bvh->leaves * num_leaves);
+    build->filled = bvh->leaves;
+    build->finely_filled = bvh->fine_leaves;
+    if (!bvh->leaves && !bvh->fine_leaves)
         return 0;
     if (bvh->num_leaves <= LEAVES_AT_ONCE)
         workers_run_alone(fill_leaves, build);
@@ -438,8 +483,10 @@ static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
     return 1;
 }
 
-int build_bvh(Bvh *bvh, Workers *workers, const float *corners, int32_t count) {
-    Build build = {.corners = corners, .leaf_size = LEAF_TRIANGLES};
+int build_bvh(Bvh *bvh, Workers *workers, const float *corners, const double *fine_corners,
+              int32_t count) {
+    Build build = {
+        .corners = corners, .fine_corners = fine_corners, .leaf_size = LEAF_TRIANGLES};
     *bvh = (Bvh){.num_nodes = 0};
     if (!count) {
         store_box(&(Range){.bounds = no_bounds()}, 0.0f, &bvh->box);
@@ -460,5 +507,6 @@ int build_bvh(Bvh *bvh, Workers *workers, const float *corners, int32_t count) {
 void free_bvh(Bvh *bvh) {
     free(bvh->nodes);
     free(bvh->leaves);
+    free(bvh->fine_leaves);
     *bvh = (Bvh){.num_nodes = 0};
 }

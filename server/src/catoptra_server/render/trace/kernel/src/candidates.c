@@ -1,7 +1,7 @@
 /* Provides candidates.h: lists of what a part of the image may show, kept by beam.
  * No twin: conservative bounds. A list owns one block of floats, from candidates_allocate to
  * candidates_free.
- * Threads: the thread that has the list; the frame's first list is only read by the others. */
+ * Threads: the thread that has the list; the frame's list of objects is only read by the others. */
 #include "candidates.h"
 
 #include <math.h>
@@ -10,9 +10,17 @@
 
 enum { BOX_TRIANGLES = 12 };
 
+/* Candidates of whole vectors: most lists are shorter than two. What lies behind a list's end is
+ * computed, and not read. */
+#define FOR_BLOCKS(i, count)                                                                       \
+    for (int block = 0; block < (count); block += LANES)                                           \
+        for (int i = block; i < block + LANES; i++)
+
+size_t whole_blocks(int count) { return (size_t)(count / LANES + 1) * LANES; }
+
 int candidates_allocate(CandidateList *list, int capacity) {
     /* One block: nine coordinates, radius, reach and identifier of each candidate. */
-    size_t length = (size_t)(capacity ? capacity : 1);
+    size_t length = whole_blocks(capacity);
     float *values = malloc(sizeof(float) * 12 * length);
     if (!values)
         return 0;
@@ -59,6 +67,8 @@ Vec3 corner_from_apex(const CandidateList *list, int at, int corner, const BeamS
 
 void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     int next = to->count++;
+    if (to == from && next == at)
+        return;
     for (int component = 0; component < 9; component++)
         to->corner[component][next] = from->corner[component][at];
     to->radius[next] = from->radius[at];
@@ -66,22 +76,112 @@ void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     to->id[next] = from->id[at];
 }
 
-static void append_surfaces(const FrameState *state, CandidateList *list) {
-    const Scene *scene = state->scene;
-    Vec3 viewpoint = vec3(state->camera.translation);
-    for (int i = 0; i < scene->surfaces.num_triangles; i++) {
-        const float *corners =
-            scene->mesh->arrays.corners + 9 * (size_t)scene->surfaces.triangles[i];
-        Vec3 relative[3];
-        for (int corner = 0; corner < 3; corner++)
-            relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
-        append(state, list, relative, 0.0f, i);
+/* Rounding errors of boxes, normals and sums of products, relative to the coordinates. */
+#define BOX_ROUNDING 2e-6f
+#define VIEWPOINT_ROUNDING 0x1p-24f
+/* A node is one sphere if it is seen smaller than so many tiles: with larger ones more tiles beside
+ * things are traced, with smaller ones lists are longer. */
+#define CLUSTER_TILES 2.5f
+
+/* The viewpoint in the coordinates of the scene's boxes. */
+static Vec3 scene_viewpoint(const FrameState *state) {
+    const double *origin = state->frame->origin;
+    const float *at = state->camera.translation;
+    return (Vec3){(float)(origin[0] + (double)at[0]), (float)(origin[1] + (double)at[1]),
+                  (float)(origin[2] + (double)at[2])};
+}
+
+/* The children of a node as bit masks: those that may reach into a beam, and those seen small. */
+typedef struct {
+    uint32_t inside, small;
+} Children;
+
+static Children find_children(const FrameState *state, const BvhNode *node,
+                              const BeamSides *sides) {
+    const Vec3 apex = sides->apex, at = scene_viewpoint(state);
+    const float viewpoint[3] = {at.x, at.y, at.z};
+    Floats8 least[3], most[3], distance = {0}, diagonal = {0};
+    Floats8 extent = splat8(fabsf(apex.x) + fabsf(apex.y) + fabsf(apex.z));
+    for (int axis = 0; axis < 3; axis++) {
+        least[axis] = node->bounds[axis] - viewpoint[axis];
+        most[axis] = node->bounds[3 + axis] - viewpoint[axis];
+        Floats8 twice = least[axis] + most[axis], side = most[axis] - least[axis];
+        distance += twice * twice;
+        diagonal += side * side;
+        extent += most8(absolute8(least[axis]), absolute8(most[axis]));
     }
-    for (int i = 0; i < scene->surfaces.num_clusters; i++) {
-        const float *cluster = scene->surfaces.clusters + 4 * i;
-        Vec3 centre = subtract(vec3(cluster), viewpoint);
-        append(state, list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
+    /* The viewpoint moves, and turns: points by so much at their distance. */
+    Floats8 reach = (BOX_ROUNDING + state->turn) * extent + state->shift;
+    /* Boxes have a reserve for places within the scene; one far from it is rounded by more. */
+    reach += VIEWPOINT_ROUNDING * max_abs(at);
+    Ints8 is_outside = {0};
+    for (int i = 0; i < 4; i++) {
+        Vec3 n = sides->normal[i];
+        Floats8 nearest = n.x * (n.x > 0.0f ? most[0] : least[0]) +
+                          n.y * (n.y > 0.0f ? most[1] : least[1]) +
+                          n.z * (n.z > 0.0f ? most[2] : least[2]);
+        is_outside |= nearest < dot(n, apex) - reach;
     }
+    float size = 0.5f * CLUSTER_TILES * sides->tile;
+    return (Children){~bits8(is_outside) & ((1u << LANES) - 1),
+                      bits8(diagonal < size * size * distance)};
+}
+
+static void append_cluster(const FrameState *state, const BvhNode *node, int child,
+                           CandidateList *list) {
+    Vec3 at = scene_viewpoint(state);
+    float viewpoint[3] = {at.x, at.y, at.z}, centre[3], squared = 0.0f, extent = 0.0f;
+    for (int axis = 0; axis < 3; axis++) {
+        float least = node->bounds[axis][child], most = node->bounds[3 + axis][child];
+        centre[axis] = 0.5f * (least + most) - viewpoint[axis];
+        squared += (most - least) * (most - least);
+        extent += fabsf(least) + fabsf(most);
+    }
+    Vec3 corner = vec3(centre);
+    append(state, list, (Vec3[3]){corner, corner, corner},
+           0.5f * sqrtf(squared) + BOX_ROUNDING * extent, CLUSTER);
+}
+
+/* Corners of a triangle of the static scene, relative to the viewpoint. */
+static void append_triangle(const FrameState *state, int32_t triangle, CandidateList *list) {
+    Vec3 viewpoint = vec3(state->camera.translation), relative[3];
+    for (int corner = 0; corner < 3; corner++)
+        relative[corner] = subtract(scene_corner(state, triangle, corner), viewpoint);
+    append(state, list, relative, 0.0f, triangle);
+}
+
+static void append_leaf(const FrameState *state, const int32_t triangles[LEAF_TRIANGLES],
+                        CandidateList *list) {
+    for (int lane = 0; lane < LEAF_TRIANGLES; lane++)
+        if (triangles[lane] != NO_TRIANGLE)
+            append_triangle(state, triangles[lane], list);
+}
+
+int add_scene(const FrameState *state, const BeamSides *sides, int max_count,
+              CandidateList *list) {
+    const Bvh *bvh = &state->scene->mesh->bvh;
+    int32_t stack[MAX_STACK] = {0};
+    int height = bvh->num_nodes > 0, num_visited = 0;
+    while (height) {
+        const BvhNode *node = bvh->nodes + stack[--height];
+        Children children = find_children(state, node, sides);
+        /* All of a node's children fit, or none is looked at. */
+        if (list->count + LANES * LEAF_TRIANGLES > max_count || ++num_visited > max_count)
+            return 0;
+        for (uint32_t left = children.inside; left; left &= left - 1) {
+            int slot = __builtin_ctz(left);
+            int32_t child = node->child[slot];
+            if (child == NO_CHILD)
+                continue;
+            if (children.small >> slot & 1)
+                append_cluster(state, node, slot, list);
+            else if (child >= 0)
+                stack[height++] = child;
+            else
+                append_leaf(state, leaf_triangles(bvh, ~child), list);
+        }
+    }
+    return 1;
 }
 
 /* Corners of a box, numbered by their signs in x (4), y (2) and z (1). */
@@ -155,11 +255,8 @@ static void append_box(const FrameState *state, CandidateList *list, int box) {
 
 int candidates_collect(CandidateList *list, const FrameState *state) {
     const Frame *frame = state->frame;
-    const Surfaces *surfaces = &state->scene->surfaces;
-    int count = surfaces->num_triangles + surfaces->num_clusters;
-    if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_boxes))
+    if (!candidates_allocate(list, BOX_TRIANGLES * frame->num_boxes))
         return 0;
-    append_surfaces(state, list);
     for (int box = 0; box < frame->num_boxes; box++)
         append_box(state, list, box);
     return 1;
@@ -188,6 +285,8 @@ void find_sides(const FrameState *state, const BeamLevel *parts, int part, BeamS
     sides->normal[2] = inward(rotation, beam->b, beam->b_min, 1.0f, beam->axis);
     sides->normal[3] = inward(rotation, beam->b, beam->b_max, -1.0f, beam->axis);
     sides->axis = rotate(rotation, beam->axis);
+    int level = (int)(parts - state->view->levels);
+    sides->tile = fminf(beam->a_max - beam->a_min, beam->b_max - beam->b_min) / (float)(1 << level);
     for (int i = 0; i < 4; i++) {
         Vec3 edge = cross(sides->normal[i / 2], sides->normal[2 + i % 2]);
         sides->edge[i] = dot(edge, sides->axis) < 0.0f ? scale(-1.0f, edge) : edge;
@@ -207,7 +306,7 @@ mark_outside(const CandidateList *list, const BeamSides *sides, int has_apex,
     const float at_apex[4] = {
         has_apex ? dot(n[0], sides->apex) : 0.0f, has_apex ? dot(n[1], sides->apex) : 0.0f,
         has_apex ? dot(n[2], sides->apex) : 0.0f, has_apex ? dot(n[3], sides->apex) : 0.0f};
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         int is_outside = 0;
         /* All sides in one pass: the coordinates are loaded once. */
         for (int side = 0; side < 4; side++) {
@@ -241,7 +340,7 @@ mark_beside(const CandidateList *list, const BeamSides *sides, int has_apex, int
     const float *restrict cz = list->corner[3 * opposite + 2], *restrict reach = list->reach;
     const Vec3 apex = has_apex ? sides->apex : (Vec3){0, 0, 0};
     const Vec3 e0 = sides->edge[0], e1 = sides->edge[1], e2 = sides->edge[2], e3 = sides->edge[3];
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         float px = ax[i] - apex.x, py = ay[i] - apex.y, pz = az[i] - apex.z;
         float qx = bx[i] - apex.x, qy = by[i] - apex.y, qz = bz[i] - apex.z;
         float ox = cx[i] - apex.x, oy = cy[i] - apex.y, oz = cz[i] - apex.z;
@@ -326,7 +425,7 @@ void measure_distances(const CandidateList *list, const BeamSides *sides,
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
     const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
     const float *restrict z2 = list->corner[8];
-    for (int i = 0; i < list->count; i++) {
+    FOR_BLOCKS(i, list->count) {
         float ux = x1[i] - x0[i], uy = y1[i] - y0[i], uz = z1[i] - z0[i];
         float vx = x2[i] - x0[i], vy = y2[i] - y0[i], vz = z2[i] - z0[i];
         float px = d.y * vz - d.z * vy, py = d.z * vx - d.x * vz, pz = d.x * vy - d.y * vx;

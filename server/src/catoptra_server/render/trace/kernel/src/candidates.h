@@ -1,6 +1,9 @@
 /* Lists of what a part of the image may show: triangles and spheres, relative to the viewpoint.
  *
- * Coordinates are stored by component: the tests of whole lists against a beam are vector code.
+ * The static scene's are found by its hierarchy: the work follows what is in view, not how many
+ * triangles there are. A node that is seen as small as a few tiles is one sphere, which can only
+ * prevent a proof. Coordinates are stored by component: the tests of whole lists against a beam are vector
+ * code.
  */
 #ifndef CATOPTRA_CANDIDATES_H
 #define CATOPTRA_CANDIDATES_H
@@ -17,7 +20,7 @@ typedef struct {
     float *corner[9]; /* a sphere is a triangle of one point */
     float *radius;    /* 0 for triangles; of those of moving objects, their displacement */
     float *reach;     /* radius, and displacement seen from the viewpoint while it moves */
-    int32_t *id;      /* index into the scene's surfaces, or one of the above */
+    int32_t *id;      /* triangle of the static scene, or one of the above */
 } CandidateList;
 
 /* Object number of a candidate. */
@@ -33,13 +36,21 @@ typedef struct {
     Vec3 apex;    /* relative to the viewpoint */
     Vec3 centre;  /* likewise: of a sphere that holds the origins of the rays */
     float radius; /* of it; 0: all rays begin at the viewpoint */
+    float tile;   /* width of a tile's beam, a metre away */
 } BeamSides;
+
+/* Length of arrays by candidate of a list of at most `count`, such as marks and distances. */
+size_t whole_blocks(int count);
 
 int candidates_allocate(CandidateList *list, int capacity);
 void candidates_free(CandidateList *list);
 
-/* Surfaces, clusters and objects of a frame; 0 if memory is short. */
+/* Boxes of a frame's dynamic objects; 0 if memory is short. */
 int candidates_collect(CandidateList *list, const FrameState *state);
+
+/* Add what of the static scene may reach into a beam, up to a length of the list; 0 if there is
+ * more. */
+int add_scene(const FrameState *state, const BeamSides *sides, int max_count, CandidateList *list);
 
 Vec3 candidate_corner(const CandidateList *list, int at, int corner);
 void candidate_copy(const CandidateList *from, int at, CandidateList *to);

@@ -20,6 +20,9 @@
 /* Parts with more candidates than this are split without a search for a surface that covers them:
  * hardly any is covered. */
 enum { MAX_SEARCHED = 64 };
+/* Parts that may show more than this of the scene are left to rays: their triangles are many and
+ * small. */
+enum { MAX_LISTED = 1024 };
 /* A plane seen at less than two milliradians is left to rays: its distances lose three of float32's
  * seven digits. */
 #define MIN_PLANE_SINE 2e-3f
@@ -44,7 +47,8 @@ typedef struct {
 
 struct Search {
     const FrameState *state;
-    const CandidateList *candidates;
+    const CandidateList *objects; /* boxes of the frame's dynamic objects */
+    CandidateList found; /* what may reach into the part whose scene is looked up */
     CandidateList levels[BEAM_LEVELS]; /* what reaches into the current beam of each level */
     uint8_t *marks;
     ShortList short_list; /* of the part whose tiles are being rendered */
@@ -55,19 +59,20 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_beams &&
+    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_one_pose &&
            state->frame->output != OUTPUT_HITS && state->frame->output != OUTPUT_FLOW;
 }
 
-Search *create_search(const FrameState *state, int capacity) {
+Search *create_search(const FrameState *state, int num_boxes) {
     Search *search = calloc(1, sizeof *search);
     if (!search)
         return NULL;
     search->state = state;
     /* The rays of a tile of one sample a pixel take less time than a proof. */
     search->finest_proven = state->rays->samples == 1 ? 1 : 0;
-    search->marks = malloc((size_t)capacity + 1);
-    int is_whole = search->marks != NULL;
+    int capacity = num_boxes + MAX_LISTED;
+    search->marks = malloc(whole_blocks(capacity));
+    int is_whole = search->marks && candidates_allocate(&search->found, capacity);
     for (int level = 0; level < BEAM_LEVELS; level++)
         is_whole &= candidates_allocate(&search->levels[level], capacity);
     if (is_whole)
@@ -79,6 +84,7 @@ Search *create_search(const FrameState *state, int capacity) {
 void release_search(Search *search) {
     for (int level = 0; level < BEAM_LEVELS; level++)
         candidates_free(&search->levels[level]);
+    candidates_free(&search->found);
     free(search->marks);
     free(search);
 }
@@ -97,11 +103,13 @@ static int is_before_plane(const Cover *cover, const BeamSides *sides, float mar
 static int find_first_surface(const Search *search, const CandidateList *list,
                               const BeamSides *sides, Cover *cover) {
     const Scene *scene = search->state->scene;
-    float distances[MAX_SEARCHED], nearest = INFINITY;
+    float distances[MAX_SEARCHED + LANES], nearest = INFINITY;
     int first = -1;
     measure_distances(list, sides, distances);
     for (int i = 0; i < list->count; i++)
-        if (list->id[i] >= 0 && distances[i] < nearest) {
+        /* Of two at one distance the lower number, as rays do. */
+        if (list->id[i] >= 0 && (distances[i] < nearest || (first >= 0 && distances[i] == nearest &&
+                                                            list->id[i] < list->id[first]))) {
             nearest = distances[i];
             first = i;
         }
@@ -249,7 +257,9 @@ static int32_t find_cover(const Search *search, CandidateList *list, const BeamS
 /* A part of the image, and what is known of it. */
 typedef struct {
     int level, row, column;
-    const CandidateList *candidates; /* what may reach into it; NULL: no proof is tried any more */
+    /* What may reach into it: the frame's objects, while the scene has not been looked up; NULL: no
+     * proof is tried any more. */
+    const CandidateList *candidates;
     TileContent content;
     int is_hidden; /* no part of it shows an open part of its surface */
 } Part;
@@ -267,15 +277,29 @@ static void list_triangles(Search *search, const CandidateList *kept, const Beam
         content->short_list = &search->short_list;
 }
 
+/* What reaches into a part; 0 if of the static scene it is too much. */
+static int list_part(Search *search, const BeamSides *sides, const Part *part) {
+    CandidateList *kept = &search->levels[part->level], *found = &search->found;
+    if (part->candidates != search->objects) {
+        keep_inside(part->candidates, sides, search->marks, kept);
+        return 1;
+    }
+    keep_inside(search->objects, sides, search->marks, found);
+    int is_whole = add_scene(search->state, sides, found->count + MAX_LISTED, found);
+    keep_inside(found, sides, search->marks, kept);
+    return is_whole;
+}
+
 static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
-    keep_inside(part->candidates, sides, search->marks, kept);
-    part->content.triangle = find_cover(search, kept, sides);
+    int is_whole = list_part(search, sides, part);
+    part->content.triangle = is_whole ? find_cover(search, kept, sides) : SURFACE_UNKNOWN;
     part->content.object = find_object(kept);
     /* Nothing but small things: no quarter of it can be proven. */
-    int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
+    int is_hopeless =
+        part->level <= search->finest_proven || !is_whole || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
-    if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN)
+    if (is_hopeless && is_whole && part->content.triangle == SURFACE_UNKNOWN)
         list_triangles(search, kept, sides, &part->content);
 }
 
@@ -298,7 +322,7 @@ static void find_quad(const FrameState *state, const BeamSides *sides, int32_t t
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     Vec3 apex = add(vec3(state->camera.translation), sides->apex);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), apex));
+    float height = dot(normal, subtract(plane_point(state, triangle), apex));
     for (int i = 0; i < 4; i++)
         corners[i] = add(apex, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
 }
@@ -396,17 +420,17 @@ static void render_beam(Search *search, const View *view, Part part) {
                            part.is_hidden});
 }
 
-void aim_search(Search *search, const FrameState *state, const CandidateList *candidates,
+void aim_search(Search *search, const FrameState *state, const CandidateList *objects,
                 struct BlurResult *blur) {
     search->state = state;
-    search->candidates = candidates;
+    search->objects = objects;
     search->blur = blur;
 }
 
 int render_part(Search *search, const View *view, int part) {
     int level = BEAM_LEVELS - 1, columns = view->levels[level].columns;
     search->num_filled = 0;
-    render_beam(search, view, (Part){level, part / columns, part % columns, search->candidates,
+    render_beam(search, view, (Part){level, part / columns, part % columns, search->objects,
                                      UNKNOWN_CONTENT, 0});
     return search->num_filled;
 }

@@ -18,16 +18,16 @@
  * alone find. */
 int can_prove_coverage(const FrameState *state);
 
-/* Space for the searches of one thread among at most `capacity` candidates. */
+/* Space for the searches of one thread in frames of at most so many candidates by objects' boxes. */
 typedef struct Search Search;
-Search *create_search(const FrameState *state, int capacity);
+Search *create_search(const FrameState *state, int num_boxes);
 void release_search(Search *search);
 
 struct BlurResult;
 
-/* Search on with another state and its candidates, at most as many as the search was created for.
+/* Search on with another state and its objects, at most as many as the search was created for.
  * With a result, the parts are those that a moving frame's plan wants, and they are blurred. */
-void aim_search(Search *search, const FrameState *state, const CandidateList *candidates,
+void aim_search(Search *search, const FrameState *state, const CandidateList *objects,
                 struct BlurResult *blur);
 
 /* Render the tiles of a part of the coarsest level; returns how many are filled. */

@@ -13,7 +13,7 @@
 
 int32_t catoptra_abi(int32_t structure) {
     static const int32_t sizes[] = {
-        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(Surfaces),
+        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(FacetSource), sizeof(Surfaces),
         sizeof(OcclusionPatch), sizeof(Occlusion),
         sizeof(Scene),      sizeof(RayTable), sizeof(Pose), sizeof(Labels), sizeof(Flow), sizeof(Frame), sizeof(FrameCounts),
         sizeof(ImageStage), sizeof(ImageJob),
@@ -40,7 +40,8 @@ void catoptra_close(Device *device) {
 
 Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
     Mesh *mesh = calloc(1, sizeof *mesh);
-    if (mesh && build_bvh(&mesh->bvh, device->workers, arrays->corners, arrays->num_triangles)) {
+    if (mesh && build_bvh(&mesh->bvh, device->workers, arrays->corners, arrays->fine_corners,
+                          arrays->num_triangles)) {
         mesh->arrays = *arrays;
         return mesh;
     }

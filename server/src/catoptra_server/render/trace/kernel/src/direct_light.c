@@ -134,7 +134,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     RayBlock shadow;
     set_shadow_rays(&shadow, rays, &surface->points, incidence);
     shadow.active = found.unknown;
-    occluded |= occlude_bvh(&casters->bvh, &shadow);
+    occluded |= occlude_bvh(&casters->bvh, place_of(state), &shadow);
     shadow.active = (found.unknown | found.behind_objects) & ~occluded;
     if (state->objects && shadow.active)
         occluded |= occlude_instances(state, &shadow);

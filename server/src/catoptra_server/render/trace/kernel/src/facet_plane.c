@@ -6,26 +6,58 @@
 
 #include "texture_levels.h"
 
+#include <math.h>
+
+/* Coordinates at a point of the plane, which textures repeat after 1; in double precision, since the
+ * first corner may be far. */
+static void find_offsets(const FrameState *state, int32_t triangle, const double *uv,
+                         FacetPlane *plane) {
+    double from_first[3], edge[2][3], square[2] = {0.0, 0.0}, mixed = 0.0, along[2] = {0.0, 0.0};
+    const double *corners = state->scene->mesh->arrays.fine_corners + 9 * (size_t)triangle;
+    float point[3] = {plane->first.x, plane->first.y, plane->first.z};
+    for (int i = 0; i < 3; i++) {
+        from_first[i] = (double)point[i] + state->frame->origin[i] - corners[i];
+        for (int side = 0; side < 2; side++) {
+            edge[side][i] = corners[3 * side + 3 + i] - corners[i];
+            square[side] += edge[side][i] * edge[side][i];
+            along[side] += edge[side][i] * from_first[i];
+        }
+        mixed += edge[0][i] * edge[1][i];
+    }
+    double inverse = 1.0 / (square[0] * square[1] - mixed * mixed);
+    double weight[2] = {(along[0] * square[1] - along[1] * mixed) * inverse,
+                        (along[1] * square[0] - along[0] * mixed) * inverse};
+    double u = uv[0] + weight[0] * uv[2] + weight[1] * uv[4];
+    double v = uv[1] + weight[0] * uv[3] + weight[1] * uv[5];
+    plane->u_offset = (float)(u - floor(u));
+    plane->v_offset = (float)(v - floor(v));
+}
+
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    const float *corners = mesh->corners + 9 * (size_t)triangle;
-    static const float untextured[6] = {0, 0, 0, 0, 0, 0};
-    const float *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
-    Vec3 first = vec3(corners);
-    Vec3 edge_u = subtract(vec3(corners + 3), first), edge_v = subtract(vec3(corners + 6), first);
+    static const double untextured[6] = {0, 0, 0, 0, 0, 0};
+    const double *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
+    Vec3 first = scene_corner(state, triangle, 0);
+    Vec3 edge_u = subtract(scene_corner(state, triangle, 1), first);
+    Vec3 edge_v = subtract(scene_corner(state, triangle, 2), first);
     Vec3 normal = cross(edge_u, edge_v);
     /* The dual of the edges within the plane: barycentric weights are its products with points. */
     float inverse = 1.0f / dot(normal, normal);
     Vec3 dual_u = scale(inverse, cross(edge_v, normal));
     Vec3 dual_v = scale(inverse, cross(normal, edge_u));
-    return (FacetPlane){
+    FacetPlane plane = {
         .first = first,
         .normal = normal,
-        .u_gradient = add(scale(uv[2], dual_u), scale(uv[4], dual_v)),
-        .v_gradient = add(scale(uv[3], dual_u), scale(uv[5], dual_v)),
-        .u_offset = uv[0],
-        .v_offset = uv[1],
+        .u_gradient = add(scale((float)uv[2], dual_u), scale((float)uv[4], dual_v)),
+        .v_gradient = add(scale((float)uv[3], dual_u), scale((float)uv[5], dual_v)),
+        .u_offset = (float)uv[0],
+        .v_offset = (float)uv[1],
     };
+    if (mesh->fine_corners) {
+        plane.first = plane_point(state, triangle);
+        find_offsets(state, triangle, uv, &plane);
+    }
+    return plane;
 }
 
 /* Distance along the normal from a ray's origin to the plane. */

@@ -171,7 +171,7 @@ static void aim_rays(const Pose *camera, const Projections *projections,
 }
 
 static uint32_t find_occluded(const FrameState *state, const RayBlock *rays) {
-    uint32_t occluded = occlude_bvh(&state->scene->mesh->bvh, rays);
+    uint32_t occluded = occlude_bvh(&state->scene->mesh->bvh, place_of(state), rays);
     return state->objects ? occluded | occlude_instances(state, rays) : occluded;
 }
 

@@ -1,9 +1,12 @@
-/* Provides frame_state.h: poses at a time.
- * Float64 twin: reference/meshes.py:interpolate_poses. Owns nothing.
- * Threads: any. */
+/* Provides frame_state.h: poses at a time, and the scene in the frame's coordinates.
+ * Float64 twin: reference/meshes.py:interpolate_poses. A placed scene is one block, its caller's.
+ * Threads: any; place_scene: the calling thread. */
 #include "frame_state.h"
 
+#include "height_map.h"
+
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose) {
@@ -51,4 +54,99 @@ FrameState at_instant(const FrameState *state, float time) {
 
 float row_time(const FrameState *state, float row) {
     return 0.5f + state->frame->readout * (row / (float)state->rays->height_px - 0.5f);
+}
+
+/* A point of the scene in the coordinates of a frame. */
+static Vec3 place_point(Vec3 point, const double origin[3]) {
+    return (Vec3){(float)((double)point.x - origin[0]), (float)((double)point.y - origin[1]),
+                  (float)((double)point.z - origin[2])};
+}
+
+Vec3 scene_corner(const FrameState *state, int32_t triangle, int corner) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    size_t at = 9 * (size_t)triangle + 3 * (size_t)corner;
+    const double *origin = state->frame->origin;
+    float placed[3];
+    if (!mesh->fine_corners && !has_origin(state))
+        return vec3(mesh->corners + at);
+    for (size_t i = 0; i < 3; i++)
+        placed[i] = (float)((mesh->fine_corners ? mesh->fine_corners[at + i]
+                                                : (double)mesh->corners[at + i]) - origin[i]);
+    return vec3(placed);
+}
+
+/* Of corners relative to the origin; not a number without area. */
+static Vec3 nearest_of_plane(const double corner[3][3]) {
+    double first[3], second[3], normal[3], height = 0.0, square = 0.0;
+    for (int i = 0; i < 3; i++) {
+        first[i] = corner[1][i] - corner[0][i];
+        second[i] = corner[2][i] - corner[0][i];
+    }
+    for (int i = 0; i < 3; i++) {
+        int next = (i + 1) % 3, last = (i + 2) % 3;
+        normal[i] = first[next] * second[last] - first[last] * second[next];
+        height += normal[i] * corner[0][i];
+        square += normal[i] * normal[i];
+    }
+    double share = height / square;
+    return (Vec3){(float)(share * normal[0]), (float)(share * normal[1]),
+                  (float)(share * normal[2])};
+}
+
+Vec3 plane_point(const FrameState *state, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (!mesh->fine_corners)
+        return scene_corner(state, triangle, 0);
+    double corner[3][3];
+    for (int i = 0; i < 9; i++)
+        corner[i / 3][i % 3] =
+            mesh->fine_corners[9 * (size_t)triangle + (size_t)i] - state->frame->origin[i % 3];
+    return nearest_of_plane((const double(*)[3])corner);
+}
+
+static void place_grids(Occlusion *grids, OcclusionPatch *patches, size_t count,
+                        const double origin[3]) {
+    memcpy(patches, grids->patches, sizeof *patches * count);
+    grids->patches = patches;
+    for (size_t patch = 0; patch < count; patch++) {
+        float *rows[2] = {patches[patch].column, patches[patch].row};
+        for (int row = 0; row < 2; row++) {
+            double offset = patches[patch].offset[row];
+            for (int i = 0; i < 3; i++)
+                offset += (double)rows[row][i] * origin[i];
+            rows[row][3] = (float)offset;
+        }
+    }
+}
+
+static void place_lights(Light *lights, LightMaps *maps, const Scene *scene,
+                         const double origin[3]) {
+    memcpy(lights, scene->lights, sizeof *lights * (size_t)scene->num_lights);
+    for (int light = 0; light < scene->num_lights; light++) {
+        for (int i = 0; i < 3 && lights[light].kind == LIGHT_POINT; i++)
+            lights[light].vector[i] = (float)(lights[light].position[i] - origin[i]);
+    }
+    for (int map = 0; maps && map < FACES * scene->num_lights; map++)
+        maps->maps[map].origin = place_point(maps->maps[map].origin, origin);
+}
+
+Scene *place_scene(const Scene *scene, const double origin[3]) {
+    size_t num_grids = (size_t)scene->occlusion.num_patches, num_lights = (size_t)scene->num_lights;
+    size_t maps_size =
+        scene->light_maps ? sizeof(LightMaps) + FACES * num_lights * sizeof(LightMap) : 0;
+    size_t lights_size = sizeof(Light) * num_lights;
+    Scene *placed =
+        malloc(sizeof *placed + maps_size + lights_size + sizeof(OcclusionPatch) * num_grids);
+    if (!placed)
+        return NULL;
+    char *end = (char *)(placed + 1);
+    *placed = *scene;
+    if (maps_size)
+        placed->light_maps = memcpy(end, scene->light_maps, maps_size);
+    Light *lights = (Light *)(end + maps_size);
+    place_lights(lights, placed->light_maps, scene, origin);
+    placed->lights = lights;
+    place_grids(&placed->occlusion, (OcclusionPatch *)(end + maps_size + lights_size), num_grids,
+                origin);
+    return placed;
 }

@@ -9,7 +9,8 @@
 
 typedef struct {
     const Device *device;
-    const Scene *scene;
+    const Scene *scene;          /* lights, grids and maps in the frame's coordinates */
+    Scene *placed;               /* the same, of a frame with an origin */
     const RayTable *rays;
     const struct View *view;
     const Frame *frame;
@@ -20,7 +21,6 @@ typedef struct {
     Pose camera;        /* of all rays without times of their own */
     float time;         /* of these rays within the exposure */
     int has_one_pose;   /* all rays of a block start at one pose of the camera */
-    int has_beams;      /* the view's beams hold the rays of this frame */
     int is_rolling;     /* each row of pixels has a time of its own */
     int plan_wanted;    /* the camera or objects move during the exposure */
     /* Largest displacement of the viewpoint, and of a point a metre away by turns, while a proof
@@ -36,6 +36,28 @@ static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
     return object == OBJECT_STATIC ? &state->scene->mesh->arrays
                                    : &state->frame->objects[object - 1]->arrays;
 }
+
+/* Whether the frame has coordinates of its own, because the scene's are too large for floats. */
+static inline int has_origin(const FrameState *state) {
+    const double *origin = state->frame->origin;
+    return origin[0] != 0.0 || origin[1] != 0.0 || origin[2] != 0.0;
+}
+
+/* Place of the frame's coordinates in the scene's, for searches in its meshes; NULL: the same. */
+static inline const double *place_of(const FrameState *state) {
+    return has_origin(state) ? state->frame->origin : NULL;
+}
+
+/* Corner of a triangle of the static scene. */
+Vec3 scene_corner(const FrameState *state, int32_t triangle, int corner);
+
+/* A point of a static triangle's plane: its first corner, or of a mesh that is large for floats the
+ * point nearest to the frame's origin. */
+Vec3 plane_point(const FrameState *state, int32_t triangle);
+
+/* The scene with its lights, grids and maps in the coordinates of a frame that has an origin; NULL
+ * if memory is short. To be freed. */
+Scene *place_scene(const Scene *scene, const double origin[3]);
 
 /* Pose between the two nearest of `count` poses, `stride` apart, at a time from 0 to 1. */
 void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);

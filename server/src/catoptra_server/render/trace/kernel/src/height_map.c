@@ -12,17 +12,6 @@
  * they are sums of three products; shadow rays begin 4e-6 of the extent beside their points. */
 #define TOLERANCE 6e-6f
 
-static int32_t *number_surfaces(const Scene *scene) {
-    const Surfaces *surfaces = &scene->surfaces;
-    int32_t count = scene->mesh->arrays.num_triangles;
-    int32_t *surface_of = malloc(sizeof(int32_t) * (size_t)(count + 1));
-    for (int32_t i = 0; surface_of && i < count; i++)
-        surface_of[i] = surfaces->num_surfaces + i;
-    for (int32_t i = 0; surface_of && i < surfaces->num_triangles; i++)
-        surface_of[surfaces->triangles[i]] = surfaces->surface[i];
-    return surface_of;
-}
-
 static void set_axes(LightMap *map, Vec3 towards) {
     map->towards = towards;
     Vec3 other = fabsf(map->towards.x) < 0.7f ? (Vec3){1, 0, 0} : (Vec3){0, 1, 0};
@@ -223,7 +212,7 @@ static void fill_map(LightMaps *maps, LightMap *map, const Scene *scene) {
     for (int32_t i = 0; is_whole && i < casters->num_triangles; i++) {
         int32_t triangle = scene->caster_triangles ? scene->caster_triangles[i] : i;
         is_whole = add_mesh_triangle(map, casters->corners + 9 * (size_t)i,
-                                     maps->surface_of[triangle]);
+                                     scene->surfaces.surface[triangle]);
     }
     map->is_built = is_whole;
     map->first_cell = maps->num_cells;
@@ -261,11 +250,6 @@ void *catoptra_build_light_maps(const Scene *scene) {
     LightMaps *maps = calloc(1, sizeof *maps + count * sizeof(LightMap));
     if (!maps)
         return NULL;
-    maps->surface_of = number_surfaces(scene);
-    if (!maps->surface_of) {
-        free(maps);
-        return NULL;
-    }
     int num_points = 0;
     for (int i = 0; i < scene->num_lights && scene->mesh->arrays.num_triangles; i++) {
         const Light *light = &scene->lights[i];
@@ -281,7 +265,5 @@ void catoptra_release_light_maps(void *light_maps, int32_t num_lights) {
     LightMaps *maps = light_maps;
     for (int32_t map = 0; maps && map < FACES * num_lights; map++)
         free(maps->maps[map].cells);
-    if (maps)
-        free(maps->surface_of);
     free(maps);
 }

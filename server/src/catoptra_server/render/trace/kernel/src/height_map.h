@@ -37,9 +37,8 @@ typedef struct {
 } LightMap;
 
 typedef struct {
-    int32_t *surface_of; /* (n,) surface of each triangle; a number of its own for small ones */
-    size_t num_cells;    /* of all maps */
-    LightMap maps[];     /* FACES for each light, of which a directional light has the first */
+    size_t num_cells; /* of all maps */
+    LightMap maps[];  /* FACES for each light, of which a directional light has the first */
 } LightMaps;
 
 /* A point across and along a light. */

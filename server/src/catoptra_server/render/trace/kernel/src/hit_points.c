@@ -15,11 +15,10 @@ typedef struct {
     float edge_v[3][BLOCK_RAYS];
 } PlaneQueries;
 
-static void set_triangle(PlaneQueries *queries, int lane, const float *corners) {
-    Vec3 first = vec3(corners);
+static void set_triangle(PlaneQueries *queries, int lane, Vec3 first, Vec3 second, Vec3 third) {
     set_lane(queries->first, lane, first);
-    set_lane(queries->edge_u, lane, subtract(vec3(corners + 3), first));
-    set_lane(queries->edge_v, lane, subtract(vec3(corners + 6), first));
+    set_lane(queries->edge_u, lane, subtract(second, first));
+    set_lane(queries->edge_v, lane, subtract(third, first));
 }
 
 /* The same for an object at rest: a rotation's inverse is its transpose, and keeps lengths. */
@@ -55,10 +54,16 @@ static void gather_lane(const FrameState *state, const RayBlock *rays, const Hit
     int object = hits->object[lane];
     size_t triangle = (size_t)hits->triangle[lane];
     const MeshArrays *mesh = mesh_of(state, object);
-    set_triangle(queries, lane, mesh->corners + 9 * triangle);
-    if (object == OBJECT_STATIC)
+    if (object == OBJECT_STATIC) {
+        int32_t number = hits->triangle[lane];
+        set_triangle(queries, lane, scene_corner(state, number, 0), scene_corner(state, number, 1),
+                     scene_corner(state, number, 2));
         set_lane(points->normal, lane, vec3(mesh->normals + 3 * triangle));
-    else if (state->frame->num_poses == 1)
+        return;
+    }
+    const float *corners = mesh->corners + 9 * triangle;
+    set_triangle(queries, lane, vec3(corners), vec3(corners + 3), vec3(corners + 6));
+    if (state->frame->num_poses == 1)
         move_to_resting_object(state->frame->object_poses + object - 1, lane, queries, points,
                                mesh->normals + 3 * triangle);
     else
@@ -82,6 +87,36 @@ static void intersect_planes(const PlaneQueries *q, HitPoints *points) {
     }
 }
 
+/* Distances of hits with the static scene: normals and points of planes are enough. */
+static void find_static_distances(const FrameState *state, const RayBlock *rays,
+                                  const HitBlock *hits, uint32_t mask,
+                                  float distance[BLOCK_RAYS]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    _Alignas(64) float normal[3][BLOCK_RAYS] = {{0}}, first[3][BLOCK_RAYS] = {{0}};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(mask >> lane & 1))
+            continue;
+        set_lane(normal, lane, vec3(mesh->normals + 3 * (size_t)hits->triangle[lane]));
+        set_lane(first, lane, plane_point(state, hits->triangle[lane]));
+    }
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float height = 0.0f, cosine = 0.0f;
+        for (int axis = 0; axis < 3; axis++) {
+            height += normal[axis][i] * (first[axis][i] - rays->origin[axis][i]);
+            cosine += normal[axis][i] * rays->direction[axis][i];
+        }
+        if (mask >> i & 1)
+            distance[i] = cosine != 0.0f ? height / cosine : 0.0f;
+    }
+}
+
+static uint32_t static_lanes(const HitBlock *hits, uint32_t mask) {
+    uint32_t found = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        found |= (uint32_t)(hits->object[lane] == OBJECT_STATIC) << lane;
+    return found & mask;
+}
+
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                      uint32_t mask, HitPoints *points) {
     PlaneQueries queries;
@@ -92,40 +127,17 @@ void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlo
         if (mask >> lane & 1)
             gather_lane(state, rays, hits, lane, &queries, points);
     intersect_planes(&queries, points);
+    if (state->scene->mesh->arrays.fine_corners)
+        find_static_distances(state, rays, hits, static_lanes(hits, mask), points->distance);
     for (int axis = 0; axis < 3; axis++)
         for (int i = 0; i < BLOCK_RAYS; i++)
             points->position[axis][i] =
                 rays->origin[axis][i] + points->distance[i] * rays->direction[axis][i];
 }
 
-/* The same where all is of the static scene: normals and first corners are enough. */
-static void find_static_distances(const FrameState *state, const RayBlock *rays,
-                                  const HitBlock *hits, uint32_t mask,
-                                  float distance[BLOCK_RAYS]) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    _Alignas(64) float normal[3][BLOCK_RAYS] = {{0}}, first[3][BLOCK_RAYS] = {{0}};
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(mask >> lane & 1))
-            continue;
-        set_lane(normal, lane, vec3(mesh->normals + 3 * (size_t)hits->triangle[lane]));
-        set_lane(first, lane, vec3(mesh->corners + 9 * (size_t)hits->triangle[lane]));
-    }
-    for (int i = 0; i < BLOCK_RAYS; i++) {
-        float height = 0.0f, cosine = 0.0f;
-        for (int axis = 0; axis < 3; axis++) {
-            height += normal[axis][i] * (first[axis][i] - rays->origin[axis][i]);
-            cosine += normal[axis][i] * rays->direction[axis][i];
-        }
-        distance[i] = cosine != 0.0f ? height / cosine : 0.0f;
-    }
-}
-
 void find_hit_distances(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                         uint32_t mask, float distance[BLOCK_RAYS]) {
-    int meets_object = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        meets_object |= (mask >> lane & 1) && hits->object[lane] != OBJECT_STATIC;
-    if (!meets_object) {
+    if (static_lanes(hits, mask) == mask) {
         find_static_distances(state, rays, hits, mask, distance);
         return;
     }

@@ -17,7 +17,6 @@ static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
                                   TexturePoints *points) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const TextureLevel *image = state->scene->textures[mesh->texture[triangle]].levels;
-    const float *uv = mesh->uv + 6 * (size_t)triangle;
     FacetPlane plane = find_facet_plane(state, triangle);
     PlaneSteps steps = find_plane_steps(&plane, ray_steps, image);
     Vec3 n = plane.normal, gu = scale((float)image->width, plane.u_gradient);
@@ -29,8 +28,9 @@ static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
         Footprint footprint = find_footprint(
             &steps, at->distance[i], 1.0f / (n.x * x + n.y * y + n.z * z),
             gu.x * x + gu.y * y + gu.z * z, gv.x * x + gv.y * y + gv.z * z);
-        float u = uv[0] + at->u[i] * uv[2] + at->v[i] * uv[4];
-        float v = uv[1] + at->u[i] * uv[3] + at->v[i] * uv[5];
+        Vec3 from_first = subtract(get_lane(at->position, i), plane.first);
+        float u = plane.u_offset + dot(plane.u_gradient, from_first);
+        float v = plane.v_offset + dot(plane.v_gradient, from_first);
         points->u[i] = is_here ? u : points->u[i];
         points->v[i] = is_here ? v : points->v[i];
         points->squares[i] = is_here ? footprint.squares : points->squares[i];

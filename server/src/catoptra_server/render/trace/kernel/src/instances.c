@@ -129,7 +129,7 @@ static void move_rays(const FrameState *state, int32_t object, const RayBlock *r
 static void intersect_placed(const FrameState *state, int32_t object, const RayBlock *moved,
                              RayBlock *rays, HitBlock *hits) {
     RayBlock local = *moved;
-    intersect_bvh(&state->frame->objects[object]->bvh, object + 1, &local, hits);
+    intersect_bvh(&state->frame->objects[object]->bvh, NULL, object + 1, &local, hits);
     memcpy(rays->limit, local.limit, sizeof rays->limit);
 }
 
@@ -191,7 +191,7 @@ static int visit_any(const FrameState *state, int32_t object, uint32_t lanes, vo
     uint32_t *occluded = result;
     move_rays(state, object, block, &moved);
     moved.active = lanes & ~*occluded;
-    *occluded |= occlude_bvh(&state->frame->objects[object]->bvh, &moved);
+    *occluded |= occlude_bvh(&state->frame->objects[object]->bvh, NULL, &moved);
     return block->active & ~*occluded ? 1 : 0;
 }
 

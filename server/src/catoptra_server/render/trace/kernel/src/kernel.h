@@ -2,9 +2,9 @@
  *
  * Python twin: kernel_structs.py, with the same members in the same order; `catoptra_abi` returns
  * the sizes that the library was compiled with. Whoever passes an array keeps it alive as long as
- * the object that it was passed for. All lengths are metres, coordinates are those of the world
- * less the centre of the static scene ("scene coordinates"), so that float32 keeps its precision
- * far from the world's origin.
+ * the object that it was passed for. All lengths are metres. Scene coordinates are those of the world
+ * less the centre of the static scene; a frame's are those less its origin, the camera's place in
+ * worlds that are large for float32, else zero.
  */
 #ifndef CATOPTRA_KERNEL_H
 #define CATOPTRA_KERNEL_H
@@ -43,8 +43,9 @@ typedef struct {
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
     const float *corner_albedo;  /* (n, 3, 3) linear, of facets with FACET_CORNER_COLOURS; or NULL */
-    const float *uv;             /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
+    const double *uv;            /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
+    const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
 } MeshArrays;
 
 /* Linear texels with a border of one texel repeated from the other side. */
@@ -61,6 +62,7 @@ typedef struct {
 typedef struct {
     int32_t kind;
     int32_t lights_scene; /* 0: culled for the static scene, lights dynamic objects alone */
+    double position[3];   /* of a point light, scene coordinates */
     float vector[3];      /* unit direction towards a directional light; position of a point light */
     float intensity[3];   /* irradiance at normal incidence; radiant intensity of a point light */
 } Light;
@@ -70,22 +72,34 @@ typedef struct {
     float up[3], down[3];
 } Hemisphere;
 
-/* Flat surfaces of the static scene, for the proof that one of them fills a tile. */
+/* What flat surfaces are found by: a scene in float64, world frame. */
 typedef struct {
     int32_t num_triangles;
-    const int32_t *triangles;     /* (m,) triangles that belong to a surface */
-    const int32_t *surface;       /* (m,) surface of each */
-    const uint8_t *outer_edges;   /* (m,) bit k: edge k to k + 1 bounds its surface */
+    double centre[3];           /* origin of scene coordinates */
+    const double *corners;      /* (n, 3, 3) */
+    const double *normals;      /* (n, 3) unit; zero without area */
+    const double *albedo;       /* (n, 3) */
+    const double *uv;           /* (n, 3, 2); NULL without textures */
+    const int32_t *texture;     /* (n,) -1 for none */
+    const int32_t *object;      /* (n,) */
+    const uint8_t *unlit;       /* (n,) */
+    const uint8_t *has_colours; /* (n,) the colour varies over the triangle */
+} FacetSource;
+
+/* Flat surfaces of the static scene, for the proof that one of them fills a tile: connected coplanar
+ * triangles of one material. */
+typedef struct {
     int32_t num_surfaces;
-    const int32_t *representative; /* (s,) a large triangle of each surface */
-    int32_t num_clusters;
-    const float *clusters; /* (c, 4) centre and radius of spheres around all other triangles */
+    const int32_t *surface;        /* (n,) surface of each triangle */
+    const uint8_t *outer_edges;    /* (n,) bit k: edge k to k + 1 bounds its surface */
+    const int32_t *representative; /* (s,) the largest triangle of each surface */
 } Surfaces;
 
 /* A grid of factors of hemisphere light: a point's column in the atlas is column . (x, y, z, 1). */
 typedef struct {
     float column[4], row[4];          /* scene coordinates */
     int32_t left, top, right, bottom; /* first and last nodes; two a side at least */
+    double offset[2];                 /* the last of column and of row, not rounded */
 } OcclusionPatch;
 
 /* Ambient occlusion; without it, `texels` is NULL. */
@@ -94,6 +108,7 @@ typedef struct {
     const uint8_t *texels;         /* (h, w), 255 = open */
     const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open */
     const OcclusionPatch *patches; /* (m,) */
+    int32_t num_patches;           /* m */
     const int32_t *dark_sums;      /* (h + 1, w + 1) nodes above and left that are not open */
 } Occlusion;
 
@@ -136,8 +151,8 @@ typedef struct {
     const float *points;      /* (h, w, 3) world frame; not a number for none */
     const uint16_t *ids;      /* (h, w) numbers of their objects */
     const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in the frame */
-    const Pose *motions;      /* there from here, scene coordinates */
-    double centre[3];         /* origin of scene coordinates in the world */
+    const Pose *motions;      /* there from here, the frame's coordinates */
+    double centre[3];         /* their origin in the world */
     int32_t num_nodes;        /* of the tables by evenly spaced places, of t / (1 + t) of t =
                                  tan(angle from the axis / 2) */
     float first, last, nodes_per_unit;
@@ -157,7 +172,7 @@ typedef struct {
     const uint16_t *triangle_numbers; /* (n,) number of each triangle's object, from 1 */
     const uint16_t *object_numbers;   /* (o,) of each dynamic object */
     const uint16_t *class_table;      /* (65536,) class of each number */
-    double centre[3];                 /* origin of scene coordinates in the world */
+    double centre[3];                 /* origin of the frame's coordinates in the world */
     float *range_m;                   /* infinite where nothing is met */
     float *normal;                    /* likewise zero */
     float *point;                     /* not a number */
@@ -166,11 +181,12 @@ typedef struct {
 } Labels;
 
 typedef struct {
+    double origin[3];    /* of the frame's coordinates, scene coordinates */
     int32_t num_poses;   /* K >= 1 poses of the camera and of each object, evenly spaced in time */
-    const Pose *camera;  /* (K,) scene coordinates from the mirror frame */
+    const Pose *camera;  /* (K,) the frame's coordinates from the mirror frame */
     int32_t num_objects;
     Mesh *const *objects;     /* (o,) */
-    const Pose *object_poses; /* (K, o) scene coordinates from each object's frame */
+    const Pose *object_poses; /* (K, o) the frame's coordinates from each object's frame */
     int32_t num_boxes;
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
@@ -223,6 +239,11 @@ CATOPTRA_EXPORT void catoptra_close(Device *device);
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 
+/* Surfaces of (n,) triangles, into the arrays of `Surfaces`; their number, -1 if memory is short. */
+CATOPTRA_EXPORT int32_t catoptra_find_surfaces(Device *device, const FacetSource *facets,
+                                               int32_t *surface, uint8_t *outer_edges,
+                                               int32_t *representative);
+
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
 CATOPTRA_EXPORT int64_t catoptra_view_bytes(const View *view);
 CATOPTRA_EXPORT void catoptra_release_view(View *view);
@@ -241,9 +262,9 @@ CATOPTRA_EXPORT void catoptra_release_light_maps(void *light_maps, int32_t num_l
 CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, const View *view,
                                         const Frame *frame, FrameCounts *counts, char *error);
 
-/* First hits of single rays with a mesh: (count, 3) origins and unit directions in its
+/* First hits of single rays with a mesh: (count, 3) origins and unit directions in the mesh's
  * coordinates; distances, INFINITY and triangle -1 without a hit. Any threads may cast at once. */
-CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const float *origins,
+CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins,
                                    const float *directions, float *range_m, int32_t *triangle);
 
 /* Trace all rays of a view against the static scene, and nothing else: the rate of bare rays. */

@@ -8,38 +8,42 @@
 #include <immintrin.h>
 #endif
 
-/* Masks are 0 or -1 in each lane. Minima and maxima take the second of what is not a number. */
-#define DEFINE_LANES(N)                                                                            \
-    typedef float Floats##N __attribute__((vector_size(4 * N)));                                   \
-    typedef int32_t Ints##N __attribute__((vector_size(4 * N)));                                   \
-    static inline Floats##N splat##N(float value) { return (Floats##N){0} + value; }               \
-    static inline Floats##N load##N(const float *values) {                                         \
-        Floats##N loaded;                                                                          \
+/* Masks are 0 or -1 in each lane. Minima and maxima take the second of what is not a number. The
+ * names of functions end with the number of lanes, and with d for doubles. */
+#define DEFINE_LANES(S, N, VECTOR, MASK, REAL, INT)                                                \
+    typedef REAL VECTOR __attribute__((vector_size(sizeof(REAL) * N)));                            \
+    typedef INT MASK __attribute__((vector_size(sizeof(INT) * N)));                                \
+    static inline VECTOR splat##S(REAL value) { return (VECTOR){0} + value; }                      \
+    static inline VECTOR load##S(const REAL *values) {                                             \
+        VECTOR loaded;                                                                             \
         __builtin_memcpy(&loaded, values, sizeof loaded);                                          \
         return loaded;                                                                             \
     }                                                                                              \
-    static inline void store##N(Floats##N values, float *target) {                                 \
+    static inline void store##S(VECTOR values, REAL *target) {                                     \
         __builtin_memcpy(target, &values, sizeof values);                                          \
     }                                                                                              \
-    static inline Ints##N load_ints##N(const int32_t *values) {                                    \
-        Ints##N loaded;                                                                            \
+    static inline MASK load_ints##S(const INT *values) {                                           \
+        MASK loaded;                                                                               \
         __builtin_memcpy(&loaded, values, sizeof loaded);                                          \
         return loaded;                                                                             \
     }                                                                                              \
-    static inline void store_ints##N(Ints##N values, int32_t *target) {                            \
+    static inline void store_ints##S(MASK values, INT *target) {                                   \
         __builtin_memcpy(target, &values, sizeof values);                                          \
     }                                                                                              \
-    static inline Floats##N select##N(Ints##N mask, Floats##N yes, Floats##N no) {                 \
-        return (Floats##N)((mask & (Ints##N)yes) | (~mask & (Ints##N)no));                         \
+    static inline VECTOR select##S(MASK mask, VECTOR yes, VECTOR no) {                             \
+        return (VECTOR)((mask & (MASK)yes) | (~mask & (MASK)no));                                  \
     }                                                                                              \
-    static inline Floats##N least##N(Floats##N a, Floats##N b) { return select##N(a < b, a, b); }  \
-    static inline Floats##N most##N(Floats##N a, Floats##N b) { return select##N(a > b, a, b); }   \
-    static inline Floats##N absolute##N(Floats##N a) {                                             \
-        return (Floats##N)((Ints##N)a & 0x7fffffff);                                               \
-    }
+    static inline VECTOR least##S(VECTOR a, VECTOR b) { return select##S(a < b, a, b); }           \
+    static inline VECTOR most##S(VECTOR a, VECTOR b) { return select##S(a > b, a, b); }
 
-DEFINE_LANES(8)
-DEFINE_LANES(16)
+DEFINE_LANES(8, 8, Floats8, Ints8, float, int32_t)
+DEFINE_LANES(16, 16, Floats16, Ints16, float, int32_t)
+DEFINE_LANES(8d, 8, Doubles8, Longs8, double, int64_t)
+DEFINE_LANES(16d, 16, Doubles16, Longs16, double, int64_t)
+
+static inline Floats8 absolute8(Floats8 a) { return (Floats8)((Ints8)a & 0x7fffffff); }
+
+static inline Floats16 absolute16(Floats16 a) { return (Floats16)((Ints16)a & 0x7fffffff); }
 
 /* Bit masks of the lanes of masks. */
 static inline uint32_t bits8(Ints8 mask) {
@@ -61,6 +65,12 @@ static inline uint32_t bits16(Ints16 mask) {
     return bits8(__builtin_shufflevector(mask, mask, 0, 1, 2, 3, 4, 5, 6, 7)) |
            bits8(__builtin_shufflevector(mask, mask, 8, 9, 10, 11, 12, 13, 14, 15)) << 8;
 #endif
+}
+
+static inline uint32_t bits8d(Longs8 mask) { return bits8(__builtin_convertvector(mask, Ints8)); }
+
+static inline uint32_t bits16d(Longs16 mask) {
+    return bits16(__builtin_convertvector(mask, Ints16));
 }
 
 /* Mask of the lanes of a bit mask. */

@@ -151,13 +151,12 @@ int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point)
     const LightMap *map = map_at(state, light, point);
     if (!map)
         return LIGHT_UNKNOWN;
-    const LightMaps *maps = state->scene->light_maps;
     MapPoint at = project(map, point);
     if (!is_precise(map, at.height))
         return LIGHT_UNKNOWN;
     int cell = cell_of(map, at.y, map->top) * map->side + cell_of(map, at.x, map->left);
     MapBox box = {at, at};
-    return find_in_cell(state, map, cell, triangle < 0 ? -2 : maps->surface_of[triangle], &box);
+    return find_in_cell(state, map, cell, triangle < 0 ? -2 : state->scene->surfaces.surface[triangle], &box);
 }
 
 /* What all cells of a box agree on. */
@@ -211,7 +210,7 @@ LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 co
     LightProof proof = {0, 0};
     int count = maps ? state->scene->num_lights : 0;
     for (int light = 0; light < count && light < 32; light++) {
-        int found = find_in_quad(state, light, maps->surface_of[triangle], corners);
+        int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);
         proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;
         proof.hidden |= (uint32_t)(found == LIGHT_HIDDEN) << light;
     }

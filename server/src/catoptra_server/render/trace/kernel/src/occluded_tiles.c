@@ -70,7 +70,7 @@ static void find_positions(const FrameState *state, int32_t triangle, const Pixe
     const OcclusionPatch *patch = patch_of(scene, triangle);
     Vec3 origin = vec3(state->camera.translation);
     Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)triangle);
-    Vec3 first = vec3(scene->mesh->arrays.corners + 9 * (size_t)triangle);
+    Vec3 first = plane_point(state, triangle);
     float height = dot(normal, subtract(first, origin));
     float first_column = atlas_coordinate(patch->column, origin);
     float first_row = atlas_coordinate(patch->row, origin);

@@ -135,11 +135,12 @@ SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4
 }
 
 /* Position in the atlas where each ray meets a facet's plane: all vector code. */
-static void find_positions(const Scene *scene, int32_t triangle, const RayBlock *rays,
+static void find_positions(const FrameState *state, int32_t triangle, const RayBlock *rays,
                            float columns[BLOCK_RAYS], float rows[BLOCK_RAYS]) {
+    const Scene *scene = state->scene;
     const OcclusionPatch *patch = patch_of(scene, triangle);
     Vec3 n = vec3(scene->mesh->arrays.normals + 3 * (size_t)triangle);
-    float height = dot(n, vec3(scene->mesh->arrays.corners + 9 * (size_t)triangle));
+    float height = dot(n, plane_point(state, triangle));
     Vec3 c = vec3(patch->column), r = vec3(patch->row);
     for (int i = 0; i < BLOCK_RAYS; i++) {
         float ox = rays->origin[0][i], oy = rays->origin[1][i], oz = rays->origin[2][i];
@@ -268,7 +269,7 @@ static float share_of(float part, float whole) { return whole > 0.0f ? part / wh
 void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock *rays, Vec3 light,
                        float radiance[3][BLOCK_RAYS]) {
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];
-    find_positions(state->scene, triangle, rays, columns, rows);
+    find_positions(state, triangle, rays, columns, rows);
     find_factors(state->scene, triangle, columns, rows, factors);
     Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
     float share[3] = {share_of(ambient.x, light.x), share_of(ambient.y, light.y),

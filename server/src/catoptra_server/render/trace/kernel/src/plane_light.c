@@ -9,7 +9,7 @@ static float find_incidence(const FrameState *state, const Light *light, int32_t
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle), towards = vec3(light->vector);
     if (light->kind == LIGHT_POINT)
-        towards = subtract(towards, vec3(mesh->corners + 9 * (size_t)triangle));
+        towards = subtract(towards, plane_point(state, triangle));
     return light->lights_scene ? dot(normal, towards) : 0.0f;
 }
 

@@ -32,17 +32,17 @@ enum { TILES_AT_ONCE = 32 };
 /* Between measured poses a viewpoint moves along chords: this much more than enough. */
 #define MOTION_RESERVE 1.01f
 
-/* What the proofs of some parts have in common: a viewpoint, and what may be seen from there. */
+/* What the proofs of some parts have in common: a viewpoint, and boxes of objects. */
 typedef struct {
     FrameState state;
-    CandidateList candidates;
+    CandidateList objects;
 } Band;
 
 typedef struct {
     const FrameState *state;
     const View *view;
     const Band *bands;  /* one, or one of each row of parts; NULL without proofs */
-    int num_bands, capacity;
+    int num_bands, max_boxes;
     int is_second_pass; /* of a moving frame: the tiles that its plan wants */
     atomic_int next;
     atomic_int num_filled;
@@ -63,7 +63,7 @@ static void render_parts(void *argument) {
     Job *job = argument;
     const BeamLevel *parts = &job->view->levels[BEAM_LEVELS - 1];
     BlurResult result = {0, 0.0f};
-    Search *search = create_search(job->state, job->capacity);
+    Search *search = create_search(job->state, job->max_boxes);
     if (!search) {
         atomic_store(&job->failed, 1);
         return;
@@ -71,7 +71,7 @@ static void render_parts(void *argument) {
     int part, filled = 0;
     while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns) {
         const Band *band = job->bands + (job->num_bands > 1 ? part / parts->columns : 0);
-        aim_search(search, &band->state, &band->candidates, job->is_second_pass ? &result : NULL);
+        aim_search(search, &band->state, &band->objects, job->is_second_pass ? &result : NULL);
         filled += render_part(search, job->view, part);
     }
     atomic_fetch_add(&job->num_filled, filled);
@@ -127,12 +127,17 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .view = view,
         .camera = frame->camera[0],
         .has_one_pose = !view->rays.times,
-        .has_beams = has_beams(view, frame->camera),
         .plan_wanted = is_moving,
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !frame->has_shadows,
     };
+    if (has_origin(state))
+        state->scene = state->placed = place_scene(scene, frame->origin);
+    if (!state->scene) {
+        snprintf(error, ERROR_SIZE, "out of memory");
+        return 0;
+    }
     if (is_moving)
         *state = at_instant(state, 0.5f);
     state->object_radiance = light_objects(state);
@@ -153,6 +158,7 @@ static void end_frame(FrameState *state) {
     free((void *)state->object_heights);
     free(state->object_radiance);
     release_instances(state->objects);
+    free(state->placed);
 }
 
 /* Largest displacement of the viewpoint, and chord of its turns, from the state's camera. */
@@ -176,7 +182,7 @@ static void measure_motion(FrameState *state, float begin, float end) {
 
 static void free_bands(Band *bands, int count) {
     for (int i = 0; bands && i < count; i++)
-        candidates_free(&bands[i].candidates);
+        candidates_free(&bands[i].objects);
     free(bands);
 }
 
@@ -197,15 +203,15 @@ static Band *create_bands(Job *job, float exposure) {
     int count = job->state->is_rolling ? job->view->levels[BEAM_LEVELS - 1].rows : 1;
     Band *bands = calloc((size_t)count, sizeof *bands);
     job->num_bands = count;
-    job->capacity = 0;
+    job->max_boxes = 0;
     for (int i = 0; bands && i < count; i++) {
         bands[i].state = begin_band(job->state, i, count, exposure);
-        if (!candidates_collect(&bands[i].candidates, &bands[i].state)) {
+        if (!candidates_collect(&bands[i].objects, &bands[i].state)) {
             free_bands(bands, i);
             return NULL;
         }
-        int found = bands[i].candidates.count;
-        job->capacity = found > job->capacity ? found : job->capacity;
+        int found = bands[i].objects.count;
+        job->max_boxes = found > job->max_boxes ? found : job->max_boxes;
     }
     return bands;
 }

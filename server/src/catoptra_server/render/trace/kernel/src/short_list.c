@@ -73,7 +73,7 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = subtract(candidate_corner(candidates, i, corner), sides->centre);
         ShortTriangle *triangle = &list->triangles[list->count++];
-        triangle->triangle = state->scene->surfaces.triangles[id];
+        triangle->triangle = id;
         if (!set_dual(corners, triangle) || !allow_origins(list->radius, triangle))
             return 0;
     }

@@ -42,7 +42,7 @@ static void intersect_scene(const FrameState *state, const ShortList *short_list
                             HitBlock *hits) {
     if (short_list && intersect_short_list(short_list, rays, hits))
         return;
-    intersect_bvh(&state->scene->mesh->bvh, OBJECT_STATIC, rays, hits);
+    intersect_bvh(&state->scene->mesh->bvh, place_of(state), OBJECT_STATIC, rays, hits);
 }
 
 /* Note whether the watched object is seen. */
