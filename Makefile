@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,7 +39,7 @@ define show_packages
 endef
 
 # What demo and live need: 0.4 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
-COMPILER := ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'
+COMPILER := ziglang; sys_platform == 'linux' and platform_machine in 'x86_64 aarch64' or sys_platform == 'darwin' and platform_machine == 'arm64'
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
 	@echo "Setting up $(VENV), one to two minutes and 0.4 GB; details are in $(INSTALL_LOG)"
@@ -93,9 +93,12 @@ browser-test: $(READY) $(TOOLS) ## Drive the live page in headless Chromium; wri
 
 stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
-	  tests/end_to_end/test_determinism.py -q
+	  tests/protocol/optics/test_elementary.py tests/end_to_end/test_determinism.py tests/end_to_end/test_same_bytes.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
+
+arm: $(READY) $(TOOLS) ## Run pictures, labels and readings on an emulated ARM processor, and compare with this one; 0.3 GB in out/arm
+	PYTHONPATH=tests $(BIN)/python tests/packaging/arm.py
 
 sanitize: $(READY) $(TOOLS) ## Run the kernel's tests under sanitizers of addresses and of undefined behaviour, 4 minutes; silent when all is well
 	PYTHONPATH=tests $(BIN)/python -m helpers.kernel_programs

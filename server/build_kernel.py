@@ -32,32 +32,42 @@ PACKAGE_ROOT = Path(__file__).resolve().parent / "src"
 SOURCE_FOLDER = PACKAGE_ROOT / KERNEL_PACKAGE / "src"
 # The same sources for every x86-64 processor since 2009, for those with AVX2 and for those with
 # AVX-512; `kernel/library.py` chooses. None fuses multiplications, so all give the same bytes.
-PROCESSOR_OF_LIBRARY = {
+_X86_64 = {
     "libcatoptra_trace.so": "x86_64_v2",
     "libcatoptra_trace_avx2.so": "x86_64_v3",
     "libcatoptra_trace_avx512.so": "x86_64_v4",
 }
+_ARM = {"libcatoptra_trace.so": "generic"}
+# Target, processor of each library, and tag of the wheel, by system and machine. Without a target
+# the compiler takes the build machine's C library and processor; 2.17 is that of manylinux2014.
+PLATFORMS = {
+    "linux x86_64": ("x86_64-linux-gnu.2.17", _X86_64, "manylinux2014_x86_64"),
+    "linux aarch64": ("aarch64-linux-gnu.2.17", _ARM, "manylinux2014_aarch64"),
+    "darwin arm64": ("aarch64-macos.11.0", _ARM, "macosx_11_0_arm64"),
+}
+PLATFORM = f"{sys.platform} {platform.machine()}"
+# On an unknown platform the names alone are of use.
+TARGET, PROCESSOR_OF_LIBRARY, WHEEL_TAG = PLATFORMS.get(PLATFORM, PLATFORMS["linux x86_64"])
 # AVX-512 is for the search through triangles, which has vectors of 16: a picture of textures takes
 # 1.25 times as long by it.
 _WIDE_SOURCES = ("bvh",)
 # Read by `kernel/library.py`: pip shows no output of a build that succeeds.
 REASON_NAME = "not_built.txt"
 
-# Without a target the compiler takes the build machine's C library and processor. 2.17 is the C
-# library of manylinux2014, which is the tag of the wheel.
-_TARGET = ("-target", "x86_64-linux-gnu.2.17")
 # Functions are inlined across files: a frame takes 0.85 times as long.
 # No fused multiply-add: results must not depend on the processor. No errno: square roots in one
 # instruction. -g0: no path of the build machine, so that the same sources give the same bytes.
 _COMPILE_FLAGS = (
-    *("-std=c11", "-O3", "-g0", "-fPIC", "-pthread", "-fvisibility=hidden", "-flto"),
+    *("-std=c11", "-O3", "-g0", "-fPIC", "-pthread", "-fvisibility=hidden"),
     *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
     *("-Wall", "-Wextra", "-Werror"),
 )
 # An undefined symbol fails the build instead of the server. -nostdlib leaves out zig's runtime
-# library, which takes 5 s to compile and holds nothing that the kernel calls.
-_LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-nostdlib", "-Wl,-z,defs")
-_LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
+# library, which takes 5 s to compile and holds nothing that the kernel calls. No libm, whose last
+# bits depend on the processor.
+_LINK_FLAGS = ("-O3", "-shared", "-s", "-nostdlib", "-lc")
+# zig's own linker, for macOS, takes neither of these, and checks for undefined symbols anyway.
+_INLINE_ACROSS_FILES, _LINK_ON_LINUX = ("-flto",), ("-flto", "-Wl,-z,defs", "-lpthread")
 
 
 class KernelBuildError(Exception):
@@ -112,7 +122,7 @@ def _build_libraries(folder: Path, *, sources: Path) -> None:
     started_ns = time.time_ns()
     with tempfile.TemporaryDirectory(prefix="catoptra-kernel-") as name:
         linked = [
-            _link(library, _compile_all(files, processor, Path(name)), Path(name))
+            build_library(files, library, processor, Path(name))
             for library, processor in PROCESSOR_OF_LIBRARY.items()
         ]
         for library in linked:
@@ -123,38 +133,38 @@ def _build_libraries(folder: Path, *, sources: Path) -> None:
 
 def require_compiler() -> None:
     """Raise KernelBuildError where no kernel can run, or nothing can be compiled."""
-    machine = platform.machine()
-    if sys.platform != "linux" or machine != "x86_64" or sys.maxsize <= 2**32:
-        where = f"{sys.platform} on {machine}"
-        raise KernelBuildError(f"the kernel exists for Linux on x86_64, this is {where}")
-    if platform.libc_ver()[0] != "glibc":
+    here = f"{sys.platform} {platform.machine()}"
+    if here not in PLATFORMS or sys.maxsize <= 2**32:
+        raise KernelBuildError(f"the kernel exists for {', '.join(PLATFORMS)}; this is {here}")
+    if sys.platform == "linux" and platform.libc_ver()[0] != "glibc":
         raise KernelBuildError("the kernel needs glibc as the system's C library")
     if importlib.util.find_spec("ziglang") is None:
         raise KernelBuildError("the package ziglang, which compiles the kernel, is not installed")
 
 
-def _compile_all(files: Sequence[Path], processor: str, folder: Path) -> list[Path]:
-    """Object files of C files, compiled side by side."""
+def build_library(
+    files: Sequence[Path], library: str, processor: str, folder: Path, *, target: str = TARGET
+) -> Path:
+    """Library of C files in a folder, compiled side by side for a processor and a target."""
+    compile_one = partial(compile_source, processor=processor, folder=folder, target=target)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(partial(compile_source, processor=processor, folder=folder), files))
+        objects = list(pool.map(compile_one, files))
+    words = ("-target", target, f"-mcpu={processor}", *_LINK_FLAGS, *map(str, objects))
+    linked = folder / library
+    _run_zig(
+        *words, *(_LINK_ON_LINUX if "linux" in target else ()), "-o", str(linked), cache=folder
+    )
+    return linked
 
 
-def compile_source(source: Path, *, processor: str, folder: Path) -> Path:
+def compile_source(source: Path, *, processor: str, folder: Path, target: str = TARGET) -> Path:
     """Object file of one C file for a processor, as zig names it, in a folder."""
     compiled = folder / f"{source.stem}.{processor}.o"
-    target = processor if source.stem in _WIDE_SOURCES else processor.replace("v4", "v3")
-    flags = (*_TARGET, f"-mcpu={target}", *_COMPILE_FLAGS)
+    narrow = processor if source.stem in _WIDE_SOURCES else processor.replace("v4", "v3")
+    inlining = _INLINE_ACROSS_FILES if "linux" in target else ()
+    flags = ("-target", target, f"-mcpu={narrow}", *_COMPILE_FLAGS, *inlining)
     _run_zig(*flags, "-c", str(source), "-o", str(compiled), cache=folder)
     return compiled
-
-
-def _link(library: str, objects: Sequence[Path], folder: Path) -> Path:
-    """Library of object files, in a folder."""
-    linked = folder / library
-    processor = f"-mcpu={PROCESSOR_OF_LIBRARY[library]}"
-    words = (*_TARGET, processor, *_LINK_FLAGS, *map(str, objects), *_LIBRARIES)
-    _run_zig(*words, "-o", str(linked), cache=folder)
-    return linked
 
 
 def _run_zig(*words: str, cache: Path) -> None:

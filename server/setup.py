@@ -19,6 +19,7 @@ from build_kernel import (
     PROCESSOR_OF_LIBRARY,
     REASON_NAME,
     SOURCE_FOLDER,
+    WHEEL_TAG,
     build_or_explain,
 )
 
@@ -90,7 +91,7 @@ class KernelWheel(bdist_wheel):
         """Tag of the wheel: the kernel is loaded by ctypes and knows no version of Python."""
         if self.root_is_pure:
             return super().get_tag()
-        return "py3", "none", "manylinux2014_x86_64"
+        return "py3", "none", WHEEL_TAG
 
 
 setup(

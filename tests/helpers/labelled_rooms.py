@@ -55,9 +55,7 @@ _EDGE = 1e-3
 
 
 @contextmanager
-def open_labels(
-    engine: EngineName = "kernel", world: World = WORLD, instruction_set: str = "auto"
-) -> Iterator[LabelRenderer]:
+def open_labels(engine: EngineName = "kernel", world: World = WORLD) -> Iterator[LabelRenderer]:
     """Label renderer of a world; skips the test where the kernel cannot run."""
     import pytest
 
@@ -66,7 +64,7 @@ def open_labels(
         renderer = TraceRenderer(scene, world, threads=2, engine=engine)
     except KernelUnavailableError as error:
         pytest.skip(str(error))
-    labels = LabelRenderer(renderer, scene, instruction_set)
+    labels = LabelRenderer(renderer, scene)
     try:
         yield labels
     finally:

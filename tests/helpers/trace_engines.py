@@ -37,7 +37,6 @@ def open_engine(
             world,
             threads=threads,
             scene_lights=world.lights,
-            instruction_set="auto",
         )
     except KernelUnavailableError as error:
         pytest.skip(str(error))

@@ -16,7 +16,6 @@ from pathlib import Path
 
 from catoptra_protocol.shards import hash_file, iterate_samples, shard_name
 from catoptra_server.datasets.dataset_stage import DatasetStage
-from catoptra_server.datasets.pinned_process import run_in_pinned_process
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.sample import SampleDescriber, encode_sample
 from catoptra_server.datasets.sample_renderer import SampleRenderer
@@ -81,7 +80,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=24)
-    print(run_in_pinned_process("avx2", measure, parser.parse_args().samples))
+    print(measure(parser.parse_args().samples))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from functools import lru_cache
 from catoptra_protocol.errors import DomainError, RemoteProtocolError
 from catoptra_protocol.lazy_table import LazyTable
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
+from catoptra_protocol.optics.elementary import arctan
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS, Mirror
@@ -268,7 +269,7 @@ def _capture_fov_deg(camera: OmniCamera) -> float:
         return 0.0
     # atan2 and not atan of the quotient: the focal length may vanish or overflow for extreme h, k.
     tangent = 0.5 * camera.width_px * camera.inverse_focal_length
-    return math.degrees(2.0 * math.atan(tangent))
+    return math.degrees(2.0 * arctan(tangent))
 
 
 def _format_numbers(value: float | tuple[float, ...]) -> str:

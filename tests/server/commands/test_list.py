@@ -15,7 +15,7 @@ from catoptra_server.commands import list as list_module
 from catoptra_server.commands.list import describe_version, main
 from catoptra_server.config.known_names import FileKind, find_configuration
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
+from catoptra_server.render.trace.kernel.library import LIBRARY_OF_INSTRUCTION_SET
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_test_world
 
@@ -116,7 +116,7 @@ def test_version_with_a_kernel_names_the_instruction_set() -> None:
     with open_kernel(make_test_world()):
         line = describe_version()
     assert line.startswith(f"catoptra-server {metadata.version('catoptra-server')} (Python 3.")
-    assert line.rpartition("kernel: ")[2].rstrip(")") in INSTRUCTION_SETS
+    assert line.rpartition("kernel: ")[2].rstrip(")") in LIBRARY_OF_INSTRUCTION_SET
 
 
 def test_version_without_a_kernel_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,7 +42,6 @@ FILES = ("--robot", "r.ini", "--world", "w.ini")
         ("--image-port", "http"),
         ("--image-type", "PNG"),
         ("--renderer", "vulkan"),
-        ("--instruction-set", "mmx"),
         ("--clock", "sundial"),
         ("--threads", "-1"),
         ("--seed", "one"),
@@ -88,7 +87,7 @@ def test_help_when_printed_names_every_option(capfd: pytest.CaptureFixture[str])
         parse_arguments(["--help"])
     assert ended.value.code == 0
     text = capfd.readouterr().out
-    for option in ("--robot", "--world", "--renderer", "--instruction-set", "--clock", "--seed"):
+    for option in ("--robot", "--world", "--renderer", "--clock", "--seed"):
         assert option in text
     for command in (*COMMANDS, "--version"):
         assert f"\n  {command} " in text
@@ -154,7 +153,6 @@ def test_command_line_with_limits_of_connections_is_read() -> None:
         (("--max-error-px", "0.5"), "max_error_px", 0.5, None),
         (("--budget-ms", "0"), "budget_ms", 0.0, None),
         (("--memory-limit-mib", "4096"), "memory_limit_mib", 4096, 1024),
-        (("--instruction-set", "avx2"), "instruction_set", "avx2", "auto"),
     ],
 )
 def test_option_when_named_is_read_and_else_its_default(

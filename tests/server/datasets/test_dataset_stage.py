@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.pinned_process import WorkerRefusedError
+from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from helpers.configs import ROBOTS, Edit, write_edited_copy, write_small_world
 from helpers.dataset_recipes import CAMERA, FISHEYE, stage_recipe, write_recipe
 

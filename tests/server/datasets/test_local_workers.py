@@ -79,7 +79,7 @@ def test_sample_that_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
 
 
 def test_workers_that_refuse_are_an_error(job: ShardJob) -> None:
-    other = ShardJob(job.recipe_path, job.folder, "0" * 64, job.environment, job.instruction_set)
+    other = ShardJob(job.recipe_path, job.folder, "0" * 64, job.environment)
     with pytest.raises(CatoptraError, match="differ from those of the driver"):
         list(LocalWorkers(other, 1).draw([0]))
 

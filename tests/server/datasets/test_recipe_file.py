@@ -22,7 +22,14 @@ def test_recipe_states_worlds_cameras_and_numbers(tmp_path: Path) -> None:
     assert camera.size_px == (64, 64)
     assert recipe.channels == ("range", "ids"), "in the order of the table"
     assert (recipe.name, recipe.num_samples, recipe.seed) == ("small", 4, 7)
-    assert (recipe.renderer, recipe.instruction_set) == ("trace", "avx2")
+    assert recipe.renderer == "trace"
+
+
+def test_instruction_set_is_accepted_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_recipe(write_recipe(tmp_path, lines=("InstructionSet=sse4.2",)))
+    assert "InstructionSet has no effect" in caplog.text
 
 
 @pytest.mark.parametrize(

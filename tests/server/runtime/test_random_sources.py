@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,14 @@ from catoptra_server.runtime.random_sources import RandomSource
 
 
 def normal_variates(source: RandomSource, index: int, count: int = 4) -> list[float]:
-    return list(source.generator(index).standard_normal(count))
+    return source.normal_variates(index, count)
+
+
+def test_normal_variates_have_the_moments_of_the_normal_distribution() -> None:
+    variates = np.array(normal_variates(RandomSource.from_names(1, "x"), 0, 100_000))
+    # Four standard deviations of each mean: of x^n of a normal variate, from its moments.
+    for power, mean, deviation in ((1, 0.0, 1.0), (2, 1.0, 1.42), (3, 0.0, 3.88), (4, 3.0, 9.8)):
+        assert abs((variates**power).mean() - mean) < 4.0 * deviation / math.sqrt(100_000)
 
 
 def test_source_when_used_again_repeats_itself() -> None:
@@ -67,12 +76,12 @@ def test_generator_is_philox_of_the_key_at_the_counter_of_the_index(index: int) 
         counter=np.array((0, 0, 0, index), dtype=np.uint64),
     )
     expected = np.random.Generator(philox)
-    assert normal_variates(source, index) == list(expected.standard_normal(4))
+    assert source.generator(index).random(4).tolist() == expected.random(4).tolist()
 
 
 def test_generators_of_one_source_share_no_state() -> None:
     source = RandomSource.from_names(7, "R1", "Odometry")
     first, second = source.generator(3), source.generator(4)
-    interleaved = [draw.standard_normal() for draw in (first, second, first, second)]
-    assert interleaved[::2] == normal_variates(source, 3, 2)
-    assert interleaved[1::2] == normal_variates(source, 4, 2)
+    interleaved = [draw.random() for draw in (first, second, first, second)]
+    assert interleaved[::2] == source.generator(3).random(2).tolist()
+    assert interleaved[1::2] == source.generator(4).random(2).tolist()

@@ -100,8 +100,13 @@ def test_poses_integrated_together_have_the_bits_of_each_alone(
         assert (together is pose) == (twist == AT_REST)
         alone = twist.integrate_pose(pose, time_s)
         turn = rotate_about(np.asarray(twist.angular_rad_s) * time_s)
+        np.testing.assert_array_equal(together.rotation, alone.rotation)
+        # The last place of a length in radians.
+        turned_rad = float(np.linalg.norm(twist.angular_rad_s)) * time_s
+        np.testing.assert_allclose(
+            alone.rotation, turn @ pose.rotation, rtol=0.0, atol=1e-15 * (8.0 + abs(turned_rad))
+        )
         for one in (together, alone):
-            np.testing.assert_array_equal(one.rotation, turn @ pose.rotation)
             np.testing.assert_array_equal(
                 one.translation, pose.translation + np.asarray(twist.linear_m_s) * time_s
             )

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.labels.masks import Ids, ObjectMask
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.elementary import arctan2, cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -62,15 +63,15 @@ def enclose_directions(directions: Floats) -> BoundingCone:
 def _enclose_half_space(directions: Floats) -> BoundingCone | None:
     """Smallest cone of at most 90 degrees; None if there is none."""
     first = directions[0]
-    basis = [first, directions[int(np.argmin(directions @ first))]]
+    basis = [first, directions[int(np.argmin(matmul(directions, first)))]]
     axis = _normalize(basis[0] + basis[1])
     for _ in range(_MAX_STEPS):
         if axis is None:
             return None
-        cosine = min(float(axis @ one) for one in basis)
+        cosine = min(float(matmul(axis, one)) for one in basis)
         if cosine <= 0.0:
             return None
-        cosines = directions @ axis
+        cosines = matmul(directions, axis)
         farthest = int(np.argmin(cosines))
         if cosines[farthest] >= cosine - _CONE_ROUNDING:
             return BoundingCone(axis, float(_angles(directions, axis).max()))
@@ -86,8 +87,8 @@ def _grow_basis(points: list[Floats]) -> tuple[list[Floats], Floats | None]:
             axis = _axis_through(chosen)
             if axis is None:
                 continue
-            cosine = min(float(axis @ one) for one in chosen)
-            holds_all = all(axis @ one >= cosine - _CONE_ROUNDING for one in points)
+            cosine = min(float(matmul(axis, one)) for one in chosen)
+            holds_all = all(matmul(axis, one) >= cosine - _CONE_ROUNDING for one in points)
             if holds_all and cosine > best[0]:
                 best = (cosine, list(chosen), axis)
     return best[1], best[2]
@@ -98,25 +99,25 @@ def _axis_through(points: tuple[Floats, ...]) -> Floats | None:
     if len(points) == 2:
         return _normalize(points[0] + points[1])
     normal = _normalize(np.cross(points[1] - points[0], points[2] - points[0]))
-    return None if normal is None else normal * math.copysign(1.0, float(normal @ points[0]))
+    return None if normal is None else normal * math.copysign(1.0, float(matmul(normal, points[0])))
 
 
 def _enclose_sphere(directions: Floats) -> BoundingCone:
     """Cone of more than 90 degrees: opposite to the largest empty cone."""
-    index = np.arange(_NUM_AXES) + 0.5
+    index = np.arange(0.5, _NUM_AXES)
     height = 1.0 - 2.0 * index / _NUM_AXES
     azimuth = math.pi * (1.0 + math.sqrt(5.0)) * index
     level = np.sqrt(1.0 - np.square(height))
-    axes = np.column_stack((level * np.cos(azimuth), level * np.sin(azimuth), height))
-    smallest = np.array([float((directions @ axis).min()) for axis in axes])
+    axes = np.column_stack((level * cos(azimuth), level * sin(azimuth), height))
+    smallest = np.array([float(matmul(directions, axis).min()) for axis in axes])
     axis, cosine = axes[int(np.argmax(smallest))], float(smallest.max())
     # A fixed seed: the same directions have the same cone.
     random = np.random.default_rng(0)
     step_rad = 2.0 / math.sqrt(_NUM_AXES)
     for _ in range(_NUM_REFINEMENTS):
-        moved = axis + step_rad * random.standard_normal(3)
-        moved /= np.linalg.norm(moved)
-        least = float((directions @ moved).min())
+        moved = axis + step_rad * math.sqrt(12.0) * (random.random(3) - 0.5)
+        moved /= hypot(*moved)
+        least = float(matmul(directions, moved).min())
         if least > cosine:
             axis, cosine = moved, least
         else:
@@ -128,11 +129,11 @@ def _angles(directions: Floats, axis: Floats) -> Floats:
     """(n,) angles from an axis, exact for small and for large ones."""
     across = np.linalg.norm(directions - axis, axis=-1)
     along = np.linalg.norm(directions + axis, axis=-1)
-    return np.asarray(2.0 * np.arctan2(across, along))
+    return np.asarray(2.0 * arctan2(across, along))
 
 
 def _normalize(vector: Floats) -> Floats | None:
-    length = float(np.linalg.norm(vector))
+    length = hypot(*vector)
     return None if length < _CONE_ROUNDING else np.asarray(vector / length)
 
 
@@ -170,9 +171,9 @@ class SphericalBox:
 
 def angles_of(directions: Floats) -> tuple[Floats, Floats]:
     """Azimuths in (-pi, pi] and elevations of (..., 3) directions of any length."""
-    level = np.hypot(directions[..., 0], directions[..., 1])
-    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
-    return azimuth, np.arctan2(-directions[..., 2], level)
+    level = hypot(directions[..., 0], directions[..., 1])
+    azimuth = arctan2(directions[..., 1], directions[..., 0])
+    return azimuth, arctan2(-directions[..., 2], level)
 
 
 class PixelSphere:
@@ -193,11 +194,11 @@ class PixelSphere:
         u, v = 0.5 * np.arange(2 * width + 1), 0.5 * np.arange(2 * height + 1)
         points = np.stack(np.meshgrid(u, v), axis=-1)
         directions, valid = _look_up(camera, points)
-        poles = np.array(((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))) @ level_from_camera
+        poles = matmul(np.array(((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))), level_from_camera)
         self._poles = [_find_pixels(directions, valid, pole) for pole in poles]
         moved = _move_to_domain(camera, points, valid)
         directions[~valid], valid[~valid] = (one[~valid] for one in _look_up(camera, moved))
-        self.directions: Floats = directions @ level_from_camera.T
+        self.directions: Floats = matmul(directions, level_from_camera.T)
         """(2 h + 1, 2 w + 1, 3) unit directions of a grid of half pixels, level axes; those beyond
         the camera's domain, but next to it, are of its border."""
         self.valid = valid
@@ -270,10 +271,10 @@ def _find_pixels(directions: Floats, valid: Bools, pole: Floats) -> list[tuple[i
     """Row and column of the pixels whose squares hold a direction; several on a common border."""
     corners = directions[::2, ::2]
     # On one side of all four edges, seen along the direction: then it lies in the square.
-    across = np.cross(corners[:, :-1], corners[:, 1:]) @ pole
-    along = np.cross(corners[:-1], corners[1:]) @ pole
+    across = matmul(np.cross(corners[:, :-1], corners[:, 1:]), pole)
+    along = matmul(np.cross(corners[:-1], corners[1:]), pole)
     sides = np.stack((across[:-1], along[:, 1:], -across[1:], -along[:, :-1]))
-    is_ahead = directions[1::2, 1::2] @ pole > 0.0
+    is_ahead = matmul(directions[1::2, 1::2], pole) > 0.0
     shown = valid[::2, ::2]
     whole = shown[:-1, :-1] & shown[1:, 1:] & shown[:-1, 1:] & shown[1:, :-1]
     slack = _BOX_ROUNDING * np.abs(across).max(initial=0.0)

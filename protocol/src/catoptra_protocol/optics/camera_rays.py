@@ -8,10 +8,9 @@ monotone for convex mirrors and points before them.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan, arctan2, cos, hypot, sin, tan
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
@@ -76,15 +75,15 @@ def _surface_of_directions(
     mirror: NonCentralMirror, directions: Floats, valid: Bools
 ) -> tuple[Floats, Floats]:
     """(...) r and z of the mirror's points that reflect unit (..., 3) directions."""
-    rho = np.hypot(directions[..., 0], directions[..., 1])
-    theta = np.arctan2(rho, directions[..., 2])
-    t = np.clip(np.tan(0.5 * theta), mirror.t_min, mirror.t_limit)
+    rho = hypot(directions[..., 0], directions[..., 1])
+    theta = arctan2(rho, directions[..., 2])
+    t = np.clip(tan(0.5 * theta), mirror.t_min, mirror.t_limit)
     return mirror.surface_point(np.where(valid, t, mirror.t_min))
 
 
 def _place_origins(directions: Floats, valid: Bools, r: Floats, z: Floats) -> Floats:
     """(..., 3) points of the mirror in the azimuths of directions; the viewpoint where invalid."""
-    rho = np.hypot(directions[..., 0], directions[..., 1])
+    rho = hypot(directions[..., 0], directions[..., 1])
     scale = np.where(valid, r, 0.0) / np.where(rho > 0.0, rho, 1.0)
     origins = np.empty_like(directions)
     origins[..., 0] = scale * directions[..., 0]
@@ -102,7 +101,7 @@ def _surface_of_grid(
     """
     to_u, columns = np.unique(np.abs(u - camera.centre_px[0]), return_inverse=True)
     to_v, rows = np.unique(np.abs(v - camera.centre_px[1]), return_inverse=True)
-    ratio = np.hypot(to_u, to_v[:, None]) / camera.scale_px
+    ratio = hypot(to_u, to_v[:, None]) / camera.scale_px
     _, r, z = mirror.ray_from_radius_ratio(ratio)
     return r[:, columns][rows], z[:, columns][rows]
 
@@ -123,7 +122,7 @@ def pixel_from_point(camera: OmniCamera, point: Floats) -> tuple[Floats, Bools]:
     mirror = _non_central(camera)
     finite = np.asarray(np.isfinite(point).all(axis=-1))
     known = np.where(np.expand_dims(finite, -1), point, (0.0, 0.0, 1.0))
-    rho, height = np.hypot(known[..., 0], known[..., 1]), known[..., 2]
+    rho, height = hypot(known[..., 0], known[..., 1]), known[..., 2]
     low = np.zeros_like(rho)
     rim_t = np.array(camera.rim_t)
     high = np.full_like(rho, float(mirror.radius_ratio_from_t(rim_t)))
@@ -153,8 +152,8 @@ def max_miss_m(camera: OmniCamera) -> float:
     mirror = camera.projection
     if not isinstance(mirror, NonCentralMirror):
         return 0.0
-    theta = np.linspace(2.0 * math.atan(mirror.t_min), camera.rim_rad, _NUM_RINGS)
-    return float(mirror.largest_miss_m(np.tan(0.5 * theta)).max())
+    theta = np.linspace(2.0 * arctan(mirror.t_min), camera.rim_rad, _NUM_RINGS)
+    return float(mirror.largest_miss_m(tan(0.5 * theta)).max())
 
 
 def near_limit_m(camera: OmniCamera, error_px: float = CENTRAL_ERROR_PX) -> float:
@@ -166,8 +165,8 @@ def near_limit_m(camera: OmniCamera, error_px: float = CENTRAL_ERROR_PX) -> floa
     mirror = camera.projection
     if not isinstance(mirror, NonCentralMirror):
         return 0.0
-    theta = np.linspace(2.0 * math.atan(mirror.t_min), camera.rim_rad, _NUM_RINGS)[1:]
-    t = np.tan(0.5 * theta)
+    theta = np.linspace(2.0 * arctan(mirror.t_min), camera.rim_rad, _NUM_RINGS)[1:]
+    t = tan(0.5 * theta)
     radial_px = camera.max_stretch * camera.radius_slope_px(t)
     return float((radial_px * mirror.largest_miss_m(t)).max()) / error_px
 
@@ -175,8 +174,8 @@ def near_limit_m(camera: OmniCamera, error_px: float = CENTRAL_ERROR_PX) -> floa
 def _turn(mirror: NonCentralMirror, ratio: Floats, rho: Floats, height: Floats) -> Floats:
     """Sine-like measure of how far a ray has turned past a point: negative below, 0 through it."""
     t, r, z = mirror.ray_from_radius_ratio(ratio)
-    theta = 2.0 * np.arctan(t)
-    turned: Floats = (height - z) * np.sin(theta) - (rho - r) * np.cos(theta)
+    theta = 2.0 * arctan(t)
+    turned: Floats = (height - z) * sin(theta) - (rho - r) * cos(theta)
     return turned
 
 

@@ -14,12 +14,13 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import arctan, matmul
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 # Directions up to this incidence angle are covered by five faces whatever their azimuth: the corner
 # of a side face's upper edge, pi - atan(sqrt 2).
-MAX_FIVE_FACE_RIM_RAD = math.pi - math.atan(math.sqrt(2.0))
+MAX_FIVE_FACE_RIM_RAD = math.pi - arctan(math.sqrt(2.0))
 
 # Bounds face coordinates by 1e150, so that the quotient is finite for directions of any length.
 _MIN_FORWARD_RATIO = 1e-150
@@ -74,7 +75,7 @@ def face_from_direction(direction: Floats) -> npt.NDArray[np.intp]:
     # Column 0 of each rotation is the optical axis: the largest projection wins, and argmax returns
     # the first of equal ones, which makes edges and corners unique.
     face: npt.NDArray[np.intp] = np.argmax(
-        direction @ MIRROR_FROM_FACE_ROTATIONS[:, :, 0].T, axis=-1
+        matmul(direction, MIRROR_FROM_FACE_ROTATIONS[:, :, 0].T), axis=-1
     )
     return face
 
@@ -94,7 +95,7 @@ def face_coordinates(direction: Floats, face: npt.NDArray[np.intp]) -> Floats:
     Raises:
         DomainError: a direction lies behind or beside the plane of the face.
     """
-    local = np.einsum("...i,...ij->...j", direction, MIRROR_FROM_FACE_ROTATIONS[face])
+    local = matmul(direction[..., None, :], MIRROR_FROM_FACE_ROTATIONS[face])[..., 0, :]
     forward, lateral = local[..., 0], np.abs(local[..., 1:]).max(axis=-1)
     inside = (forward > 0.0) & (forward >= _MIN_FORWARD_RATIO * lateral) & (forward < math.inf)
     require_domain(inside, direction, "coordinates belong to directions in front of the face")

@@ -29,6 +29,7 @@ from itertools import pairwise
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import cos, solve_linear
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -163,19 +164,19 @@ def fit_spline(knots: Floats, values: Floats, symmetry: Symmetry) -> CubicSpline
     matrix[inner, inner + 1] = 1.0 / h[1:]
     right[1:-1] = 3.0 * (secants[:-1] / h[:-1] + secants[1:] / h[1:])
     if symmetry is Symmetry.EVEN:
-        matrix[0, 0] = 1.0
+        matrix[0, 0] = 1.0 / h[0]
     else:
-        matrix[0, :2], right[0] = (2.0, 1.0), 3.0 * secants[0]
+        matrix[0, :2], right[0] = (2.0 / h[0], 1.0 / h[0]), 3.0 * secants[0] / h[0]
     # The third derivatives of the last two polynomials are equal.
     a, b = h[-2], h[-1]
-    matrix[-1, -3:] = (-1.0 / a**2, 1.0 / b**2 - 1.0 / a**2, 1.0 / b**2)
-    right[-1] = 2.0 * (secants[-1] / b**2 - secants[-2] / a**2)
-    slopes = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    matrix[-1, -3:] = (-1.0 / (a * a), 1.0 / (b * b) - 1.0 / (a * a), 1.0 / (b * b))
+    right[-1] = 2.0 * (secants[-1] / (b * b) - secants[-2] / (a * a))
+    slopes = solve_linear(matrix, right[:, None])[:, 0]
     return CubicSpline(knots, values, slopes)
 
 
-# A companion matrix finds a simple root to a dozen digits.
-_MAX_STEP = 1e-6
+# Of a root's size: by less a slope's minimum may miss 0 and be a double root.
+_DOUBLE_ROOT = 1e-7
 
 
 def first_root(coefficients: Floats, *, low: float, high: float) -> float:
@@ -186,25 +187,63 @@ def first_root(coefficients: Floats, *, low: float, high: float) -> float:
         low: Lower end, excluded.
         high: Upper end, included.
     """
-    terms = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
+    terms = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b").tolist()
     if len(terms) < 2:
         return math.inf
-    roots = np.polynomial.polynomial.polyroots(terms)
-    scale = np.maximum(np.abs(roots), 1.0)
-    # A double root, where the slope only touches 0, comes as a pair beside the axis.
-    real = roots.real[np.abs(roots.imag) <= 1e-7 * scale]
-    inside = real[(real > low) & (real <= high)]
-    return float(_polish(terms, float(inside.min()))) if len(inside) else math.inf
+    # Cauchy's bound of all roots.
+    bound = 1.0 + max(abs(term / terms[-1]) for term in terms[:-1])
+    if math.isinf(bound):
+        raise OverflowError("overflow of a bound of roots")
+    return next(iter(_find_roots(terms, low, min(high, bound))), math.inf)
 
 
-def _polish(terms: Floats, root: float) -> float:
-    """A root after three Newton steps: companion matrices lose digits."""
-    derivative = np.polynomial.polynomial.polyder(terms)
-    for _ in range(3):
-        slope = float(np.polynomial.polynomial.polyval(root, derivative))
-        step = float(np.polynomial.polynomial.polyval(root, terms)) / slope if slope else math.inf
-        # Next to a double root the slope vanishes, and a step would leave it.
-        if abs(step) > _MAX_STEP * max(abs(root), 1.0):
-            break
-        root -= step
-    return root
+def _find_roots(terms: list[float], low: float, high: float) -> list[float]:
+    """Real roots in an interval, ascending: one between two turns at most."""
+    if len(terms) == 2:
+        return [root] if low < (root := -terms[0] / terms[1]) <= high else []
+    slope = [power * term for power, term in enumerate(terms)][1:]
+    curvature = [power * term for power, term in enumerate(slope)][1:]
+    roots: list[float] = []
+    for begin, end in pairwise((low, *_find_roots(slope, low, high), high)):
+        before, after = _evaluate(terms, begin), _evaluate(terms, end)
+        reach = _DOUBLE_ROOT * max(abs(end), 1.0)
+        if before * after < 0.0:
+            roots.append(_bisect(terms, begin, end, before))
+        elif abs(after) <= 0.5 * abs(_evaluate(curvature, end)) * reach * reach:
+            roots.append(end)
+    return roots
+
+
+def _bisect(terms: list[float], begin: float, end: float, before: float) -> float:
+    """The root between two arguments, at the first of which the polynomial has a value."""
+    while begin < (middle := 0.5 * (begin + end)) < end:
+        if _evaluate(terms, middle) * before > 0.0:
+            begin = middle
+        else:
+            end = middle
+    return end
+
+
+def _evaluate(terms: list[float], x: float) -> float:
+    """Polynomial, by Horner's scheme."""
+    value = 0.0
+    for term in reversed(terms):
+        value = value * x + term
+    return value
+
+
+def gauss_legendre(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights, (count,) each, of Gauss's quadrature over the interval from -1 to 1."""
+    x: Floats = -cos(np.arange(0.75, count) * (math.pi / (count + 0.5)))
+    for _ in range(_LEGENDRE_STEPS):
+        before, value = np.ones_like(x), x
+        for degree in range(2, count + 1):
+            rise = (2.0 * degree - 1.0) * x * value - (degree - 1.0) * before
+            before, value = value, rise / degree
+        slope = count * (x * value - before) / (x * x - 1.0)
+        x = x - value / slope
+    return x, 2.0 / ((1.0 - x * x) * slope * slope)
+
+
+# Newton doubles the four digits of the start.
+_LEGENDRE_STEPS = 4

@@ -29,6 +29,15 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import (
+    arctan,
+    cos,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+    tan,
+)
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera, RadialProjection
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -134,8 +143,10 @@ class ImagePlane:
     @property
     def stretch_limits(self) -> tuple[float, float]:
         """Smallest and largest factor by which the stretch changes a length."""
-        values = np.linalg.svd(np.reshape(self.stretch, (2, 2)), compute_uv=False)
-        return float(values[1]), float(values[0])
+        a, b, c, d = self.stretch
+        # The matrix is a similarity plus a reflected one, whose factors add and subtract.
+        similar, reflected = 0.5 * hypot(a + d, c - b), 0.5 * hypot(a - d, b + c)
+        return similar - reflected, similar + reflected
 
     @property
     def max_displacement_factor(self) -> float:
@@ -189,9 +200,9 @@ def undo_distortion(
     """
     shape = np.shape(x)
     x, y = np.ravel(x), np.ravel(y)
-    radius = np.hypot(x, y)
+    radius = hypot(x, y)
     # Tangential distortion may lead a little beyond the table's largest radius, to its end.
-    start = np.interp(radius, *_tabulate_starts(projection))
+    start = interpolate_linear(radius, *_tabulate_starts(projection))
     factor = np.where(radius > 0.0, start / np.where(radius > 0.0, radius, 1.0), 1.0)
     px, py = x * factor, y * factor
     found_x, found_y, converged = px.copy(), py.copy(), np.zeros(x.shape, dtype=np.bool_)
@@ -201,7 +212,7 @@ def undo_distortion(
         gain, _ = projection.distortion_factor(squared)
         dx, dy = plane.decentre(px, py)
         ex, ey = gain * px + dx - x, gain * py + dy - y
-        error = np.hypot(ex, ey)
+        error = hypot(ex, ey)
         found_x[place], found_y[place] = px, py
         converged[place] = error <= 10.0 * _TOLERANCE
         left = error > _TOLERANCE
@@ -216,15 +227,15 @@ def undo_distortion(
         px, py = px - (j22 * ex - j12 * ey) / determinant, py - (j11 * ey - j12 * ex) / determinant
     # The polynomial may grow again beyond its fold, where it has further solutions.
     fold = float(projection.undistorted_ratio_from_t(np.array(projection.t_limit)))
-    inside = converged & (np.hypot(found_x, found_y) <= fold)
+    inside = converged & (hypot(found_x, found_y) <= fold)
     return found_x.reshape(shape), found_y.reshape(shape), inside.reshape(shape)
 
 
 @lru_cache(maxsize=64)
 def _tabulate_starts(projection: DistortedProjection) -> tuple[Floats, Floats]:
     """Image radii without tangential distortion, and the radii before the distortion."""
-    last_rad = 2.0 * math.atan(_INSIDE_FOLD * projection.t_limit)
-    t = np.tan(0.5 * np.linspace(0.0, last_rad, _NUM_STARTS))
+    last_rad = 2.0 * arctan(_INSIDE_FOLD * projection.t_limit)
+    t = tan(0.5 * np.linspace(0.0, last_rad, _NUM_STARTS))
     return projection.radius_ratio_from_t(t), projection.undistorted_ratio_from_t(t)
 
 
@@ -235,7 +246,7 @@ def decentred_fold_rad(projection: DistortedProjection, plane: ImagePlane) -> fl
     There the determinant of the distortion's Jacobian vanishes: tangential distortion moves the
     fold by azimuth, by degrees for a published fish-eye.
     """
-    last_rad = 2.0 * math.atan(projection.t_limit) * _INSIDE_LIMIT
+    last_rad = 2.0 * arctan(projection.t_limit) * _INSIDE_LIMIT
     azimuth = np.linspace(-math.pi, math.pi, _NUM_AZIMUTHS, endpoint=False)[:, None]
     theta = np.linspace(0.0, last_rad, _NUM_ANGLES)
     turns_back = _jacobian_determinant(projection, plane, theta, azimuth) <= 0.0
@@ -256,8 +267,8 @@ def _jacobian_determinant(
     projection: DistortedProjection, plane: ImagePlane, theta: Floats, azimuth: Floats
 ) -> Floats:
     """Determinant of the distortion's Jacobian at directions."""
-    radius = projection.undistorted_ratio_from_t(np.tan(0.5 * theta))
-    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    radius = projection.undistorted_ratio_from_t(tan(0.5 * theta))
+    x, y = radius * cos(azimuth), radius * sin(azimuth)
     j11, j12, j22 = _jacobian(projection, plane, x, y)
     return j11 * j22 - j12 * j12
 
@@ -277,7 +288,7 @@ def _jacobian(
 def cosine_fourth(tangent: Floats) -> Floats:
     """cos^4 of angles by their tangents."""
     # 1 / (1 + tan^2)^2 needs no arctangent and has no cancellation on the axis.
-    factor: Floats = (1.0 + np.square(tangent)) ** -2
+    factor: Floats = 1.0 / np.square(1.0 + np.square(tangent))
     return factor
 
 
@@ -295,14 +306,14 @@ def wide_angle_illumination(projection: RadialProjection, t: Floats) -> Floats:
     # r / sin(theta) is 0 / 0 on the axis, where it is the slope.
     is_off_axis = t > 1e-9
     across = np.where(is_off_axis, radius / np.where(is_off_axis, sine, 1.0), on_axis)
-    return np.minimum(on_axis**2 / (across * slope), 1.0)
+    return np.minimum(on_axis * on_axis / (across * slope), 1.0)
 
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
 _NUM_RINGS = 129
 # A milliradian from the antipode, which a 360-degree lens shows as a circle: across the radius the
 # scale is infinite there.
-_MAX_T = math.tan(0.5 * (math.pi - 1e-3))
+_MAX_T = tan(0.5 * (math.pi - 1e-3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,7 +340,7 @@ class ImageScale:
     def rms_px_per_rad(self) -> float:
         """Root mean square of the scale over the image and all directions."""
         mean = 0.5 * (np.square(self.radial) + np.square(self.tangential))
-        return math.sqrt(float(mean @ self.area_weight))
+        return math.sqrt(float(matmul(mean, self.area_weight)))
 
 
 def compute_image_scale(camera: RadialCamera) -> ImageScale:
@@ -359,8 +370,8 @@ def visible_radii_px(camera: RadialCamera) -> tuple[float, float]:
     size = (camera.width_px, camera.height_px)
     sides = tuple(zip(camera.centre_px, size, strict=True))
     # Distance from the optical axis to the image rectangle: 0 inside, else to the nearest border.
-    min_px = math.hypot(*(max(-centre, 0.0, centre - length) for centre, length in sides))
-    max_px = math.hypot(*(max(abs(centre), abs(length - centre)) for centre, length in sides))
+    min_px = hypot(*(max(-centre, 0.0, centre - length) for centre, length in sides))
+    max_px = hypot(*(max(abs(centre), abs(length - centre)) for centre, length in sides))
     return min(min_px, camera.rim_radius_px), min(max_px, camera.rim_radius_px)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.optics.elementary import hypot
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -72,12 +73,12 @@ def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     directions nearer to the antipode than 1e-308 rad.
     """
     x, y, z = scale_components(direction)
-    return half_angle_tangent_from_rho_z(np.hypot(x, y), z)
+    return half_angle_tangent_from_rho_z(hypot(x, y), z)
 
 
 def half_angle_tangent_from_rho_z(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
     """t of directions at distance rho from the axis and height z, and a validity mask."""
-    norm = np.hypot(rho, z)
+    norm = hypot(rho, z)
     # tan(theta / 2) = rho / (norm + z) = (norm - z) / rho: one form for each hemisphere, chosen so
     # that the sum or difference adds terms of one sign.
     lower = z >= 0.0

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import arctan, cos, hypot, sin, tan
 from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     DistortedProjection,
@@ -127,7 +128,7 @@ class OmniCamera:
     @property
     def rim_t(self) -> float:
         """Half-angle tangent of the rim, tan(rim / 2)."""
-        return math.tan(0.5 * self.rim_rad)
+        return tan(0.5 * self.rim_rad)
 
     @property
     def rim_radius_px(self) -> float:
@@ -212,8 +213,8 @@ def _require_rim(projection: RadialProjection, rim_rad: float) -> None:
     # A mirror does not reflect its antipode, even where the formula's limit is there.
     reaches_antipode = math.isinf(projection.t_limit) and not hasattr(projection, "surface_point")
     in_half_turn = 0.0 < rim_rad < math.pi or (rim_rad == math.pi and reaches_antipode)
-    lowest = math.degrees(2.0 * math.atan(projection.t_min))
-    if not in_half_turn or not projection.t_min < math.tan(0.5 * rim_rad) < projection.t_limit:
+    lowest = math.degrees(2.0 * arctan(projection.t_min))
+    if not in_half_turn or not projection.t_min < tan(0.5 * rim_rad) < projection.t_limit:
         raise DomainError(
             f"a rim at {math.degrees(rim_rad):g} deg lies beyond the reach of this "
             f"{'mirror' if hasattr(projection, 'surface_point') else 'lens'}: it must be above "
@@ -236,7 +237,7 @@ def camera_with_inscribed_rim(
         DomainError: A rim that the projection does not reach.
     """
     _require_rim(projection, rim_rad)
-    rim_ratio = float(projection.radius_ratio_from_t(np.array(math.tan(0.5 * rim_rad))))
+    rim_ratio = float(projection.radius_ratio_from_t(np.array(tan(0.5 * rim_rad))))
     return OmniCamera(
         projection=projection,
         width_px=width_px,
@@ -264,7 +265,7 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
             invalid pixels are the image centre as well, never NaN.
     """
     x, y, z = scale_components(direction)
-    rho = np.hypot(x, y)
+    rho = hypot(x, y)
     t, defined = half_angle_tangent_from_rho_z(rho, z)
     valid = defined & (t <= camera.rim_t) & (t >= camera.projection.t_min)
     t = np.where(valid, t, camera.projection.t_min)
@@ -272,7 +273,7 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     # x / rho first, at most 1: radius / rho overflows for directions close to the axis.
     rho = np.where(rho > 0.0, rho, 1.0)
     x, y = x / rho, y / rho
-    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    ca, sa = cos(camera.image_up_azimuth_rad), sin(camera.image_up_azimuth_rad)
     # Unit vectors to the right and down in the right-handed picture.
     right, down = ca * y - sa * x, -ca * x - sa * y
     du, dv = radius * right, radius * down
@@ -306,7 +307,7 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     near = near_u & near_v
     # Pixels far outside get the direction of the axis.
     du, dv, t, defined = _plane_point(camera, np.where(near, du, 0.0), np.where(near, dv, 0.0))
-    ratio = np.hypot(du, dv)
+    ratio = hypot(du, dv)
     sine, cosine, on_mirror = _sine_cosine(camera, t)
     direction = np.zeros((*ratio.shape, 3))
     _write_directions(camera, (du, dv), ratio, sine, cosine, out=direction)
@@ -340,7 +341,7 @@ def direction_from_pixel_grid(camera: OmniCamera, u: Floats, v: Floats) -> tuple
     dv, near_v = _offset_from_centre(camera, v, camera.centre_px[1])
     distances_u, columns = np.unique(np.abs(du), return_inverse=True)
     distances_v, rows = np.unique(np.abs(dv), return_inverse=True)
-    ratio = np.hypot(distances_u, distances_v[:, None])
+    ratio = hypot(distances_u, distances_v[:, None])
     sine, cosine, on_mirror = _sine_cosine(camera, camera.projection.t_from_radius_ratio(ratio))
 
     def spread(quarter: npt.NDArray[_Element]) -> npt.NDArray[_Element]:
@@ -361,17 +362,17 @@ def _plane_point(
     """Points of the plane towards the scene point, t, and validity, of offsets over the scale."""
     plane = camera.plane
     if plane.is_radial:
-        t = camera.projection.t_from_radius_ratio(np.hypot(du, dv))
+        t = camera.projection.t_from_radius_ratio(hypot(du, dv))
         return du, dv, t, np.ones(t.shape, dtype=np.bool_)
     # The plane's axes are those of the right-handed picture.
     sign = -1.0 if camera.picture is Picture.MIRRORED else 1.0
     x, y = plane.undo_stretch(sign * du, dv)
     if not plane.is_decentred:
-        t = camera.projection.t_from_radius_ratio(np.hypot(x, y))
+        t = camera.projection.t_from_radius_ratio(hypot(x, y))
         return sign * x, y, t, np.ones(t.shape, dtype=np.bool_)
     projection = cast(DistortedProjection, camera.projection)
     x, y, converged = undo_distortion(projection, plane, x, y)
-    t = projection.t_from_undistorted_ratio(np.where(converged, np.hypot(x, y), 0.0))
+    t = projection.t_from_undistorted_ratio(np.where(converged, hypot(x, y), 0.0))
     return sign * x, y, t, converged
 
 
@@ -401,7 +402,7 @@ def _write_directions(
         du = -du
     # On the axis du = dv = 0, so any finite divisor gives the direction +z.
     ratio = np.where(ratio > 0.0, ratio, 1.0)
-    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    ca, sa = cos(camera.image_up_azimuth_rad), sin(camera.image_up_azimuth_rad)
     out[..., 0] = sine * ((sa * du - ca * dv) / ratio)
     out[..., 1] = sine * ((-ca * du - sa * dv) / ratio)
     out[..., 2] = cosine

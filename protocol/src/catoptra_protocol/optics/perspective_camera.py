@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import hypot, tan
 from catoptra_protocol.optics.image_plane import cosine_fourth
 from catoptra_protocol.optics.numerics import Bools, Floats, scale_components
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -42,7 +43,7 @@ class PerspectiveCamera:
     @property
     def focal_length_px(self) -> float:
         """Distance from the pinhole to the image plane, in pixels."""
-        return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
+        return 0.5 * self.width_px / tan(0.5 * self.horizontal_fov_rad)
 
     @property
     def centre_px(self) -> tuple[float, float]:
@@ -57,7 +58,7 @@ class PerspectiveCamera:
     @property
     def rim_radius_px(self) -> float:
         """Image radius of the corners."""
-        return 0.5 * math.hypot(self.width_px, self.height_px)
+        return 0.5 * hypot(self.width_px, self.height_px)
 
     @property
     def horizon_radius_px(self) -> float:
@@ -82,7 +83,7 @@ class PerspectiveCamera:
         """tan(theta / 2) of image radii r = f tan(theta)."""
         tangent = np.asarray(radius_px, dtype=np.float64) * self.inverse_focal_length
         # tan(theta / 2) = tan / (1 + 1 / cos): no arctangent, and no cancellation on the axis.
-        t: Floats = tangent / (1.0 + np.hypot(1.0, tangent))
+        t: Floats = tangent / (1.0 + hypot(1.0, tangent))
         return t
 
     def radius_slope_px(self, t: Floats) -> Floats:

@@ -26,6 +26,7 @@ from typing import Protocol
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan
 from catoptra_protocol.optics.numerics import Bools, Floats
 
 
@@ -77,23 +78,23 @@ WITHIN_LIMIT = 1.0 - 1e-9
 
 def describe_limit(projection: RadialProjection) -> str:
     """Where the image of a projection ends, in words: for errors."""
-    limit = math.degrees(2.0 * math.atan(projection.t_limit))
+    limit = math.degrees(2.0 * arctan(projection.t_limit))
     if math.isinf(projection.fold_rad):
         return f"{limit:.3f} deg"
     text = f"{limit:.3f} deg, where its image radius turns back (its first fold)"
     formula_t = getattr(projection, "formula_t_limit", projection.t_limit)
     if formula_t <= projection.t_limit:
         return text
-    return f"{text}, although its formula reaches {math.degrees(2.0 * math.atan(formula_t)):.1f}"
+    return f"{text}, although its formula reaches {math.degrees(2.0 * arctan(formula_t)):.1f}"
 
 
 def largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
     """Angle of an image radius, or the limit of the projection where that is smaller."""
     t = float(projection.t_from_radius_ratio(np.array(ratio)))
-    corner_rad = 2.0 * math.atan(t)
+    corner_rad = 2.0 * arctan(t)
     if math.isinf(projection.t_limit):
         return min(corner_rad, math.pi)
-    return min(corner_rad, 2.0 * math.atan(projection.t_limit) * WITHIN_LIMIT)
+    return min(corner_rad, 2.0 * arctan(projection.t_limit) * WITHIN_LIMIT)
 
 
 class RadialCamera(Protocol):

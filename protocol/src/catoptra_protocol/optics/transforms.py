@@ -20,14 +20,15 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import arctan2, cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
 def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Floats:
     """Rotation (3, 3) parent_from_child: Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy) = np.cos((roll_rad, pitch_rad, yaw_rad))
-    (sr, sp, sy) = np.sin((roll_rad, pitch_rad, yaw_rad))
+    cr, cp, cy = cos(roll_rad), cos(pitch_rad), cos(yaw_rad)
+    sr, sp, sy = sin(roll_rad), sin(pitch_rad), sin(yaw_rad)
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -64,20 +65,20 @@ class Pose:
 
     def __matmul__(self, child_from_grandchild: Pose) -> Pose:
         """Compose: parent_from_child @ child_from_grandchild = parent_from_grandchild."""
-        rotation = self.rotation @ child_from_grandchild.rotation
+        rotation = matmul(self.rotation, child_from_grandchild.rotation)
         return Pose(rotation, self.transform_points(child_from_grandchild.translation))
 
     def inverse(self) -> Pose:
         """Inverse transform, child_from_parent."""
-        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+        return Pose(self.rotation.T.copy(), matmul(-self.rotation.T, self.translation))
 
     def transform_points(self, points_in_child: Floats) -> Floats:
         """Points (..., 3) in the parent frame."""
-        return points_in_child @ self.rotation.T + self.translation
+        return matmul(points_in_child, self.rotation.T) + self.translation
 
     def rotate_directions(self, directions_in_child: Floats) -> Floats:
         """Directions (..., 3) in the parent frame; the translation does not apply."""
-        return directions_in_child @ self.rotation.T
+        return matmul(directions_in_child, self.rotation.T)
 
     @property
     def quaternion(self) -> Floats:
@@ -98,7 +99,7 @@ class Pose:
         )
         # The row of the largest component, at least a half: the others cancel near half turns.
         largest = int(np.argmax(np.diagonal(products)))
-        quaternion: Floats = products[largest] / np.linalg.norm(products[largest])
+        quaternion: Floats = products[largest] / hypot(*products[largest])
         leading = next(part for part in quaternion[[3, 0, 1, 2]] if part != 0.0)
         return quaternion if leading > 0.0 else -quaternion
 
@@ -109,13 +110,13 @@ class Pose:
         yaw carries both.
         """
         # atan2 keeps full precision near +-90 degrees, where asin loses half of the digits.
-        cos_pitch = float(np.hypot(self.rotation[0, 0], self.rotation[1, 0]))
-        pitch = float(np.arctan2(-self.rotation[2, 0], cos_pitch))
+        cos_pitch = float(hypot(self.rotation[0, 0], self.rotation[1, 0]))
+        pitch = float(arctan2(-self.rotation[2, 0], cos_pitch))
         # Below 8 eps the two entries are rounding residue of a pitch of exactly 90 degrees.
         if cos_pitch < 8 * np.finfo(np.float64).eps:
-            return 0.0, pitch, float(np.arctan2(-self.rotation[0, 1], self.rotation[1, 1]))
-        roll = float(np.arctan2(self.rotation[2, 1], self.rotation[2, 2]))
-        yaw = float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
+            return 0.0, pitch, float(arctan2(-self.rotation[0, 1], self.rotation[1, 1]))
+        roll = float(arctan2(self.rotation[2, 1], self.rotation[2, 2]))
+        yaw = float(arctan2(self.rotation[1, 0], self.rotation[0, 0]))
         return roll, pitch, yaw
 
 

@@ -22,7 +22,6 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.known_names import bundled_files
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import (
     KernelDevice,
     KernelUnavailableError,
@@ -150,8 +149,8 @@ def describe_version() -> str:
 
 
 def _describe_kernel() -> str:
-    instruction_set = choose_instruction_set(AUTO)
     try:
+        instruction_set = choose_instruction_set()
         # Opened, since a library that is there may not load.
         KernelDevice(instruction_set, 1).close()
     except KernelUnavailableError as error:

@@ -30,7 +30,7 @@ from catoptra_server.config.server_file import (
     ServerOptions,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, RENDERER_NAMES
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.logs import LogWriter, write_log
 from catoptra_server.runtime.memory import (
@@ -255,9 +255,6 @@ def _build_parser() -> argparse.ArgumentParser:
         default=0,
         help="threads of the trace renderer; 0 = one per processor",
     )
-    add("--instruction-set", choices=INSTRUCTION_SET_NAMES, default=AUTO,
-        help="instructions of the trace renderer's kernel, for its speed; all give the same bytes "
-        "(default: auto, the best of this processor)")  # fmt: skip
     add("--max-error-px", type=parse_non_negative, metavar="PX",
         help="accuracy target of every camera: the fastest plan that displaces no outline by more; "
         "0 = the settings of the file")  # fmt: skip
@@ -288,7 +285,6 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
         dialect=Dialect(parsed.dialect),
         renderer=parsed.renderer,
         threads=parsed.threads,
-        instruction_set=parsed.instruction_set,
         clock=ClockMode(parsed.clock),
         is_strict=parsed.strict,
         seed=parsed.seed,

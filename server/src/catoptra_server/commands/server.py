@@ -156,9 +156,6 @@ class Options:
     """`auto`, `trace` or `raster`."""
     threads: int = 0
     """Threads of the trace renderer; 0 = one per processor."""
-    instruction_set: str = "auto"
-    """Instruction set of the trace renderer's kernel: `auto`, or a smaller one than the
-    processor's, for the same bytes on several machines."""
     clock: ClockMode = ClockMode.REALTIME
     """Real time, or lockstep with the commands of clients."""
     is_strict: bool = False
@@ -334,7 +331,6 @@ class ServerThreads:
             startup.scene,
             startup.world,
             threads=options.threads,
-            instruction_set=options.instruction_set,
             is_reproducible=not is_realtime,
         )
         log.info("%s", choice.renderer.describe())

@@ -21,6 +21,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics import mirrors
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, near_limit_m
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
@@ -334,17 +335,17 @@ def _require_at_pinhole(mirror: Mirror, item: SectionReader) -> None:
     """Raise ConfigError for a capture camera off the pinhole or the axis, which is not central."""
     direction = item.get_vector("Direction", _LOOKING_UP)
     forward = Pose.from_rpy((0, 0, 0), direction).rotation[:, 0]
-    if np.linalg.norm(forward - (0.0, 0.0, -1.0)) > _AXIS_TOLERANCE_RAD:
+    if hypot(*(forward - (0.0, 0.0, -1.0))) > _AXIS_TOLERANCE_RAD:
         raise item.make_error("Direction", expected="a pitch Y=1.5708, looking up into the mirror")
     if not item.has_key("Position"):  # at the pinhole, then
         return
     position = np.asarray(item.get_vector("Position"))
     # A parabolic mirror's pinhole is at infinity: an orthographic camera anywhere on the axis.
     if math.isinf(mirror.pinhole_distance_m):
-        off = float(np.hypot(position[0], position[1]))
+        off = float(hypot(position[0], position[1]))
         pinhole = "on the axis (X=0,Y=0)"
     else:
-        off = float(np.linalg.norm(position - (0.0, 0.0, mirror.pinhole_distance_m)))
+        off = hypot(*(position - (0.0, 0.0, mirror.pinhole_distance_m)))
         pinhole = f"(X=0,Y=0,Z={mirror.pinhole_distance_m:g}), the mirror's second focus"
     if off > _PINHOLE_TOLERANCE_M:
         raise item.make_error(
@@ -358,7 +359,7 @@ def _image_up_azimuth(item: SectionReader) -> float:
     direction = item.get_vector("Direction", _LOOKING_UP)
     rotation = Pose.from_rpy((0, 0, 0), direction).rotation
     up = -rotation[:, 2]
-    azimuth = math.atan2(float(up[1]), float(up[0]))
+    azimuth = arctan2(float(up[1]), float(up[0]))
     # 1.5708 in a file means a quarter turn exactly: the residual of 4e-6 rad would rotate the image
     # and break the symmetry of the faces.
     quarters = azimuth / (0.5 * math.pi)
@@ -382,7 +383,7 @@ def _approximate_viewpoint(settings: SectionReader, camera: OmniCamera) -> tuple
     if camera.is_central or mode == "never":
         return camera, 0.0
     r, z = camera.mirror.surface_point(np.linspace(camera.projection.t_min, camera.rim_t, 65))
-    nearest_m = float(np.hypot(r, z).min())
+    nearest_m = float(hypot(r, z).min())
     if mode == "auto" and near_limit_m(camera, error_px) > nearest_m:
         return camera, error_px
     return replace(camera, is_approximated=True), 0.0
@@ -442,4 +443,4 @@ def _capture_fov(camera: OmniCamera) -> float:
     if math.isinf(camera.mirror.pinhole_distance_m):
         return 0.0
     r, z = camera.mirror.surface_point(np.array(camera.rim_t))
-    return 2.0 * math.atan2(float(r), camera.mirror.pinhole_distance_m - float(z))
+    return 2.0 * arctan2(float(r), camera.mirror.pinhole_distance_m - float(z))

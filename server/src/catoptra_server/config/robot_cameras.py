@@ -17,6 +17,7 @@ import numpy as np
 from catoptra_protocol.camera_conf import LENS_PARAMETERS
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
@@ -200,7 +201,7 @@ def _read_camera(section: SectionReader) -> OmniCamera:
         plane = _read_plane(section, focal_length_px)
         if not field_deg:
             corner_px = max(
-                math.hypot(u - centre_px[0], v - centre_px[1])
+                hypot(u - centre_px[0], v - centre_px[1])
                 for u in (0.0, width_px)
                 for v in (0.0, height_px)
             )

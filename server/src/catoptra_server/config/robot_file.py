@@ -28,13 +28,13 @@ enough. Source: JointPart of KRobot.uc.
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_sections import metres_from_uu, read_mount, require_on_robot
@@ -265,7 +265,7 @@ def _rpy_from_axis(part: SectionReader) -> Vector:
     if not any((x, y, z)):
         raise part.make_error("ParentAxis", expected="a direction that is not zero")
     # The rotation about the axis itself is free: roll 0 leaves the angle 0 along the chassis.
-    return 0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)
+    return 0.0, arctan2(hypot(x, y), z), arctan2(y, x)
 
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.

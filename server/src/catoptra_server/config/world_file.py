@@ -17,6 +17,7 @@ import numpy as np
 
 from catoptra_protocol.errors import ConfigError, LocalProtocolError
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import (
     Greeting,
@@ -179,7 +180,7 @@ def _read_light(struct: SectionReader) -> Light:
             )
         case "Directional":
             direction = np.asarray(struct.get_vector("Direction"))
-            length = float(np.linalg.norm(direction))
+            length = hypot(*direction)
             if length == 0.0:
                 raise struct.make_error("Direction", expected="a direction that is not zero")
             x, y, z = direction / length

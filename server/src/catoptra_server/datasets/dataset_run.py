@@ -23,10 +23,10 @@ from catoptra_server.datasets.dataset_folder import (
     write_summaries,
 )
 from catoptra_server.datasets.dataset_stage import DatasetStage
-from catoptra_server.datasets.pinned_process import describe_environment, run_in_pinned_process
 from catoptra_server.datasets.poses import check_given_poses
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.shards import ShardJob, ShardRecord
+from catoptra_server.datasets.worker_environment import describe_environment
 
 # Often enough to watch, seldom enough for a log.
 _TERMINAL_INTERVAL_S = 0.5
@@ -50,10 +50,8 @@ class DatasetRun:
             require_pyarrow()
         self._stage = DatasetStage(recipe)
         check_given_poses(self._stage)
-        digest = run_in_pinned_process(recipe.instruction_set, _digest_recipe, recipe_path)
-        self._identity = DatasetIdentity(
-            recipe.name, digest, describe_environment(recipe.instruction_set), recipe.text
-        )
+        digest = self._stage.digest
+        self._identity = DatasetIdentity(recipe.name, digest, describe_environment(), recipe.text)
         # Whether the folder already has a manifest.
         self.is_whole = open_folder(folder, self._identity)
         self._finished = find_finished_shards(folder, recipe)
@@ -62,7 +60,6 @@ class DatasetRun:
             str(folder.resolve()),
             digest,
             self._identity.environment,
-            recipe.instruction_set,
         )
         require_space(folder, self._stage, recipe.num_samples - self.num_finished_samples)
 
@@ -93,18 +90,12 @@ class DatasetRun:
             "samples": recipe.num_samples,
             "seed": recipe.seed,
             "renderer": recipe.renderer,
-            "instruction_set": recipe.instruction_set,
             "channels": list(recipe.channels),
             "formats": list(recipe.formats),
             "worlds": [world.name for world in recipe.worlds],
             "cameras": describe_cameras(self.folder, self._stage),
         }
         finish_folder(self.folder, self._identity, records, details)
-
-
-def _digest_recipe(recipe_path: Path) -> str:
-    """Digest of a recipe and all files, as this process understands them."""
-    return DatasetStage(read_recipe(recipe_path)).digest
 
 
 class ProgressReport:

@@ -24,8 +24,8 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.datasets.pinned_process import WorkerRefusedError
 from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
+from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import default_cache_folder, hash_scene
@@ -148,18 +148,16 @@ class DatasetStage:
         meshes = {one.shape.path for one in world.items if isinstance(one.shape, MeshFile)}
         self._files += sorted(meshes - {*self._files})
         scene = build_scene(world, MemoryBudget())
-        instruction_set = self.recipe.instruction_set
         if occlusion_cache.wants_occlusion(scene, world):
-            # In a folder of the instruction set: last bits may round a factor the other way.
-            folder = default_cache_folder().parent / "occlusion" / instruction_set
-            occlusion = occlusion_cache.find_occlusion(scene, folder, instruction_set)
+            folder = default_cache_folder().parent / "occlusion"
+            occlusion = occlusion_cache.find_occlusion(scene, folder)
             scene = replace(scene, occlusion=occlusion)
         robots = {camera.robot.class_name: camera.robot for camera in self.cameras}
         return RecipeWorld(
             choice,
             world,
             scene,
-            KernelRayCaster(scene, instruction_set),
+            KernelRayCaster(scene),
             CollisionIndex(scene, tuple(robots.values())),
             _has_floor(scene),
         )

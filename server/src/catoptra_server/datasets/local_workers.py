@@ -7,6 +7,7 @@ the driver: the next message fails.
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +17,6 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.datasets.pinned_process import start_pinned_process
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
 _MAX_ATTEMPTS = 3
@@ -84,10 +84,14 @@ class LocalWorkers:
 
     def _start_workers(self, number: int) -> None:
         while len(self._workers) < number:
-            process, connection = start_pinned_process(
-                self._job.instruction_set, _run_worker, self._job
-            )
-            self._workers.append(_Worker(process, connection))
+            # Spawned: a fork has this process's NumPy, but no threads and no OpenGL context.
+            context = multiprocessing.get_context("spawn")
+            own, others = context.Pipe()
+            process = context.Process(target=_run_worker, args=(self._job, others), daemon=True)
+            process.start()
+            # Closed here, so that the end of the process closes the pipe.
+            others.close()
+            self._workers.append(_Worker(process, own))
 
     def _serve_events(self) -> Iterator[ShardRecord]:
         """Wait for words or deaths of workers, and yield finished shards."""

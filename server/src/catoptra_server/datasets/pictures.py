@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE, StoredSample, iterate_samples
 from catoptra_server.datasets.dataset_folder import decode_array, read_manifest
 from catoptra_server.datasets.png_files import encode_png
@@ -191,11 +192,11 @@ def _colour_numbers(array: npt.NDArray[Any]) -> _Pixels:
 def _colour_flow(array: npt.NDArray[Any]) -> _Pixels:
     is_known = np.isfinite(array).all(axis=-1)
     u, v = (np.where(is_known, array[..., axis], 0.0).astype(float) for axis in (0, 1))
-    length = np.hypot(u, v)
+    length = hypot(u, v)
     # The longest of most pixels is full brightness: single ones at the rim are far longer.
     limit = float(np.percentile(length[is_known], 95.0)) if is_known.any() else 1.0
     brightness = np.minimum(length / (limit or 1.0), 1.0)
-    hue = np.arctan2(v, u) / (2.0 * math.pi) % 1.0
+    hue = arctan2(v, u) / (2.0 * math.pi) % 1.0
     # _Pixels that stand still are grey, unlike those without a flow.
     grey = np.where(is_known, 40, 0).astype(np.uint8)[..., None]
     return np.maximum(_rgb_from_hue(hue, brightness), grey)

@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.elementary import arctan2, cos, einsum, hypot, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -207,7 +208,7 @@ def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
 def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
     if speed_m_s == 0.0 and yaw_rate_rad_s == 0.0:
         return AT_REST
-    linear = (speed_m_s * math.cos(pose.yaw_rad), speed_m_s * math.sin(pose.yaw_rad), 0.0)
+    linear = (speed_m_s * cos(pose.yaw_rad), speed_m_s * sin(pose.yaw_rad), 0.0)
     return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))
 
 
@@ -301,11 +302,11 @@ def _has_floor(world: RecipeWorld, pose: PlanarPose) -> bool:
 
 
 def _is_inside_solid(world: RecipeWorld, pose: PlanarPose) -> bool:
-    angles = np.arange(_NUM_LEVEL_RAYS) * (2.0 * math.pi / _NUM_LEVEL_RAYS)
-    rays = np.stack((np.cos(angles), np.sin(angles), np.zeros(_NUM_LEVEL_RAYS)), axis=-1)
+    angles = np.arange(float(_NUM_LEVEL_RAYS)) * (2.0 * math.pi / _NUM_LEVEL_RAYS)
+    rays = np.stack((cos(angles), sin(angles), np.zeros(_NUM_LEVEL_RAYS)), axis=-1)
     origins = np.repeat(_origin(pose), _NUM_LEVEL_RAYS, axis=0)
     distances, normals = world.caster.closest_hits(origins, rays)
-    is_back = np.isfinite(distances) & (np.einsum("ri,ri->r", normals, rays) > 0.0)
+    is_back = np.isfinite(distances) & (einsum("ri,ri->r", normals, rays) > 0.0)
     return bool(is_back.all())
 
 
@@ -384,10 +385,10 @@ def _read_path(section: SectionReader) -> GivenPoses:
     poses: list[GivenPose] = []
     travelled_m = 0.0  # along all lines so far
     for begin, end, point in zip(places, places[1:], points[1:], strict=False):
-        length_m = float(np.hypot(*(end - begin)))
+        length_m = float(hypot(*(end - begin)))
         if length_m == 0.0:
             raise point.make_error("X", expected="a point apart from the one before")
-        yaw_rad = math.atan2(end[1] - begin[1], end[0] - begin[0])
+        yaw_rad = arctan2(end[1] - begin[1], end[0] - begin[0])
         # The next multiple of the spacing, counted from the first point: corners do not restart the
         # count.
         first = math.ceil(travelled_m / spacing_m - 1e-9)

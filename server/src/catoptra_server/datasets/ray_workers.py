@@ -1,8 +1,8 @@
 """Shards drawn by Ray, on this machine or on a cluster: a task for each shard.
 
 Ray starts the workers, spreads the tasks and repeats the tasks of lost machines: no scheduler
-is ours. Recipe and folder are at the same paths on all machines. A worker whose code, libraries or
-processor differ refuses.
+is ours. Recipe and folder are at the same paths on all machines. A worker whose code or libraries
+differ refuses.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.local_workers import DatasetInterruptedError
-from catoptra_server.datasets.pinned_process import pinning_variables
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
 _LOCAL = "local"
@@ -66,20 +65,17 @@ def draw_by_ray(
             the workers of a shard are lost too often.
     """
     ray = require_ray()
-    _connect(ray, address, job.instruction_set)
+    _connect(ray, address)
     try:
         yield from _draw_tasks(ray, job, shards, count, interrupt)
     finally:
         ray.shutdown()
 
 
-def _connect(ray: Any, address: str, instruction_set: str) -> None:
-    # Set before a worker loads NumPy.
-    environment = {"env_vars": pinning_variables(instruction_set)}
+def _connect(ray: Any, address: str) -> None:
     try:
         ray.init(
             address=None if address == _LOCAL else address,
-            runtime_env=environment,
             include_dashboard=False if address == _LOCAL else None,
             configure_logging=False,
             log_to_driver=False,

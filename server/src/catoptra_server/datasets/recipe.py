@@ -56,7 +56,6 @@ class Recipe:
     formats: tuple[str, ...]
     """Files beside the shards: of FORMATS."""
     renderer: str
-    instruction_set: str
 
     @property
     def num_shards(self) -> int:

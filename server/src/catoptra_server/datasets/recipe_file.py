@@ -11,6 +11,7 @@ relative to the recipe, or names of bundled ones. The sections of poses: `poses`
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,7 +34,9 @@ from catoptra_server.datasets.recipe import (
     read_range_struct,
     read_words,
 )
-from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
+
+log = logging.getLogger(__name__)
 
 _FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside the shards."""
@@ -82,8 +85,9 @@ def read_recipe(path: Path) -> Recipe:
         channels=_read_channels(section, poses),
         formats=read_words(section, "Formats", _FORMATS, ()),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
-        instruction_set=section.get_choice("InstructionSet", INSTRUCTION_SETS, "avx2"),
     )
+    if section.get_choice("InstructionSet", ("avx512", "avx2", "sse4.2"), ""):
+        log.warning("%s: InstructionSet has no effect, since all have the same bytes", path)
     report_unknown_names(file.unknown_names())
     return recipe
 

@@ -1,8 +1,8 @@
 """One sample of a data set: described by recipe and index alone, annotated, and encoded to files.
 
 **Sample i follows from the recipe and i.** Random numbers are counted, keyed by seed, purpose and
-index; plans follow settings; `pinned_process` pins the instruction sets of the kernel, NumPy and
-OpenBLAS. What depends on order or machine (threads, measured costs, encoders) is fixed or refused.
+index; plans follow settings; no library has a last bit in a sample (`optics/elementary.py`). What
+depends on order or machine (threads, measured costs, encoders) is fixed or refused.
 
 Ids and classes are never interpolated or compressed with loss: small integers are PNG, all else has
 NumPy's format. Normals are halved to float16: their angle stays within 0.03 degrees.
@@ -24,6 +24,7 @@ from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects
 from catoptra_protocol.labels.spherical_box import PixelSphere
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -253,14 +254,14 @@ def _describe_landmarks(description: SampleDescription, world: RecipeWorld) -> l
     found = compute_landmark_visibility(
         description.spec, world_from_camera, world.world.landmarks, SensorEnvironment(world.caster)
     )
-    viewpoint = world_from_camera.translation
+    x_m, y_m, z_m = world_from_camera.translation.tolist()
     return [
         {
             "name": one.landmark.name,
             "pixel": None if one.pixel is None else [*one.pixel],
             "visible": one.is_visible,
-            "distance_m": math.dist(
-                viewpoint, (one.landmark.x_m, one.landmark.y_m, -one.landmark.band_centre_m)
+            "distance_m": hypot(
+                x_m - one.landmark.x_m, y_m - one.landmark.y_m, z_m + one.landmark.band_centre_m
             ),
         }
         for one in found

@@ -111,11 +111,9 @@ class SampleRenderer:
         return found[0]
 
     def _make_labels(self, world: int) -> tuple[LabelRenderer, TraceRenderer]:
-        staged, instruction_set = self._stage.world(world), self._stage.recipe.instruction_set
-        renderer = TraceRenderer(
-            staged.scene, staged.world, threads=1, instruction_set=instruction_set
-        )
-        return LabelRenderer(renderer, staged.scene, instruction_set), renderer
+        staged = self._stage.world(world)
+        renderer = TraceRenderer(staged.scene, staged.world, threads=1)
+        return LabelRenderer(renderer, staged.scene), renderer
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)
@@ -134,7 +132,6 @@ class SampleRenderer:
             staged.scene,
             world,
             threads=1,
-            instruction_set=recipe.instruction_set,
             is_reproducible=True,
         )
         return ViewCache(

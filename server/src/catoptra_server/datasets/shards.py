@@ -21,10 +21,10 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import hash_file, shard_name
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_stage import DatasetStage
-from catoptra_server.datasets.pinned_process import require_environment
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.sample import SampleDescriber, encode_sample
 from catoptra_server.datasets.sample_renderer import SampleRenderer
+from catoptra_server.datasets.worker_environment import require_environment
 
 _PART_SUFFIX = ".part"
 """Ending of files that are not whole."""
@@ -43,7 +43,6 @@ class ShardJob:
     digest: str
     """Digest of recipe, worlds and cameras."""
     environment: Mapping[str, str]
-    instruction_set: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +76,7 @@ def start_artist(job: ShardJob) -> ShardArtist:
         WorkerRefusedError: This worker would draw other bytes.
         CatoptraError: The recipe, or a file in the recipe, cannot be read.
     """
-    require_environment(job.environment, job.instruction_set)
+    require_environment(job.environment)
     stage = DatasetStage(read_recipe(Path(job.recipe_path)))
     stage.require_digest(job.digest)
     return ShardArtist(stage)

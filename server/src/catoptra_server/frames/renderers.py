@@ -70,14 +70,12 @@ def choose_renderer(
     world: World,
     *,
     threads: int = 0,
-    instruction_set: str = AUTO,
     is_reproducible: bool = False,
 ) -> RendererChoice:
     """Create the renderer for `auto`, `trace` or `raster`.
 
     Args:
         threads: Threads of trace; 0: one for each processor.
-        instruction_set: Instruction set of trace's kernel.
         is_reproducible: Let `auto` look for no graphics processor, for bytes that depend on no
             machine: under lockstep, in data sets and in studies.
 
@@ -91,7 +89,7 @@ def choose_renderer(
     if requested not in RENDERER_NAMES:
         *others, last = RENDERER_NAMES
         raise DomainError(f"a renderer is {', '.join(others)} or {last}, not {requested!r}")
-    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads, instruction_set)
+    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads)
     factories = {kind: partial(make, inputs) for kind, make in RENDERER_FACTORIES.items()}
     if requested != AUTO:
         kind = RendererKind(requested)
@@ -239,19 +237,18 @@ class RendererPool:
         self._tracer = None
 
 
-def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageChanger:
+def open_image_changer(threads: int = 0) -> ImageChanger:
     """Image changer for raster: the kernel's, else NumPy's with a warning.
 
     Args:
         threads: Threads of the kernel; 0: one for each processor.
-        instruction_set: Instruction set of the kernel.
     """
     # Loaded where it is needed: raster serves without the kernel.
     from catoptra_server.render.trace.kernel.image import KernelImageChanger
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
     try:
-        return KernelImageChanger.open(threads or count_processors(), instruction_set)
+        return KernelImageChanger.open(threads or count_processors())
     except KernelUnavailableError as error:
         log.warning("%s; image effects in NumPy, many times slower", error)
         return NumpyImageChanger()
@@ -266,7 +263,6 @@ class _Scene:
     lights: tuple[Light, ...]
     """Lights of the static scene that are not culled: one decision for all renderers."""
     threads: int
-    instruction_set: str = AUTO
 
 
 def _make_choice(
@@ -306,7 +302,6 @@ def _create_trace(inputs: _Scene) -> TraceRenderer:
         inputs.world,
         threads=inputs.threads,
         scene_lights=inputs.lights,
-        instruction_set=inputs.instruction_set,
     )
 
 
@@ -318,7 +313,7 @@ def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
         inputs.world,
         device=device or open_device(),
         scene_lights=inputs.lights,
-        image_changer=open_image_changer(inputs.threads, inputs.instruction_set),
+        image_changer=open_image_changer(inputs.threads),
     )
 
 

@@ -1,4 +1,4 @@
-"""Names of renderers and instruction sets, for options.
+"""Names of renderers, for options.
 
 Command lines import this module: no numpy, and nothing of a renderer. The kinds are distinguished
 in five modules: here, in `frames/renderers.py` (creation), in `frames/plan/planner.py`
@@ -26,6 +26,3 @@ class RendererKind(Enum):
 
 AUTO = "auto"
 RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))
-INSTRUCTION_SETS = ("avx512", "avx2", "sse4.2")
-"""Instruction sets that the trace renderer's kernel may be limited to, best first."""
-INSTRUCTION_SET_NAMES = (AUTO, *INSTRUCTION_SETS)

@@ -9,12 +9,14 @@ the order of connections. The experiment's runs are the robots `Run0`, `Run1` an
 from __future__ import annotations
 
 import hashlib
+import math
 from functools import cache
 from typing import cast
 
 import numpy as np
 from numpy.typing import DTypeLike
 
+from catoptra_protocol.optics.elementary import cos, ln
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
@@ -68,3 +70,14 @@ class RandomSource:
             "uinteger": 0,
         }
         return np.random.Generator(philox)
+
+    def normal_variates(self, index: int, count: int) -> list[float]:
+        """Normal variates of one index, by Box and Muller; NumPy's need the C library's functions.
+
+        Plain floats: most sensors have two or three.
+        """
+        uniform = self.generator(index).random(2 * count).tolist()
+        return [
+            math.sqrt(-2.0 * ln(1.0 - first)) * cos(2.0 * math.pi * second)
+            for first, second in zip(uniform[::2], uniform[1::2], strict=True)
+        ]

@@ -5,7 +5,6 @@ The obstacles of the scene are sorted in a thread of their own, while the render
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -13,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import RobotDescription
@@ -45,7 +45,7 @@ class _Footprint(NamedTuple):
     def from_robot(cls, robot: Robot) -> _Footprint:
         box = robot.bounding_box
         x, y, _ = box.world_from_box.translation.tolist()
-        return cls(box, box_footprint(box), x, y, 0.5 * math.hypot(*box.size_m[:2]))
+        return cls(box, box_footprint(box), x, y, 0.5 * hypot(*box.size_m[:2]))
 
 
 class CollisionIndex:
@@ -104,7 +104,7 @@ class CollisionIndex:
         length_m, width_m = description.drive.collision_size_m[:2]
         half_m = (0.5 * length_m + clearance_m, 0.5 * width_m + clearance_m)
         middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
-        reach_m = float(np.abs(places - middle).max()) + math.hypot(*half_m)
+        reach_m = float(np.abs(places - middle).max()) + hypot(*half_m)
         x, y = middle.tolist()
         obstacles = self._static_obstacles[description.class_name].with_dynamic_triangles(
             [self._footprint(robot).outline for robot in robots]

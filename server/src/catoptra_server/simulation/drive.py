@@ -17,8 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
+from catoptra_protocol.optics.elementary import cos, hypot, sin
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.random_sources import RandomSource
@@ -98,22 +97,22 @@ def step_body(
     pose = body.pose
     if travel != NO_TRAVEL:
         # Random numbers by tick: a drive repeats itself whatever other robots do.
-        travel_on_floor = _apply_slip(body.base, travel, random_source.generator(body.tick))
+        travel_on_floor = _apply_slip(
+            body.base, travel, random_source.normal_variates(body.tick, 2)
+        )
         pose = _move_until_contact(body, travel_on_floor, obstacles)
     return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
 
 
-def _apply_slip(
-    base: DriveBase, travel: WheelTravel, generator: np.random.Generator
-) -> WheelTravel:
+def _apply_slip(base: DriveBase, travel: WheelTravel, noise: list[float]) -> WheelTravel:
     """Travel over the floor: a fraction of the turn is lost, and each side slips at random."""
-    left_noise, right_noise = generator.standard_normal(2)
+    left_noise, right_noise = noise
     lost_m = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
     # A variance proportional to the travel does not depend on the number of ticks in between.
     left_m, right_m = travel.left_m, travel.right_m
     return WheelTravel(
-        left_m - lost_m + base.slip_noise * math.sqrt(abs(left_m)) * float(left_noise),
-        right_m + lost_m + base.slip_noise * math.sqrt(abs(right_m)) * float(right_noise),
+        left_m - lost_m + base.slip_noise * math.sqrt(abs(left_m)) * left_noise,
+        right_m + lost_m + base.slip_noise * math.sqrt(abs(right_m)) * right_noise,
     )
 
 
@@ -125,11 +124,11 @@ def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> Plana
     """
     half = 0.5 * turn_rad
     # sin(a) / a = 1 - a^2 / 6 + ... is 1 to the last bit of a double below 1e-8.
-    chord_m = distance_m * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    chord_m = distance_m * (sin(half) / half if abs(half) > 1e-8 else 1.0)
     heading_rad = pose.yaw_rad + half
     return PlanarPose(
-        pose.x_m + chord_m * math.cos(heading_rad),
-        pose.y_m + chord_m * math.sin(heading_rad),
+        pose.x_m + chord_m * cos(heading_rad),
+        pose.y_m + chord_m * sin(heading_rad),
         wrap_angle(pose.yaw_rad + turn_rad),
     )
 
@@ -217,7 +216,7 @@ class _NearbyObstacles:
     ) -> _NearbyObstacles:
         half = (0.5 * body.base.collision_size_m[0], 0.5 * body.base.collision_size_m[1])
         centre = (body.pose.x_m, body.pose.y_m)
-        return cls(obstacles.triangles_near(centre, math.hypot(*half) + distance_m).tolist(), half)
+        return cls(obstacles.triangles_near(centre, hypot(*half) + distance_m).tolist(), half)
 
     def blocking_rule(self, start: PlanarPose) -> _BlockingRule:
         """Rule for a base that starts at a pose: no contact, or no deeper contact than there."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
+from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -46,7 +47,7 @@ def compute_landmark_visibility(
         return ()
     # z points down, and landmarks are given in heights above the floor.
     centres = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
-    in_camera = (centres - world_from_camera.translation) @ world_from_camera.rotation
+    in_camera = matmul(centres - world_from_camera.translation, world_from_camera.rotation)
     pixels, inside = _project_points(camera, in_camera)
     origins = world_from_camera.transform_points(_find_origins(camera, pixels))
     free = _has_line_of_sight(origins, centres - origins, landmarks, environment)
@@ -131,12 +132,12 @@ def look_through_pixel(
         along, right, down = direction[0], direction[1], direction[2]
     if not is_valid:
         return OUTSIDE
-    theta_rad = math.atan2(math.hypot(right, down), along)
-    ray = world_from_camera.rotation @ (direction / np.linalg.norm(direction))
+    theta_rad = arctan2(hypot(right, down), along)
+    ray = matmul(world_from_camera.rotation, direction / hypot(*direction))
     range_m, name = things.find_first(world_from_camera.transform_points(origin), ray)
     return PixelView(
         theta_rad,
-        math.atan2(down, right),
+        arctan2(down, right),
         range_m if math.isfinite(range_m) else None,
         name,
         None if bound is None else bound.outline_error_at_px(_radius_fraction(camera, pixel)),
@@ -205,5 +206,5 @@ def _radius_fraction(camera: CameraSpec, pixel: Floats) -> float:
     """Distance of a pixel from the image centre over the rim's."""
     if not isinstance(camera, OmniCameraSpec):
         return 0.0
-    radius_px = float(np.hypot(*(pixel - camera.camera.centre_px)))
+    radius_px = float(hypot(*(pixel - camera.camera.centre_px)))
     return min(1.0, radius_px / camera.camera.rim_radius_px)

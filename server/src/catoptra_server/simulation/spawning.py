@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.elementary import cos, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -182,7 +183,7 @@ def _mirror_patch(camera: OmniCamera) -> Patch:
     # Profile from the axis outward along the mirror, then back to the axis at the rim's height.
     radius, height = np.append(r, 0.0)[:, None], np.append(z, z[-1])[:, None]
     points = np.stack(
-        (radius * np.cos(azimuth), radius * np.sin(azimuth), height + 0.0 * azimuth), axis=-1
+        (radius * cos(azimuth), radius * sin(azimuth), height + 0.0 * azimuth), axis=-1
     )
     return grid(points, np.zeros((*points.shape[:2], 2)))
 
@@ -349,8 +350,8 @@ def _find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
     here = np.array([[requested.x_m, requested.y_m]])
     if are_free(here, 0.0)[0]:
         return requested
-    cos, sin = math.cos(requested.yaw_rad), math.sin(requested.yaw_rad)
-    places = here + _search_offsets_m() @ np.array([[cos, sin], [-sin, cos]])
+    cosine, sine = cos(requested.yaw_rad), sin(requested.yaw_rad)
+    places = here + matmul(_search_offsets_m(), np.array([[cosine, sine], [-sine, cosine]]))
     for first in range(0, len(places), _PLACES_PER_TEST):
         group = places[first : first + _PLACES_PER_TEST]
         free = are_free(group, _CLEARANCE_M)
@@ -375,7 +376,7 @@ def _search_offsets_m() -> Floats:
         steps = range(-num_steps, num_steps + 1)
         # Squares of whole numbers: equal distances are equal, and ties have a fixed order.
         ranked = sorted((i * i + j * j, i, j) for i in steps for j in steps)
-        first = (inner_m / step_m) ** 2
+        first = np.square(inner_m / step_m)
         near = [(i, j) for square, i, j in ranked if first < square <= num_steps**2]
         offsets.append(step_m * np.array(near, dtype=float))
         inner_m = radius_m

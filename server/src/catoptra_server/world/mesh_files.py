@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
@@ -237,7 +238,8 @@ def _sae_vertices(mesh: Any, shape: MeshFile, world_from_mesh: Floats) -> Floats
     with np.errstate(invalid="ignore", over="ignore"):
         if not np.array_equal(world_from_mesh, np.eye(4)):
             vertices = (
-                vertices.astype(np.float64) @ world_from_mesh[:3, :3].T + world_from_mesh[:3, 3]
+                matmul(vertices.astype(np.float64), world_from_mesh[:3, :3].T)
+                + world_from_mesh[:3, 3]
             )
         order, signs = _SAE_FROM_UP[shape.up]
         sae: Floats = vertices[:, order] * (shape.scale * np.array(signs))

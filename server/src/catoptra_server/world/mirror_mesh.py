@@ -18,6 +18,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
+from catoptra_protocol.optics.elementary import cos, einsum, ln, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -65,7 +66,7 @@ def tessellation_from_polygon_count(
     if root * root == num_polygons and root >= 4:
         return Tessellation(root, root, interpolation)
     rings = [r for r in range(1, num_polygons // 3 + 1) if num_polygons % r == 0]
-    best = min(rings, key=lambda r: abs(math.log(num_polygons / (4.0 * r * r))), default=0)
+    best = min(rings, key=lambda r: abs(ln(num_polygons / (4.0 * r * r))), default=0)
     return Tessellation(num_polygons // best if best else num_polygons, best, interpolation)
 
 
@@ -115,7 +116,7 @@ def _ring_vertices(camera: OmniCamera, tessellation: Tessellation) -> Floats:
     azimuth = (
         0.25 * math.pi + 2.0 * math.pi * np.arange(tessellation.sectors) / tessellation.sectors
     )
-    x, y = np.outer(r, np.cos(azimuth)), np.outer(r, np.sin(azimuth))
+    x, y = np.outer(r, cos(azimuth)), np.outer(r, sin(azimuth))
     return np.stack((x, y, np.broadcast_to(z[:, None], x.shape)), axis=-1)
 
 
@@ -139,7 +140,7 @@ def _project_to_face_planes(
     or behind the face, which only meshes of a few polygons have, keeps a tenth of its distance, so
     that the coordinates are large but finite.
     """
-    forward = np.einsum("nci,ni->nc", corners, MIRROR_FROM_FACE_ROTATIONS[face][:, :, 0])
+    forward = einsum("nci,ni->nc", corners, MIRROR_FROM_FACE_ROTATIONS[face][:, :, 0])
     norm = np.linalg.norm(corners, axis=-1)
     on_planes: Floats = corners / np.maximum(forward, 0.1 * norm)[..., None]
     return on_planes

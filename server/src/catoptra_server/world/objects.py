@@ -41,6 +41,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import einsum, exp, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -100,7 +101,7 @@ class DynamicObject:
     def encloses(self, point: Floats) -> bool:
         """Whether a (3,) point of the world lies in the box around the object, in its own axes."""
         # The sphere first: most objects are far from most points.
-        if math.dist(point.tolist(), self.centre.tolist()) > self.mesh.radius_m:
+        if hypot(*(point - self.centre).tolist()) > self.mesh.radius_m:
             return False
         offset = self.world_from_object.inverse().transform_points(point) - self.mesh.centre
         return bool((np.abs(offset) <= self.mesh.half_size_m).all())
@@ -212,7 +213,7 @@ def _distances_by_box(boxes: Sequence[OrientedBox], origins: Floats, directions:
     # box; measured in tests/measurements/sensor_times.py.
     start = (
         _components_in_boxes(rotations, origins)
-        - np.einsum("ki,kij->jk", centres, rotations)[..., None]
+        - einsum("ki,kij->jk", centres, rotations)[..., None]
     )
     along = _components_in_boxes(rotations, directions)
     return _slab_hits(
@@ -225,8 +226,8 @@ def _distances_by_box(boxes: Sequence[OrientedBox], origins: Floats, directions:
 def _box_normals(box: OrientedBox, origins: Floats, directions: Floats) -> Floats:
     """(n, 3) normals of the faces through which rays enter a box."""
     rotation = box.world_from_box.rotation
-    start = (origins - box.world_from_box.translation) @ rotation
-    along = directions @ rotation
+    start = matmul(origins - box.world_from_box.translation, rotation)
+    along = matmul(directions, rotation)
     along = np.where(np.abs(along) < _MIN_DIRECTION_COMPONENT, _MIN_DIRECTION_COMPONENT, along)
     enter = (-np.copysign(0.5 * np.array(box.size_m), along) - start) / along
     face = enter.argmax(axis=1)
@@ -239,7 +240,7 @@ def _components_in_boxes(rotations: Floats, vectors: Floats) -> Floats:
     """(3, k, n) components of (n, 3) vectors along the axes of k boxes."""
     count = len(rotations)
     columns = rotations.transpose(1, 2, 0).reshape(3, 3 * count)
-    return np.ascontiguousarray((vectors @ columns).T).reshape(3, count, -1)
+    return np.ascontiguousarray(matmul(vectors, columns).T).reshape(3, count, -1)
 
 
 def _slab_hits(start: Floats, along: Floats, half: Floats) -> Floats:
@@ -319,7 +320,7 @@ class FogMedium:
     @np.errstate(under="ignore")  # exp of a large optical depth is 0, as intended
     def transmittance(self, range_m: Floats) -> Floats:
         """(...) fraction of light that passes (...) ranges, metres or inf."""
-        return np.asarray(np.exp(-self.density_per_m * range_m))
+        return np.asarray(exp(-self.density_per_m * range_m))
 
     def mix(self, radiance: Floats, range_m: Floats) -> Floats:
         """(..., 3) linear radiance behind fog, of radiance at (...) ranges, metres or inf."""

@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import cos, einsum, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import OrientedBox
@@ -80,7 +81,9 @@ def box_footprint(box: OrientedBox) -> Floats:
     half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
     pose = box.world_from_box
-    level = corners * (half_length, half_width) @ pose.rotation[:2, :2].T + pose.translation[:2]
+    level = (
+        matmul(corners * (half_length, half_width), pose.rotation[:2, :2].T) + pose.translation[:2]
+    )
     return level[[[0, 1, 2], [0, 2, 3]]]
 
 
@@ -213,10 +216,10 @@ def _corners_in_rectangle(
     """Yield the corners of each triangle along and across a rectangle."""
     # Plain floats: a handful of triangles is near, for which arrays take ten times as long.
     x, y = centre
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    cosine, sine = cos(yaw_rad), sin(yaw_rad)
     for outline in triangles:
-        along = [(u - x) * cos + (v - y) * sin for u, v in outline]
-        across = [(v - y) * cos - (u - x) * sin for u, v in outline]
+        along = [(u - x) * cosine + (v - y) * sine for u, v in outline]
+        across = [(v - y) * cosine - (u - x) * sine for u, v in outline]
         yield along, across
 
 
@@ -230,7 +233,7 @@ def _penetration_depth(
     depth = min(depth, min(max(across), -min(across)) + width)
     for i, j, k in _TRIANGLE_EDGES:
         normal = (across[j] - across[i], along[i] - along[j])
-        norm = math.hypot(*normal)
+        norm = hypot(*normal)
         if norm > 0.0:  # an edge of no length separates nothing
             reach = length * abs(normal[0]) + width * abs(normal[1])
             edge = along[i] * normal[0] + across[i] * normal[1]
@@ -280,10 +283,10 @@ def _intersect_any(corners: Floats, points: Floats, half_size_m: tuple[float, fl
     point, triangle = np.nonzero(near)
     edges = np.roll(corners, -1, axis=1) - corners
     normals = edges[..., ::-1] * (-1.0, 1.0)
-    reach = np.abs(normals) @ np.array(half_size_m)
-    projected = normals @ corners.swapaxes(1, 2)
+    reach = matmul(np.abs(normals), np.array(half_size_m))
+    projected = matmul(normals, corners.swapaxes(1, 2))
     low, high = projected.min(axis=-1) - reach, projected.max(axis=-1) + reach
-    offset = np.einsum("nij,nj->ni", normals[triangle], points[point])
+    offset = einsum("nij,nj->ni", normals[triangle], points[point])
     hit = np.zeros(len(points), dtype=bool)
     hit[point[((low[triangle] <= offset) & (offset <= high[triangle])).all(axis=-1)]] = True
     return hit
@@ -291,6 +294,6 @@ def _intersect_any(corners: Floats, points: Floats, half_size_m: tuple[float, fl
 
 def _rectangle_frame(points: Floats, yaw_rad: float) -> Floats:
     """(..., 2) points turned from the world into the axes of a rectangle, about the origin."""
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    turned: Floats = points @ np.array([[cos, -sin], [sin, cos]])
+    cosine, sine = cos(yaw_rad), sin(yaw_rad)
+    turned: Floats = matmul(points, np.array([[cosine, -sine], [sine, cosine]]))
     return turned

@@ -25,6 +25,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import einsum, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
@@ -71,7 +72,7 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
                 for channel, up, down in zip(total, up_irradiance, down_irradiance, strict=True):
                     channel += upward * up + (1.0 - upward) * down
             case DirectionalLight(direction, irradiance):
-                cosine = np.maximum(-(normals @ np.asarray(direction)), 0.0)
+                cosine = np.maximum(-matmul(normals, np.asarray(direction)), 0.0)
                 for channel, value in zip(total, irradiance, strict=True):
                     channel += cosine * value
             case PointLight():
@@ -87,8 +88,10 @@ def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -
     total = np.zeros_like(normals)
     for light in point_lights(lights):
         towards = np.asarray(light.position_m) - points
-        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), MIN_LIGHT_DISTANCE_M**2)
-        cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
+        squared = np.maximum(
+            einsum("ij,ij->i", towards, towards), MIN_LIGHT_DISTANCE_M * MIN_LIGHT_DISTANCE_M
+        )
+        cosine = np.maximum(einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
         total += (cosine / squared)[:, None] * np.asarray(light.intensity)
     return total
 
@@ -214,7 +217,7 @@ class OcclusionMap:
         """(n, 2) columns and rows of (n, 3) points on triangles that have grids."""
         patch = self.patch_of[triangles]
         frames = np.stack((self.columns_from_world[patch], self.rows_from_world[patch]), axis=1)
-        positions: Floats = np.einsum("nki,ni->nk", frames[..., :3], points) + frames[..., 3]
+        positions: Floats = einsum("nki,ni->nk", frames[..., :3], points) + frames[..., 3]
         bounds = self.bounds[patch]
         # A point beside the outermost nodes, by rounding or near an edge, has the nodes' factor.
         return np.clip(positions, bounds[:, :2], bounds[:, 2:])

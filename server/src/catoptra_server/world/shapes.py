@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import cos, einsum, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
@@ -113,7 +114,7 @@ def _quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
 def _cylinder(shape: Cylinder) -> Patch:
     """Upright _cylinder with two caps."""
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
-    x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
+    x, y = shape.radius_m * cos(angle), shape.radius_m * sin(angle)
     half = 0.5 * shape.height_m
     # Rings from bottom to top: rows of a grid run up.
     wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
@@ -144,7 +145,7 @@ def _rectangle(shape: Rectangle) -> Patch:
 def _ring(shape: Ring) -> Patch:
     """Level annulus that faces up."""
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
-    circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
+    circle = np.stack((cos(angle), sin(angle), np.zeros_like(angle)), -1)
     points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
     return _orient_outward(
         grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0])
@@ -158,9 +159,9 @@ def _sphere_band(shape: SphereBand) -> Patch:
     angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
     points = shape.radius_m * np.stack(
         (
-            np.sin(angle) * np.cos(azimuth),
-            np.sin(angle) * np.sin(azimuth),
-            np.broadcast_to(np.cos(angle), (shape.rings + 1, shape.sectors + 1)),
+            sin(angle) * cos(azimuth),
+            sin(angle) * sin(azimuth),
+            np.broadcast_to(cos(angle), (shape.rings + 1, shape.sectors + 1)),
         ),
         axis=-1,
     )
@@ -196,7 +197,7 @@ def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
     """Patch wound so that its normals point along `outward`, (3,) or (n, 3)."""
     corners = patch.corners
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
+    inward = einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
     order = np.where(inward[:, None], [0, 2, 1], [0, 1, 2])
     rows = np.arange(len(corners))[:, None]
     return Patch(corners[rows, order], patch.uv[rows, order])

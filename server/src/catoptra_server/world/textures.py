@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.elementary import einsum
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
@@ -171,12 +172,12 @@ def uv_gradients(corners: Floats, uv: Floats) -> Floats:
     """
     edges = corners[:, 1:] - corners[:, :1]
     # The dual of the two edges within their plane.
-    gram = np.einsum("nai,nbi->nab", edges, edges)
+    gram = einsum("nai,nbi->nab", edges, edges)
     area = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
     adjugate = np.stack((gram[:, 1, 1], -gram[:, 0, 1], -gram[:, 1, 0], gram[:, 0, 0]), axis=-1)
     inverse = adjugate.reshape(-1, 2, 2) / np.where(area > 0.0, area, 1.0)[:, None, None]
-    dual = np.einsum("nab,nbi->nai", inverse, edges)
-    gradient: Floats = np.einsum("nak,nai->nki", uv[:, 1:] - uv[:, :1], dual)
+    dual = einsum("nab,nbi->nai", inverse, edges)
+    gradient: Floats = einsum("nak,nai->nki", uv[:, 1:] - uv[:, :1], dual)
     return gradient
 
 
@@ -193,12 +194,12 @@ def uv_steps(
         ray_steps: (n, 2, 3) from each direction to its neighbours'.
     """
     # A ray beside this one meets the plane where it has gone further, or less far, by the slope.
-    cosine = np.einsum("ni,ni->n", normals, directions)
-    slopes = np.einsum("ni,nsi->ns", normals, ray_steps)
+    cosine = einsum("ni,ni->n", normals, directions)
+    slopes = einsum("ni,nsi->ns", normals, ray_steps)
     # A ray within the plane has no footprint on it: the image itself is as good as any level.
     slopes = slopes / np.where(cosine == 0.0, np.inf, cosine)[:, None]
     on_plane = ray_steps - slopes[..., None] * directions[:, None]
-    steps: Floats = hits[:, None, None] * np.einsum("nki,nsi->nsk", gradients, on_plane)
+    steps: Floats = hits[:, None, None] * einsum("nki,nsi->nsk", gradients, on_plane)
     return steps
 
 

@@ -25,6 +25,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -202,7 +203,7 @@ class TriangleClusters:
         half, centre = self.half_sizes, self.centres - point
         flat = normals.reshape(-1, 3)
         # Support of a box: its centre's product plus its half axes' absolute products.
-        reach = flat @ centre.T + np.abs(flat) @ half.T
+        reach = matmul(flat, centre.T) + matmul(np.abs(flat), half.T)
         in_front = (reach >= 0.0).reshape(*normals.shape[:-1], len(half))
         return np.asarray(in_front.all(axis=-2))
 
@@ -357,7 +358,7 @@ def _are_large(boxes: Floats) -> bool:
     """Whether (7, m) boxes are far larger than those of a divided surface would be."""
     if not boxes.shape[1]:
         return False
-    whole_m = float(np.linalg.norm(boxes[:3].min(axis=1) + boxes[3:6].min(axis=1)))
+    whole_m = float(hypot(*(boxes[:3].min(axis=1) + boxes[3:6].min(axis=1))))
     mean_m = float(np.linalg.norm(boxes[:3] + boxes[3:6], axis=0).mean())
     return mean_m > _MAX_BOX_RATIO * whole_m / math.sqrt(boxes.shape[1])
 
@@ -397,5 +398,5 @@ def triangle_distances(point: Floats, corners: Floats) -> Floats:
 
 def _dot(a: Floats, b: Floats) -> Floats:
     """(...) products of (3, ...) vectors."""
-    products: Floats = np.einsum("i...,i...", a, b)
+    products: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return products

@@ -19,6 +19,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError, SourceLocation
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.elementary import cos, hypot, matmul, power, sin
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -275,8 +276,8 @@ class Twist:
 
     def rotate(self, rotation: Floats) -> Twist:
         """Same motion in rotated axes, by a (3, 3) rotation."""
-        linear = rotation @ np.asarray(self.linear_m_s)
-        return Twist(_vector3(linear), _vector3(rotation @ np.asarray(self.angular_rad_s)))
+        linear = matmul(rotation, np.asarray(self.linear_m_s))
+        return Twist(_vector3(linear), _vector3(matmul(rotation, np.asarray(self.angular_rad_s))))
 
     def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
         """Pose after some seconds of this motion; both in the axes of the pose's parent."""
@@ -285,7 +286,7 @@ class Twist:
     @property
     def speed_m_s(self) -> float:
         """Speed of the origin."""
-        return float(np.linalg.norm(self.linear_m_s))
+        return hypot(*self.linear_m_s)
 
 
 AT_REST = Twist()
@@ -314,7 +315,9 @@ def integrate_poses(motions: Sequence[tuple[Pose, Twist]], time_s: float) -> lis
     # in the world, which is the meaning of a twist here.
     rotations = np.array([poses[index].rotation for index, _ in moving])
     translations = np.array([poses[index].translation for index, _ in moving])
-    moved = zip(_rotations_from_vectors(angular) @ rotations, translations + linear, strict=True)
+    moved = zip(
+        matmul(_rotations_from_vectors(angular), rotations), translations + linear, strict=True
+    )
     for (index, _), (rotation, translation) in zip(moving, moved, strict=True):
         poses[index] = Pose(rotation, translation)
     return poses
@@ -327,17 +330,17 @@ _SKEW_OF_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
 def _rotations_from_vectors(vectors: Floats) -> Floats:
     """(n, 3, 3) rotations about (n, 3) vectors by their lengths in radians: Rodrigues' formula."""
     # Products of matrices throughout: a body's pose has the same bits alone and among others.
-    angle = np.sqrt(vectors[:, None, :] @ vectors[:, :, None])
+    angle = np.sqrt(matmul(vectors[:, None, :], vectors[:, :, None]))
     axes = vectors / np.where(angle == 0.0, 1.0, angle)[..., 0]
-    skew = (axes @ _SKEW_OF_AXES).reshape(-1, 3, 3)
-    rotations: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    skew = matmul(axes, _SKEW_OF_AXES).reshape(-1, 3, 3)
+    rotations: Floats = np.eye(3) + sin(angle) * skew + matmul((1.0 - cos(angle)) * skew, skew)
     return rotations
 
 
 def linear_from_srgb(encoded: Floats) -> Floats:
     """Linear light of encoded values, both in [0, 1]."""
     encoded = np.asarray(encoded, dtype=np.float64)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.where(encoded <= 0.04045, encoded / 12.92, power((encoded + 0.055) / 1.055, 2.4))
 
 
 @np.errstate(under="ignore")  # an underflow is black
@@ -350,4 +353,4 @@ def srgb_from_linear(linear: Floats) -> Floats:
     require_domain(~np.isnan(linear), linear, "light is a number")
     # NaN passes a clip silently and would become an arbitrary grey: rejected above.
     linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * power(linear, 1 / 2.4) - 0.055)

@@ -264,7 +264,6 @@ def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
         startup.world,
         threads=1,
         scene_lights=startup.world.lights,
-        instruction_set="auto",
     )
     table = omni_ray_table(spec.camera, plan)
     rays = engine.prepare(table)

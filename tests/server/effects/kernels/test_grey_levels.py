@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -185,3 +186,13 @@ def test_keys_differ_by_camera_purpose_and_frame_but_a_cameras_own_stay() -> Non
     np.testing.assert_array_equal(
         camera_noise_key(keys[0], "gain"), camera_noise_key(keys[3], "gain")
     )
+
+
+def test_quantile_table_does_not_depend_on_the_last_bits_of_a_library_s_logarithms() -> None:
+    count = 2**16
+    quantile = NormalDist().inv_cdf
+    upper = np.array([quantile((index + 0.5) / count) for index in range(count // 2, count)])
+    scaled = upper / np.concatenate((-upper, upper)).std()
+    table = normal_quantile_table()[count // 2 :]
+    for error in (-3e-14, 3e-14):
+        np.testing.assert_array_equal(((1.0 + error) * scaled).astype(np.float32), table)

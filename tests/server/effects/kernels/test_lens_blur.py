@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
@@ -69,7 +70,7 @@ def test_map_of_radius_has_the_value_of_each_pixels_own_radius(
     camera = replace(CAMERA, centre_px=centre_px)
     got = map_of_radius(camera, lambda r: np.stack((r, np.cos(r)), axis=-1))
     offset = pixel_sample_positions(camera)[:, :, 0] - centre_px
-    radius_px = np.hypot(offset[..., 0], offset[..., 1])
+    radius_px = hypot(offset[..., 0], offset[..., 1])
     np.testing.assert_array_equal(got, np.stack((radius_px, np.cos(radius_px)), axis=-1))
 
 

@@ -24,7 +24,6 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.renderer import RenderSettings, advance
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.objects import INSTANTANEOUS, CameraState, FogMedium
 from catoptra_server.world.world_description import Box, Item, Material, Twist
@@ -413,18 +412,6 @@ def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
             found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
     for number, fraction in found[0].items():
         assert found[1][number] == pytest.approx(fraction, abs=0.1)
-
-
-def test_pinned_instruction_set_measures_the_same() -> None:
-    drawn = LabelledImage(CAMERAS["fish-eye"], STATE)
-    found = []
-    for instruction_set in ("auto", available_instruction_sets()[-1]):
-        with open_labels(instruction_set=instruction_set) as labels:
-            found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
-    assert found[0].keys() == found[1].keys()
-    for number, fraction in found[0].items():
-        # Rays along edges alone may differ.
-        assert found[1][number] == pytest.approx(fraction, abs=2e-3)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -81,7 +81,7 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
 def test_ray_caster_is_the_kernel_s_or_the_reference_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fail(scene: SceneMesh, instruction_set: str) -> Caster:
+    def fail(scene: SceneMesh) -> Caster:
         raise KernelUnavailableError("a test")
 
     scene = build_scene(make_room_world())

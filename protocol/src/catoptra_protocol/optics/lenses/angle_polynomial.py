@@ -14,6 +14,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -88,7 +89,7 @@ def _table(polynomial: AnglePolynomial) -> tuple[Floats, Floats]:
 def half_angle_from_theta(theta: Floats) -> Floats:
     """t = tan(theta / 2); inf for inf."""
     within = theta <= math.pi
-    return np.where(within, np.tan(0.5 * np.where(within, theta, 0.0)), math.inf)
+    return np.where(within, tan(0.5 * np.where(within, theta, 0.0)), math.inf)
 
 
 class PolynomialLens(CentredLens, ABC):
@@ -108,13 +109,13 @@ class PolynomialLens(CentredLens, ABC):
     @property
     def t_limit(self) -> float:
         """Half-angle tangent of the first fold; inf without one."""
-        return math.inf if math.isinf(self.fold_rad) else math.tan(0.5 * self.fold_rad)
+        return math.inf if math.isinf(self.fold_rad) else tan(0.5 * self.fold_rad)
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Image radius in units of the scale. Domain: t >= 0."""
         require_angle(t, self.t_limit)
-        return self._polynomial.evaluate(2.0 * np.arctan(t))
+        return self._polynomial.evaluate(2.0 * arctan(t))
 
     @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -126,7 +127,7 @@ class PolynomialLens(CentredLens, ABC):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative of the image radius by the angle. Domain: t >= 0."""
         require_angle(t, self.t_limit)
-        return self._polynomial.slope(2.0 * np.arctan(t))
+        return self._polynomial.slope(2.0 * arctan(t))
 
     @property
     @abstractmethod

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import hypot, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -48,7 +49,7 @@ class DoubleSphereLens(CentredLens):
         square = 1.0 - rest * self.xi
         lowest = -rest - w1 * math.sqrt(square) if self.xi <= 1.0 else -1.0 / self.xi
         if lowest <= -1.0:
-            return math.tan(0.5 * math.pi)
+            return tan(0.5 * math.pi)
         return math.sqrt((1.0 - lowest) / (1.0 + lowest))
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
@@ -65,8 +66,10 @@ class DoubleSphereLens(CentredLens):
         root = 1.0 - (2.0 * self.alpha - 1.0) * squared
         inside = (root >= 0.0) & np.isfinite(squared)
         root, squared = np.where(inside, root, 1.0), np.where(inside, squared, 0.0)
-        z = (1.0 - self.alpha**2 * squared) / (self.alpha * np.sqrt(root) + (1.0 - self.alpha))
-        sphere = np.square(z) + (1.0 - self.xi**2) * squared
+        z = (1.0 - self.alpha * self.alpha * squared) / (
+            self.alpha * np.sqrt(root) + (1.0 - self.alpha)
+        )
+        sphere = np.square(z) + (1.0 - self.xi * self.xi) * squared
         inside &= sphere >= 0.0
         length = z * self.xi + np.sqrt(np.where(inside, sphere, 0.0))
         length = length / (np.square(z) + squared)
@@ -87,5 +90,5 @@ class DoubleSphereLens(CentredLens):
         require_angle(t, self.t_limit)
         squared = np.square(t)
         sine, cosine = 2.0 * t / (1.0 + squared), (1.0 - t) * (1.0 + t) / (1.0 + squared)
-        d2 = np.hypot(sine, self.xi + cosine)
+        d2 = hypot(sine, self.xi + cosine)
         return sine, cosine, d2, self.alpha * d2 + (1.0 - self.alpha) * (self.xi + cosine)

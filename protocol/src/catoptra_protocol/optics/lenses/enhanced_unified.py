@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import hypot, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_radius,
@@ -47,8 +48,8 @@ class EnhancedUnifiedLens(CentredLens):
         w = low / high
         # tan^2(theta) = (1 - w^2) / (beta w^2), theta above 90 degrees.
         sine, cosine = math.sqrt((1.0 - w) * (1.0 + w)), -math.sqrt(self.beta) * w
-        norm = math.hypot(sine, cosine)
-        return (norm - cosine) / sine if sine > 0.0 else math.tan(0.5 * math.pi)
+        norm = hypot(sine, cosine)
+        return (norm - cosine) / sine if sine > 0.0 else tan(0.5 * math.pi)
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
@@ -63,7 +64,9 @@ class EnhancedUnifiedLens(CentredLens):
         root = 1.0 - (2.0 * self.alpha - 1.0) * squared
         inside = (root >= 0.0) & np.isfinite(squared)
         root, squared = np.where(inside, root, 1.0), np.where(inside, squared, 0.0)
-        z = (1.0 - self.alpha**2 * squared) / (self.alpha * np.sqrt(root) + (1.0 - self.alpha))
+        z = (1.0 - self.alpha * self.alpha * squared) / (
+            self.alpha * np.sqrt(root) + (1.0 - self.alpha)
+        )
         t, defined = half_angle_tangent_from_rho_z(np.where(inside, ratio, 0.0), z)
         return np.where(inside & defined, t, math.inf)
 
@@ -81,5 +84,5 @@ class EnhancedUnifiedLens(CentredLens):
         inside = (t >= 0.0) & (t <= self.t_limit) & has_finite_square(t)
         require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
         z = (1.0 - t) * (1.0 + t)
-        d = np.hypot(2.0 * math.sqrt(self.beta) * t, z)
+        d = hypot(2.0 * math.sqrt(self.beta) * t, z)
         return self.alpha * d + (1.0 - self.alpha) * z, d

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -31,7 +32,7 @@ class EquidistantLens(CentredLens):
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = theta = 2 atan(t). Domain: t >= 0."""
         require_angle(t, self.t_limit)
-        radius: Floats = 2.0 * np.arctan(t)
+        radius: Floats = 2.0 * arctan(t)
         return radius
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -39,7 +40,7 @@ class EquidistantLens(CentredLens):
         require_radius(ratio)
         # tan is finite next to pi / 2 and negative beyond.
         half = 0.5 * np.minimum(ratio, math.pi)
-        return np.where(ratio > math.pi, math.inf, np.tan(half))
+        return np.where(ratio > math.pi, math.inf, tan(half))
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = 1. Domain: t >= 0."""

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -33,7 +34,7 @@ class EquisolidLens(CentredLens):
         """Ratio r / f = 2 t / sqrt(1 + t^2). Domain: t >= 0."""
         require_angle(t, self.t_limit)
         # hypot is finite for any t.
-        radius: Floats = 2.0 * (t / np.hypot(1.0, t))
+        radius: Floats = 2.0 * (t / hypot(1.0, t))
         return radius
 
     @np.errstate(under="ignore")
@@ -52,5 +53,5 @@ class EquisolidLens(CentredLens):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = cos(theta / 2). Domain: t >= 0."""
         require_angle(t, self.t_limit)
-        slope: Floats = 1.0 / np.hypot(1.0, t)
+        slope: Floats = 1.0 / hypot(1.0, t)
         return slope

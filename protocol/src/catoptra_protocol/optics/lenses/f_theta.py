@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.lenses.angle_polynomial import AnglePolynomial, half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
@@ -51,14 +52,14 @@ class FThetaLens(CentredLens):
     @property
     def t_limit(self) -> float:
         """Half-angle tangent of the fold; inf without one."""
-        return math.inf if math.isinf(self.fold_rad) else math.tan(0.5 * self.fold_rad)
+        return math.inf if math.isinf(self.fold_rad) else tan(0.5 * self.fold_rad)
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
         require_angle(t, self.t_limit)
         polynomial = self._polynomial
-        theta = 2.0 * np.arctan(t)
+        theta = 2.0 * arctan(t)
         return solve_increasing(polynomial.evaluate, polynomial.slope, theta, _table(self))
 
     @np.errstate(under="ignore")

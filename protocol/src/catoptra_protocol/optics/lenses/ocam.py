@@ -15,6 +15,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
+from catoptra_protocol.optics.elementary import arctan, arctan2, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -53,13 +54,13 @@ class OCamLens(CentredLens):
     @property
     def t_limit(self) -> float:
         """Half-angle tangent of the last radius."""
-        return math.tan(0.5 * float(self._theta(np.array(_last_radius(self)[0]))))
+        return tan(0.5 * float(self._theta(np.array(_last_radius(self)[0]))))
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
         require_angle(t, self.t_limit)
-        return solve_increasing(self._theta, self._theta_slope, 2.0 * np.arctan(t), _table(self))
+        return solve_increasing(self._theta, self._theta_slope, 2.0 * arctan(t), _table(self))
 
     @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -80,7 +81,7 @@ class OCamLens(CentredLens):
         return np.asarray(np.polynomial.polynomial.polyval(radius, self.polynomial))
 
     def _theta(self, radius: Floats) -> Floats:
-        return np.asarray(np.arctan2(radius, self._height(radius)))
+        return np.asarray(arctan2(radius, self._height(radius)))
 
     def _theta_slope(self, radius: Floats) -> Floats:
         """d(theta) / d(rho) = (f - rho f') / (rho^2 + f^2)."""

@@ -19,6 +19,7 @@ from catoptra_protocol.optics.curves import (
     fit_spline,
     solve_increasing,
 )
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
@@ -62,13 +63,13 @@ class RadialTableLens(CentredLens):
         last = self.angles_deg[-1]
         if last >= _ANTIPODE_DEG:
             return math.inf
-        return math.tan(0.5 * math.radians(last)) * (1.0 + 1e-12)
+        return tan(0.5 * math.radians(last)) * (1.0 + 1e-12)
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Image radius in the scale's unit. Domain: 0 <= t < t_limit."""
         require_angle(t, self.t_limit)
-        return _spline(self).evaluate(2.0 * np.arctan(t))[0]
+        return _spline(self).evaluate(2.0 * arctan(t))[0]
 
     @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -87,7 +88,7 @@ class RadialTableLens(CentredLens):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Scale's units per radian. Domain: 0 <= t < t_limit."""
         require_angle(t, self.t_limit)
-        return _spline(self).evaluate(2.0 * np.arctan(t))[1]
+        return _spline(self).evaluate(2.0 * arctan(t))[1]
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_radius,
@@ -25,7 +26,7 @@ class StereographicLens(CentredLens):
     @property
     def t_limit(self) -> float:
         """The antipode's tangent as a float: its image radius is infinite."""
-        return math.tan(0.5 * math.pi)
+        return tan(0.5 * math.pi)
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = 2 t. Domain: 0 <= t < inf."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
@@ -60,10 +61,8 @@ class UnifiedLens(CentredLens):
     def t_limit(self) -> float:
         """Half-angle tangent of the formula's limit or of the first fold."""
         fold_rad = self.fold_rad
-        limit = (
-            math.tan(0.5 * math.pi) if math.isinf(self.formula_t_limit) else self.formula_t_limit
-        )
-        return limit if math.isinf(fold_rad) else math.tan(0.5 * fold_rad)
+        limit = tan(0.5 * math.pi) if math.isinf(self.formula_t_limit) else self.formula_t_limit
+        return limit if math.isinf(fold_rad) else tan(0.5 * fold_rad)
 
     def undistorted_ratio_from_t(self, t: Floats) -> Floats:
         """Radius m before the distortion: 2 t / ((1 + xi) + (xi - 1) t^2).
@@ -121,10 +120,10 @@ class UnifiedLens(CentredLens):
         return numerator / denominator * (1.0 + q * (3.0 * self.k1 + 5.0 * self.k2 * q))
 
     def _radius_from_theta(self, theta: Floats) -> Floats:
-        return self.radius_ratio_from_t(np.tan(0.5 * theta))
+        return self.radius_ratio_from_t(tan(0.5 * theta))
 
     def _slope_from_theta(self, theta: Floats) -> Floats:
-        return self.radius_ratio_slope(np.tan(0.5 * theta))
+        return self.radius_ratio_slope(tan(0.5 * theta))
 
 
 @lru_cache(maxsize=64)
@@ -134,11 +133,11 @@ def _fold_rad(lens: UnifiedLens) -> float:
     if math.isinf(root):
         return NO_FOLD
     t = float(lens.t_from_undistorted_ratio(np.array(math.sqrt(root))))
-    return NO_FOLD if math.isinf(t) else 2.0 * math.atan(t)
+    return NO_FOLD if math.isinf(t) else 2.0 * arctan(t)
 
 
 @lru_cache(maxsize=64)
 def _table(lens: UnifiedLens) -> tuple[Floats, Floats]:
-    last_rad = 2.0 * math.atan(lens.t_limit)
+    last_rad = 2.0 * arctan(lens.t_limit)
     has_end = lens.xi > 1.0 or not math.isinf(lens.fold_rad)
     return tabulate(lens._radius_from_theta, 0.0, last_rad if has_end else last_rad * _NEAR_LIMIT)

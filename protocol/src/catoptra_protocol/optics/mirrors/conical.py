@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import cos, sin, tan
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror, Reflection, check_rim
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -45,7 +46,7 @@ class ConicalMirror(NonCentralMirror):
     @property
     def t_min(self) -> float:
         """Half-angle tangent at the apex, cot(alpha)."""
-        return 1.0 / math.tan(self.half_angle_rad)
+        return 1.0 / tan(self.half_angle_rad)
 
     @property
     def psi_limit(self) -> float:
@@ -55,8 +56,8 @@ class ConicalMirror(NonCentralMirror):
     def reflect(self, psi: Floats) -> Reflection:
         """Reflect camera rays. Domain: 0 <= psi < psi_limit."""
         theta = math.pi - 2.0 * self.half_angle_rad + psi
-        along = self.apex_distance_m * np.sin(psi) / np.sin(self.half_angle_rad - psi)
-        sine, cosine = math.sin(self.half_angle_rad), math.cos(self.half_angle_rad)
+        along = self.apex_distance_m * sin(psi) / sin(self.half_angle_rad - psi)
+        sine, cosine = sin(self.half_angle_rad), cos(self.half_angle_rad)
         return Reflection(
             theta, np.ones_like(psi), along * sine, self.apex_distance_m + along * cosine
         )

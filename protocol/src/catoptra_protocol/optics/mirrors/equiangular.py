@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import cos, power, sin
 from catoptra_protocol.optics.mirrors.non_central import (
     NonCentralMirror,
     Reflection,
@@ -47,6 +48,6 @@ class EquiangularMirror(NonCentralMirror):
     def reflect(self, psi: Floats) -> Reflection:
         """Reflect camera rays. Domain: 0 <= psi < psi_limit."""
         total = 1.0 + self.gain
-        distance = self.vertex_distance_m * np.cos(0.5 * total * psi) ** (-2.0 / total)
+        distance = self.vertex_distance_m * power(cos(0.5 * total * psi), -2.0 / total)
         slope = np.full_like(psi, self.gain)
-        return Reflection(self.gain * psi, slope, distance * np.sin(psi), distance * np.cos(psi))
+        return Reflection(self.gain * psi, slope, distance * sin(psi), distance * cos(psi))

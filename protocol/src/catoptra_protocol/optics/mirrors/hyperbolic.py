@@ -22,6 +22,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.mirrors.mirror import CentralMirror
 from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -108,7 +109,7 @@ class HyperbolicMirror(CentralMirror):
         """Half-angle tangent of r_i / h. Domain: 0 <= ratio < inf."""
         require_domain((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
         # Root of the quadratic in t with the signs that add; hypot is finite for any ratio.
-        return ratio / (self.kappa_s + np.hypot(self.kappa_s, self.kappa * ratio))
+        return ratio / (self.kappa_s + hypot(self.kappa_s, self.kappa * ratio))
 
     @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:

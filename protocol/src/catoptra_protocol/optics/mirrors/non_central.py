@@ -28,6 +28,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import solve_increasing, tabulate
+from catoptra_protocol.optics.elementary import arctan, cos, sin, tan
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -86,7 +87,7 @@ class NonCentralMirror(ABC):
     @property
     def t_limit(self) -> float:
         """Half-angle tangent just behind the rim."""
-        return math.tan(0.5 * self.rim_rad) * (1.0 + _SLACK)
+        return tan(0.5 * self.rim_rad) * (1.0 + _SLACK)
 
     @property
     def fold_rad(self) -> float:
@@ -100,7 +101,7 @@ class NonCentralMirror(ABC):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Image radius over the focal length, tan(psi). Domain: t_min <= t <= t_limit."""
-        return np.tan(self._psi_from_t(t))
+        return tan(self._psi_from_t(t))
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of an image radius; inf beyond the rim. Domain: ratio >= 0."""
@@ -109,7 +110,7 @@ class NonCentralMirror(ABC):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(tan(psi)) / d(theta). Domain: t_min <= t <= t_limit."""
         psi = self._psi_from_t(t)
-        slope: Floats = (1.0 + np.square(np.tan(psi))) / self.reflect(psi).slope
+        slope: Floats = (1.0 + np.square(tan(psi))) / self.reflect(psi).slope
         return slope
 
     def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
@@ -124,10 +125,10 @@ class NonCentralMirror(ABC):
         """
         require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
         last = _rim_psi(self)
-        psi = np.arctan(ratio)
+        psi = arctan(ratio)
         inside = psi <= last * (1.0 + _SLACK)
         reflection = self.reflect(np.minimum(psi, last))
-        t = np.where(inside, np.tan(0.5 * reflection.theta), math.inf)
+        t = np.where(inside, tan(0.5 * reflection.theta), math.inf)
         return t, reflection.r, self.pinhole_distance_m - reflection.depth
 
     def largest_miss_m(self, t: Floats) -> Floats:
@@ -139,7 +140,7 @@ class NonCentralMirror(ABC):
         low, high = self.t_min * (1.0 - _SLACK), self.t_limit * (1.0 + _SLACK)
         expected = f"a mirror's ray needs {low:g} <= t = tan(theta / 2) <= {high!r}, its rim"
         require_domain((t >= low) & (t <= high), t, expected)
-        theta = 2.0 * np.arctan(t)
+        theta = 2.0 * arctan(t)
         return solve_increasing(
             lambda psi: self.reflect(psi).theta,
             lambda psi: self.reflect(psi).slope,
@@ -171,7 +172,7 @@ def check_rim(mirror: NonCentralMirror) -> None:
 def _miss(reflection: Reflection, viewpoint_depth_m: float) -> Floats:
     """Signed distance of the viewpoint from each ray."""
     offset = viewpoint_depth_m - reflection.depth
-    return reflection.r * np.cos(reflection.theta) - offset * np.sin(reflection.theta)
+    return reflection.r * cos(reflection.theta) - offset * sin(reflection.theta)
 
 
 @lru_cache(maxsize=64)
@@ -181,7 +182,7 @@ def _angle_table(mirror: NonCentralMirror) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=64)
 def _rim_psi(mirror: NonCentralMirror) -> float:
-    return float(mirror._psi_from_t(np.array(math.tan(0.5 * mirror.rim_rad))))
+    return float(mirror._psi_from_t(np.array(tan(0.5 * mirror.rim_rad))))
 
 
 @lru_cache(maxsize=64)
@@ -189,14 +190,14 @@ def _viewpoint_depth_m(mirror: NonCentralMirror) -> float:
     """Depth of the effective viewpoint from the pinhole: a convex minimum, by golden section."""
     psi = np.linspace(0.0, _rim_psi(mirror), _NUM_RAYS)
     reflection = mirror.reflect(psi)
-    weight = (1.0 + np.square(np.tan(psi))) / reflection.slope
+    weight = (1.0 + np.square(tan(psi))) / reflection.slope
 
     def largest(depth_m: float) -> float:
         return float((weight * np.abs(_miss(reflection, depth_m))).max())
 
     # Rays meet the axis between these depths; those of the centre run along it.
-    sine = np.sin(reflection.theta[1:])
-    crossing = reflection.depth[1:] + reflection.r[1:] * np.cos(reflection.theta[1:]) / sine
+    sine = sin(reflection.theta[1:])
+    crossing = reflection.depth[1:] + reflection.r[1:] * cos(reflection.theta[1:]) / sine
     low, high = float(crossing.min()), float(crossing.max())
     for _ in range(_SECTION_STEPS):
         inner, outer = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

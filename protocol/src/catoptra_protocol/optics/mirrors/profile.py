@@ -22,6 +22,7 @@ from catoptra_protocol.optics.curves import (
     solve_increasing,
     tabulate,
 )
+from catoptra_protocol.optics.elementary import arctan, arctan2, tan
 from catoptra_protocol.optics.mirrors.non_central import (
     NonCentralMirror,
     Reflection,
@@ -64,7 +65,7 @@ class ProfileMirror(NonCentralMirror):
     @property
     def psi_limit(self) -> float:
         """Camera angle of the last knot."""
-        return math.atan2(self.radii_m[-1], self.vertex_distance_m + self.sags_m[-1])
+        return arctan2(self.radii_m[-1], self.vertex_distance_m + self.sags_m[-1])
 
     def reflect(self, psi: Floats) -> Reflection:
         """Reflect camera rays. Domain: 0 <= psi <= psi_limit."""
@@ -79,13 +80,13 @@ class ProfileMirror(NonCentralMirror):
             return (depth - radius * first) / np.square(depth)
 
         table = _tangent_table(self)
-        radius = solve_increasing(tangent, tangent_slope, np.tan(psi), table)
+        radius = solve_increasing(tangent, tangent_slope, tan(psi), table)
         sag, first, second = spline.evaluate(radius)
         depth = self.vertex_distance_m + sag
         # d(psi) / dr = d(tan(psi)) / dr cos^2(psi)
         psi_slope = tangent_slope(radius) / (1.0 + np.square(radius / depth))
         slope = 1.0 + 2.0 * second / (1.0 + np.square(first)) / psi_slope
-        return Reflection(psi + 2.0 * np.arctan(first), slope, radius, depth)
+        return Reflection(psi + 2.0 * arctan(first), slope, radius, depth)
 
 
 def _check_table(radii_m: tuple[float, ...], sags_m: tuple[float, ...]) -> None:
@@ -100,8 +101,8 @@ def _check_table(radii_m: tuple[float, ...], sags_m: tuple[float, ...]) -> None:
 def _angles(mirror: ProfileMirror, radius: Floats) -> tuple[Floats, Floats]:
     """Camera and scene angles of points of the surface."""
     sag, first, _ = _spline(mirror).evaluate(radius)
-    psi = np.arctan2(radius, mirror.vertex_distance_m + sag)
-    return psi, psi + 2.0 * np.arctan(first)
+    psi = arctan2(radius, mirror.vertex_distance_m + sag)
+    return psi, psi + 2.0 * arctan(first)
 
 
 @lru_cache(maxsize=64)

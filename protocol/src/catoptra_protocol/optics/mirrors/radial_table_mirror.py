@@ -21,8 +21,10 @@ from catoptra_protocol.optics.curves import (
     Symmetry,
     check_column,
     fit_spline,
+    gauss_legendre,
     solve_increasing,
 )
+from catoptra_protocol.optics.elementary import arctan, cos, exp, matmul, sin, tan
 from catoptra_protocol.optics.mirrors.non_central import (
     NonCentralMirror,
     Reflection,
@@ -36,7 +38,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 # fourth power, and is 1e-12 of the distance with so many.
 _MIN_INTERVALS = 4096
 # Nodes of Gauss and Legendre's rule in an interval: exact to a rounding.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+_NODES, _WEIGHTS = gauss_legendre(4)
 _SLACK = 1e-12
 
 
@@ -62,7 +64,7 @@ class RadialTableMirror(NonCentralMirror):
                 f"a table of {len(self.angles_deg)} angles needs as many image radii, not "
                 f"{len(self.image_radii)}"
             )
-        last_deg = self.angles_deg[-1] + math.degrees(math.atan(self.image_radii[-1]))
+        last_deg = self.angles_deg[-1] + math.degrees(arctan(self.image_radii[-1]))
         if last_deg >= 180.0:
             raise DomainError(
                 f"the last angle and that of its camera ray must be below 180 deg together, not "
@@ -74,11 +76,11 @@ class RadialTableMirror(NonCentralMirror):
     @property
     def psi_limit(self) -> float:
         """Camera angle just behind the last image radius."""
-        return math.atan(self.image_radii[-1]) * (1.0 + 2.0 * _SLACK)
+        return arctan(self.image_radii[-1]) * (1.0 + 2.0 * _SLACK)
 
     def reflect(self, psi: Floats) -> Reflection:
         """Reflect camera rays. Domain: 0 <= psi <= psi_limit."""
-        spline, tangent = _spline(self), np.tan(psi)
+        spline, tangent = _spline(self), tan(psi)
         theta = solve_increasing(
             lambda x: spline.evaluate(x)[0],
             lambda x: spline.evaluate(x)[1],
@@ -87,15 +89,15 @@ class RadialTableMirror(NonCentralMirror):
         )
         theta = np.reshape(theta, np.shape(psi))
         slope = (1.0 + np.square(tangent)) / spline.evaluate(theta)[1]
-        distance = self.vertex_distance_m * np.exp(_log_distance(self).evaluate(theta)[0])
-        return Reflection(theta, slope, distance * np.sin(psi), distance * np.cos(psi))
+        distance = self.vertex_distance_m * exp(_log_distance(self).evaluate(theta)[0])
+        return Reflection(theta, slope, distance * sin(psi), distance * cos(psi))
 
     def _psi_from_t(self, t: Floats) -> Floats:
         # The spline itself, without the inverse of its inverse.
         high = self.t_limit * (1.0 + _SLACK)
         expected = f"a mirror's ray needs 0 <= t = tan(theta / 2) <= {high!r}, its rim"
         require_domain((t >= 0.0) & (t <= high), t, expected)
-        psi: Floats = np.arctan(_spline(self).evaluate(2.0 * np.arctan(t))[0])
+        psi: Floats = arctan(_spline(self).evaluate(2.0 * arctan(t))[0])
         return psi
 
 
@@ -135,7 +137,7 @@ def _log_distance(mirror: RadialTableMirror) -> CubicSpline:
     theta = np.append(starts, spline.knots[-1])
     half = 0.5 * np.diff(theta)
     nodes = theta[:-1, None] + half[:, None] * (1.0 + _NODES)
-    areas = half * (_log_slope(spline, nodes) @ _WEIGHTS)
+    areas = half * matmul(_log_slope(spline, nodes), _WEIGHTS)
     values = np.append(0.0, np.cumsum(areas))
     return CubicSpline(theta, values, _log_slope(spline, theta))
 
@@ -144,4 +146,4 @@ def _log_slope(spline: CubicSpline, theta: Floats) -> Floats:
     """d(ln D) / d(theta)."""
     ratio, slope, _ = spline.evaluate(theta)
     psi_slope = slope / (1.0 + np.square(ratio))
-    return np.asarray(np.tan(0.5 * (theta + np.arctan(ratio))) * psi_slope)
+    return np.asarray(tan(0.5 * (theta + arctan(ratio))) * psi_slope)

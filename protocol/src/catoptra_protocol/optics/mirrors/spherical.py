@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import arcsin, cos, sin
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror, Reflection, check_rim
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -41,11 +42,11 @@ class SphericalMirror(NonCentralMirror):
     @property
     def psi_limit(self) -> float:
         """Camera angle of the sphere's outline."""
-        return math.asin(self.radius_m / self.centre_distance_m)
+        return arcsin(self.radius_m / self.centre_distance_m)
 
     def reflect(self, psi: Floats) -> Reflection:
         """Reflect camera rays. Domain: 0 <= psi <= psi_limit."""
-        sine, cosine = np.sin(psi), np.cos(psi)
+        sine, cosine = sin(psi), cos(psi)
         ratio = self.centre_distance_m / self.radius_m
         sine_i = np.minimum(ratio * sine, 1.0)
         cosine_i = np.sqrt((1.0 - sine_i) * (1.0 + sine_i))
@@ -54,5 +55,5 @@ class SphericalMirror(NonCentralMirror):
         distance = reach / (self.centre_distance_m * cosine + self.radius_m * cosine_i)
         with np.errstate(divide="ignore"):
             slope = 2.0 * ratio * cosine / cosine_i - 1.0
-        theta = 2.0 * np.arcsin(sine_i) - psi
+        theta = 2.0 * arcsin(sine_i) - psi
         return Reflection(theta, slope, distance * sine, distance * cosine)

@@ -26,8 +26,8 @@ _MIN_PYTHON = (3, 11)
 _TOPIC = "packages"
 _SYSTEMS = {
     ("Linux", "x86_64"): "trace by its native kernel, and raster; tested",
-    ("Linux", "aarch64"): "trace by its slow reference, and raster; not tested",
-    ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
+    ("Linux", "aarch64"): "trace by its native kernel, and raster; tested under emulation",
+    ("Darwin", "arm64"): "trace by its native kernel, no raster (EGL); not run",
     ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
 }
 # The part of PEP 508 that the pyproject files use. `packaging` has the whole, but is a package that

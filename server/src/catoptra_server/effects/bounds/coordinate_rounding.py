@@ -33,6 +33,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
@@ -59,7 +60,10 @@ def round_twist(twist: Twist) -> Twist:
     return Twist(_round_vector(twist.linear_m_s), _round_vector(twist.angular_rad_s))
 
 
-_STEPS_PER_OCTAVE = 8
+# From 1 / 2 up: eight powers of the eighth root of 2.
+_STEPS_OF_OCTAVE = tuple(
+    (0.5 * np.cumprod([1.0, *(math.sqrt(math.sqrt(math.sqrt(2.0))),) * 7])).tolist()
+)
 _STEPS_PER_VECTOR = 16
 
 # Below a nanometre a second there is only rounding, whose changing sign would change the bound.
@@ -67,7 +71,7 @@ _MIN_RATE = 1e-9
 
 
 def _round_vector(values: Vector3) -> Vector3:
-    length = math.hypot(*values)
+    length = hypot(*values)
     if length < _MIN_RATE:
         return 0.0, 0.0, 0.0
     # Steps of the whole vector, not of each component: a component near zero would otherwise pass
@@ -83,8 +87,9 @@ def _round_vector(values: Vector3) -> Vector3:
 def _round_value_down(value: float) -> float:
     if math.isinf(value):
         return value
-    eighths = math.floor(_STEPS_PER_OCTAVE * math.log2(max(value, MIN_DISTANCE_M)))
-    return max(math.exp2(eighths / _STEPS_PER_OCTAVE), MIN_DISTANCE_M)
+    fraction, exponent = math.frexp(max(value, MIN_DISTANCE_M))
+    step = max(step for step in _STEPS_OF_OCTAVE if step <= fraction)
+    return max(math.ldexp(step, exponent), MIN_DISTANCE_M)
 
 
 def _round_value_away(value: float) -> float:
@@ -92,8 +97,9 @@ def _round_value_away(value: float) -> float:
         return value
     if abs(value) < _MIN_RATE:
         return 0.0
-    eighths = math.ceil(_STEPS_PER_OCTAVE * math.log2(abs(value)))
-    return math.copysign(math.exp2(eighths / _STEPS_PER_OCTAVE), value)
+    fraction, exponent = math.frexp(abs(value))
+    step = min(step for step in (*_STEPS_OF_OCTAVE, 1.0) if step >= fraction)
+    return math.copysign(math.ldexp(step, exponent), value)
 
 
 _BoundT = TypeVar("_BoundT")
@@ -181,7 +187,7 @@ class CoordinateRounding:
             objects: Dynamic objects in view.
             errors: Errors of the renderer's coordinates.
         """
-        centre_m = math.dist(viewpoint.tolist(), self._centre.tolist())
+        centre_m = hypot(*(viewpoint - self._centre).tolist())
         miss_m = errors.miss_m / UNIT_ROUNDOFF
         position_m = errors.position_ulps * centre_m + miss_m
         angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, errors)
@@ -216,7 +222,9 @@ class CoordinateRounding:
             if one.mesh not in self._objects:
                 self._objects[one.mesh] = _NearTriangles(TriangleHierarchy(one.mesh.corners))
             pose = one.world_from_object
-            yield self._objects[one.mesh].proximity((viewpoint - pose.translation) @ pose.rotation)
+            yield self._objects[one.mesh].proximity(
+                matmul(viewpoint - pose.translation, pose.rotation)
+            )
 
 
 def _centre_distance_m(one: DynamicObject, point: list[float]) -> float:
@@ -224,7 +232,8 @@ def _centre_distance_m(one: DynamicObject, point: list[float]) -> float:
     # Plain floats: for all objects in every frame, in half the time of arrays of three.
     pose, (x, y, z) = one.world_from_object, one.mesh.centre.tolist()
     rows = zip(pose.rotation.tolist(), pose.translation.tolist(), strict=True)
-    return math.dist(point, [a * x + b * y + c * z + origin for (a, b, c), origin in rows])
+    centre = [a * x + b * y + c * z + origin for (a, b, c), origin in rows]
+    return float(hypot(*(p - q for p, q in zip(point, centre, strict=True))))
 
 
 class _Proximity(NamedTuple):
@@ -270,7 +279,7 @@ class _NearTriangles:
             return _Proximity()
         # A distance d is at least d - reach everywhere in the cell: 1 / d grows the more the
         # nearer, and the most for the nearest triangle.
-        reach_m = 0.5 * float(np.linalg.norm(sides))
+        reach_m = 0.5 * hypot(*sides)
         max_inverse = _MAX_CELL_LOSS / reach_m
         near = self._find_near_groups(centre, max_inverse)
         inverse, size = self._measure(centre, *near) if near is not None else (math.inf, math.inf)
@@ -345,7 +354,7 @@ def _bound_boxes(boxes: Floats, point: Floats) -> Floats:
     below, above = (boxes[:6] - np.concatenate((point, -point))[:, None]).reshape(2, 3, -1)
     # From the nearest point of a box, and from its farthest corner.
     sides = np.stack((np.maximum(np.maximum(below, above), 0.0), np.minimum(below, above)))
-    inverse = _invert(np.sqrt(np.einsum("kij,kij->kj", sides, sides)))
+    inverse = _invert(np.sqrt(einsum("kij,kij->kj", sides, sides)))
     return np.stack((inverse, inverse * -boxes[6]), axis=1)
 
 

@@ -22,6 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arccos, arctan, arctan2, cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -98,7 +99,7 @@ def rotation_to_axis(axis: Vector3) -> Floats:
     The smallest one keeps world-aligned boxes aligned under an upright mirror, where bounds of
     rotated boxes would be looser.
     """
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    x, y, z = np.asarray(axis) / hypot(*axis)
     # 1 / (1 + z) has a pole at the axis straight up, of a camera upside down: turn by half a
     # revolution first.
     if z < 0.0:
@@ -138,11 +139,11 @@ def image_rings(camera: RadialCamera) -> ImageRings:
     """Rings of a camera by its exact projection; a mesh may show a direction in the next ring."""
     radius_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
     t = camera.t_from_radius_px(radius_px)
-    edges_rad = 2.0 * np.arctan(t)
-    cosines = np.cos(edges_rad)
+    edges_rad = 2.0 * arctan(t)
+    cosines = cos(edges_rad)
     return ImageRings(
         edges_rad,
-        inverse_sines=1.0 / np.maximum(np.sin(edges_rad), _MIN_DIVISOR),
+        inverse_sines=1.0 / np.maximum(sin(edges_rad), _MIN_DIVISOR),
         inverse_cosines=1.0 / np.where(np.abs(cosines) < _MIN_DIVISOR, _MIN_DIVISOR, cosines),
     )
 
@@ -159,9 +160,9 @@ def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
     """
     near = np.maximum(np.maximum(low, -high), 0.0)
     far = np.maximum(-low, high)
-    rho_high = np.hypot(far[:, 0], far[:, 1])
+    rho_high = hypot(far[:, 0], far[:, 1])
     pad = _RELATIVE_PADDING * (rho_high + far[:, 2])
-    rho_low = np.maximum(np.hypot(near[:, 0], near[:, 1]) - pad, 0.0)
+    rho_low = np.maximum(hypot(near[:, 0], near[:, 1]) - pad, 0.0)
     return _rectangle_distance_bounds(
         (rho_low, rho_high + pad), (low[:, 2] - pad, high[:, 2] + pad), rings
     )
@@ -173,8 +174,8 @@ def _rectangle_distance_bounds(
     """(n, NUM_RINGS) distances of (rho, z) rectangles, each given from low to high."""
     # The z of the rectangle nearest to 0.
     level = np.maximum(z[0], 0.0) + np.minimum(z[1], 0.0)
-    direct = np.hypot(rho[0], level)[:, None]
-    theta = np.arctan2(rho[0], level)[:, None]
+    direct = hypot(rho[0], level)[:, None]
+    theta = arctan2(rho[0], level)[:, None]
     edges = rings.edges_rad
     inside = (edges[:-1] <= theta) & (theta <= edges[1:])
     # Along a border the ray is (r sin theta, r cos theta): r at the rectangle's four sides.
@@ -199,12 +200,12 @@ def _plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) 
     """
     # The point of a plane nearest along a ray at angle a from the normal is at d / cos a; a ring is
     # a range of such angles.
-    tilt = np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
+    tilt = arccos(np.clip(cosine, -1.0, 1.0))[:, None]
     edges = rings.edges_rad
     angle = np.maximum(
         np.maximum(edges[:-1] - tilt, tilt - edges[1:]) - 2.0 * _RELATIVE_PADDING, 0.0
     )
-    facing = np.cos(angle)
+    facing = cos(angle)
     bounds = np.where(facing > 0.0, distance[:, None] / np.maximum(facing, _MIN_DIVISOR), np.inf)
     return np.where(distance[:, None] > 0.0, (1.0 - _RELATIVE_PADDING) * bounds, 0.0)
 
@@ -292,8 +293,8 @@ def _bound_boxes(
 ) -> tuple[Floats, Bools]:
     """(m, NUM_RINGS) bounds of (7, m) boxes, and whether each looks large."""
     low, high = boxes[:3].T, -boxes[3:6].T
-    centre = (0.5 * (low + high) - viewpoints.centre) @ viewpoints.axis_rotation.T
-    half = (0.5 * (high - low) + viewpoints.half_extent) @ np.abs(viewpoints.axis_rotation).T
+    centre = matmul(0.5 * (low + high) - viewpoints.centre, viewpoints.axis_rotation.T)
+    half = matmul(0.5 * (high - low) + viewpoints.half_extent, np.abs(viewpoints.axis_rotation).T)
     bounds = box_distance_bounds(centre - half, centre + half, rings)
     diagonal = np.linalg.norm(high - low, axis=-1)
     return bounds, diagonal > _REFINE_SIZE * bounds.min(axis=1)
@@ -303,15 +304,17 @@ def _bound_triangles(corners: Floats, viewpoints: ViewpointBox, rings: ImageRing
     """(m, NUM_RINGS) bounds of (m, 3, 3) triangles."""
     normals, _ = facet_normals(corners)
     corners = corners - viewpoints.centre
-    rotated = corners @ viewpoints.axis_rotation.T
-    half = np.abs(viewpoints.axis_rotation) @ viewpoints.half_extent
+    rotated = matmul(corners, viewpoints.axis_rotation.T)
+    half = matmul(np.abs(viewpoints.axis_rotation), viewpoints.half_extent)
     to_box = box_distance_bounds(rotated.min(axis=1) - half, rotated.max(axis=1) + half, rings)
-    along = (corners @ normals[:, :, None])[..., 0]
+    along = (matmul(corners, normals[:, :, None]))[..., 0]
     in_front, behind = along.min(axis=1), -along.max(axis=1)
     distance = np.maximum(
-        np.maximum(in_front, behind) - np.abs(normals) @ viewpoints.half_extent, 0.0
+        np.maximum(in_front, behind) - matmul(np.abs(normals), viewpoints.half_extent), 0.0
     )
     # All corners lie on one side of a plane, and so does the triangle: this holds for any normal,
     # so a degenerate triangle's does no harm.
-    cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
+    cosine = (matmul(normals, viewpoints.axis_rotation[2])) * np.where(
+        in_front >= behind, 1.0, -1.0
+    )
     return np.maximum(to_box, _plane_distance_bounds(distance, cosine, rings))

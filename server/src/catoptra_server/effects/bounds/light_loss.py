@@ -23,13 +23,13 @@ lights from the nearest point of its bounding sphere.
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Collection
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.kernels.grey_levels import grey_level
@@ -100,12 +100,12 @@ class ObjectRadiances:
         # All at once: a few operations, however many objects and lamps there are.
         offsets = np.array([one.centre for one in objects])[:, None] - self._positions_m
         reach_m = [
-            one.mesh.radius_m + _MAX_OFFSET_S * math.hypot(*one.twist.linear_m_s) for one in objects
+            one.mesh.radius_m + _MAX_OFFSET_S * hypot(*one.twist.linear_m_s) for one in objects
         ]
         nearest_m = np.linalg.norm(offsets, axis=-1) - np.array(reach_m)[:, None]
         factors = 1.0 / np.square(np.maximum(nearest_m, MIN_LIGHT_DISTANCE_M))
         unlit, lit = np.array([_max_albedos(one.mesh) for one in objects]).transpose(1, 0, 2)
-        irradiance = self._irradiance + factors @ self._intensities
+        irradiance = self._irradiance + matmul(factors, self._intensities)
         return float(np.maximum(unlit, lit * irradiance).max())
 
     def _find_without_lamps(self, mesh: ObjectMesh) -> float:
@@ -151,9 +151,11 @@ def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) ->
     nearest_m = np.sqrt(np.square(outside).sum(axis=0))
     # The irradiance I h / d^3 of a facet grows towards the lamp, whose height above its plane is
     # the same all over it, and no greater than any distance.
-    height_m = np.maximum(-np.einsum("ni,in->n", normals, first), 0.0)
+    height_m = np.maximum(-einsum("ni,in->n", normals, first), 0.0)
     distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
-    irradiance: Floats = np.asarray(light.intensity) * (height_m / distance_m**3)[:, None]
+    irradiance: Floats = (
+        np.asarray(light.intensity) * (height_m / (distance_m * distance_m * distance_m))[:, None]
+    )
     return irradiance
 
 
@@ -233,18 +235,20 @@ class _Facets:
         corners = self.scene.corners[block]
         first = corners[:, 0]
         edges = (corners[:, 1] - first, corners[:, 2] - first)
-        reach_m = np.sqrt(np.maximum(*(np.einsum("ni,ni->n", edge, edge) for edge in edges)))
+        reach_m = np.sqrt(np.maximum(*(einsum("ni,ni->n", edge, edge) for edge in edges)))
         # (m, lamps), by products of matrices: differences of all vectors take three times as long.
         position = np.array([lamp.position_m for lamp in self.lamps]).T
-        height_m = normals @ position - np.einsum("ni,ni->n", normals, first)[:, None]
+        height_m = matmul(normals, position) - einsum("ni,ni->n", normals, first)[:, None]
         np.maximum(height_m, 0.0, out=height_m)
-        squared_m2 = np.square(position).sum(axis=0) - 2.0 * (first @ position)
-        squared_m2 += np.einsum("ni,ni->n", first, first)[:, None]
+        squared_m2 = np.square(position).sum(axis=0) - 2.0 * matmul(first, position)
+        squared_m2 += einsum("ni,ni->n", first, first)[:, None]
         nearest_m = np.sqrt(np.maximum(squared_m2, 0.0, out=squared_m2), out=squared_m2)
         nearest_m -= reach_m[:, None]
         distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
         factor = height_m / (distance_m * distance_m * distance_m)
-        return self._reflect(block, factor @ np.array([lamp.intensity for lamp in self.lamps]))
+        return self._reflect(
+            block, matmul(factor, np.array([lamp.intensity for lamp in self.lamps]))
+        )
 
     def bound(self, index: npt.NDArray[np.intp], corners: Floats) -> Floats:
         """(m,) largest radiance of (m, 3, 3) pieces of triangles, by their boxes."""

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arcsin, arctan, arctan2, dot, einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
@@ -214,11 +215,11 @@ def _max_distance_m(
     scene: SceneMesh, viewpoint: Floats, objects: tuple[DynamicObject, ...]
 ) -> float:
     """Distance from a (3,) viewpoint beyond which there is no surface, rounded up."""
-    of_scene = np.linalg.norm(np.maximum(viewpoint - scene.box_min, scene.box_max - viewpoint))
+    of_scene = hypot(*(np.maximum(viewpoint - scene.box_min, scene.box_max - viewpoint)))
     # An empty scene has an inverted, infinite box.
     farthest = float(of_scene) if math.isfinite(of_scene) else 0.0
     for dynamic_object in objects:
-        centre_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
+        centre_m = hypot(*(dynamic_object.centre - viewpoint))
         farthest = max(farthest, centre_m + dynamic_object.mesh.radius_m)
     return round_away_from_zero((farthest,))[0]
 
@@ -248,7 +249,7 @@ def _bound_self_view(
     own = body.world_from_object
     # The body's axes and its origin, in the mirror frame.
     rows = np.vstack((own.rotation.T, own.translation - world_from_mirror.translation))
-    values = (rows @ world_from_mirror.rotation).round(_DECIMALS).ravel()
+    values = matmul(rows, world_from_mirror.rotation).round(_DECIMALS).ravel()
     return _bound_mesh(body.mesh, tuple(values.tolist()), camera)
 
 
@@ -267,7 +268,7 @@ def _bound_mesh(
         return _NOT_VISIBLE
     distance = _min_distances(corners, pose.rotate_directions(mesh.normals))
     radius = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1) / camera.scale_px
-    border = 2.0 * np.arctan(camera.projection.t_from_radius_ratio(radius))
+    border = 2.0 * arctan(camera.projection.t_from_radius_ratio(radius))
     of_rings = (
         distance[(min_angle <= outer) & (max_angle >= inner)]
         for inner, outer in pairwise(border.tolist())
@@ -282,14 +283,14 @@ def _min_distances(corners: Floats, normals: Floats) -> Floats:
     The larger of the distances to the triangle's box and to its plane.
     """
     outside = np.maximum(np.maximum(corners.min(axis=1), -corners.max(axis=1)), 0.0)
-    to_plane = np.abs(np.einsum("ni,ni->n", normals, corners[:, 0]))
+    to_plane = np.abs(einsum("ni,ni->n", normals, corners[:, 0]))
     distance: Floats = np.maximum(np.linalg.norm(outside, axis=-1), to_plane)
     return distance
 
 
 def _max_angle_from_axis(corners: Floats) -> Floats:
     """(n,) largest angle from +z of any point of (n, 3, 3) triangles."""
-    angle = np.arctan2(np.hypot(corners[..., 0], corners[..., 1]), corners[..., 2])
+    angle = arctan2(hypot(corners[..., 0], corners[..., 1]), corners[..., 2])
     ends = np.roll(corners, -1, axis=1)
     farthest = np.maximum(angle.max(axis=1), _max_angle_on_edges(corners, ends).max(axis=1))
     return np.where(_contains_antipole(corners), math.pi, farthest)
@@ -301,18 +302,18 @@ def _max_angle_on_edges(starts: Floats, ends: Floats) -> Floats:
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal = normal / np.where(length > 0.0, length, 1.0)
     extreme = normal * normal[..., 2:] - np.array((0.0, 0.0, 1.0))
-    after = np.einsum("...i,...i", np.cross(starts, extreme), normal) > 0.0
-    before = np.einsum("...i,...i", np.cross(extreme, ends), normal) > 0.0
+    after = dot(np.cross(starts, extreme), normal) > 0.0
+    before = dot(np.cross(extreme, ends), normal) > 0.0
     # The extreme direction counts only between the ends, on the shorter arc.
     within = after & before & (length[..., 0] > 0.0)
-    return np.where(within, math.pi - np.arcsin(np.minimum(np.abs(normal[..., 2]), 1.0)), 0.0)
+    return np.where(within, math.pi - arcsin(np.minimum(np.abs(normal[..., 2]), 1.0)), 0.0)
 
 
 def _contains_antipole(corners: Floats) -> Bools:
     """(n,) triangles of (n, 3, 3) that the ray along -z intersects."""
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = np.stack([np.cross(p, q)[:, 2] for p, q in ((b, c), (c, a), (a, b))], axis=-1)
-    volume = np.einsum("ni,ni->n", a, np.cross(b, c))[:, None]
+    volume = einsum("ni,ni->n", a, np.cross(b, c))[:, None]
     # Barycentric weights of -z by Cramer's rule; all non-negative inside.
     weights = -sides * np.sign(volume)
     return np.asarray((weights >= 0.0).all(axis=-1) & (volume[:, 0] != 0.0))
@@ -363,12 +364,12 @@ class _DynamicObjectBounds:
         rings: ImageRings,
     ) -> Floats:
         centres, halves = self._mesh_boxes(dynamic_object.mesh)
-        axes = axis_rotation @ dynamic_object.world_from_object.rotation
-        centre = centres @ axes.T + axis_rotation @ (
-            dynamic_object.world_from_object.translation - viewpoint
+        axes = matmul(axis_rotation, dynamic_object.world_from_object.rotation)
+        centre = matmul(centres, axes.T) + matmul(
+            axis_rotation, dynamic_object.world_from_object.translation - viewpoint
         )
         # A rotated box lies in the box of its rotated half axes: |R| h.
-        half = halves @ np.abs(axes).T
+        half = matmul(halves, np.abs(axes).T)
         bounds: Floats = box_distance_bounds(centre - half, centre + half, rings).min(axis=0)
         return bounds
 
@@ -385,7 +386,5 @@ def _max_speed_m_s(dynamic_object: DynamicObject) -> float:
     sphere_centre = dynamic_object.twist.at_offset(
         dynamic_object.centre - dynamic_object.world_from_object.translation
     )
-    turning = (
-        float(np.linalg.norm(dynamic_object.twist.angular_rad_s)) * dynamic_object.mesh.radius_m
-    )
+    turning = hypot(*dynamic_object.twist.angular_rad_s) * dynamic_object.mesh.radius_m
     return sphere_centre.speed_m_s + turning

@@ -29,6 +29,7 @@ from itertools import product
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
@@ -164,14 +165,16 @@ class ShadowBounds:
             if isinstance(light, DirectionalLight):
                 lost += np.asarray(light.irradiance)
         for light, nearest in zip(self._point_lights, nearest_m, strict=True):
-            lost += np.asarray(light.intensity) / max(nearest, MIN_LIGHT_DISTANCE_M) ** 2
+            lost += np.asarray(light.intensity) / max(
+                nearest * nearest, MIN_LIGHT_DISTANCE_M * MIN_LIGHT_DISTANCE_M
+            )
         of_objects = max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
         return max((self._full_shadow, of_objects), key=grey_level_change)
 
 
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:
     position = np.asarray(light.position_m)
-    return min(float(np.linalg.norm(position - one.centre)) - one.mesh.radius_m for one in objects)
+    return min(hypot(*(position - one.centre)) - one.mesh.radius_m for one in objects)
 
 
 # A tenth of a second; beyond, a box stands for the corners.
@@ -233,18 +236,18 @@ def _extreme_points(corners: Floats, mask: Bools, *, num_planes: int) -> Floats:
 def _reach_planes(normals: Floats, on_planes: Floats, points: Floats) -> Bools:
     """(k,) whether any of (m, 3) points lies in front of planes with (k, 3) normals and points."""
     # Points first: a maximum along a short last axis takes ten times as long.
-    farthest = (points @ normals.T).max(axis=0, initial=-np.inf)
-    is_passed: Bools = farthest - np.einsum("ki,ki->k", normals, on_planes) > _IN_PLANE_M
+    farthest = (matmul(points, normals.T)).max(axis=0, initial=-np.inf)
+    is_passed: Bools = farthest - einsum("ki,ki->k", normals, on_planes) > _IN_PLANE_M
     return is_passed
 
 
 def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
     """(n,) signed distance of the light from each plane; a cosine for directional lights."""
     if isinstance(light, DirectionalLight):
-        cosine: Floats = -(scene.normals @ np.asarray(light.direction))
+        cosine: Floats = -matmul(scene.normals, np.asarray(light.direction))
         return cosine
     to_light = np.asarray(light.position_m) - scene.corners[:, 0]
-    height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
+    height: Floats = einsum("ni,ni->n", scene.normals, to_light)
     return height
 
 
@@ -279,7 +282,7 @@ class LightShafts:
         sides, offsets = self._find_sides(corners)
         # In front of the receiver, and within the shaft.
         planes = np.concatenate((normals[:, None], sides), axis=1)
-        offsets = np.column_stack((np.einsum("ki,ki->k", normals, corners[:, 0]), offsets))
+        offsets = np.column_stack((einsum("ki,ki->k", normals, corners[:, 0]), offsets))
         top = len(self._triangles.levels) - 1
         roots = np.indices((len(receivers), self._triangles.levels[top].shape[1])).reshape(2, -1)
         pending = [(top, *roots)]
@@ -315,7 +318,7 @@ class LightShafts:
         receiver, triangles = receiver[is_kept], triangles[is_kept]
         of_receivers = receivers[receiver]
         casters, away = self._scene.corners[triangles], self._scene.normals[triangles]
-        height = np.einsum("pi,pi->p", away, self._towards(casters[:, 0]))
+        height = einsum("pi,pi->p", away, self._towards(casters[:, 0]))
         # Turned away from the light: what the caster can hide lies in front.
         away = -np.sign(height)[:, None] * away
         shaded, normals = self._scene.corners[of_receivers], self._scene.normals[of_receivers]
@@ -335,7 +338,7 @@ class LightShafts:
     def _reach_into(self, shafts: Floats, triangles: Floats) -> Bools:
         """(k,) whether (k, 3, 3) triangles reach into the shafts of others, by their sides."""
         sides, offsets = self._find_sides(shafts)
-        reach = np.einsum("kei,kci->kec", sides, triangles).max(axis=-1)
+        reach = einsum("kei,kci->kec", sides, triangles).max(axis=-1)
         is_inside: Bools = (reach - offsets > _IN_PLANE_M).all(axis=-1)
         return is_inside
 
@@ -350,23 +353,23 @@ class LightShafts:
         sides = np.cross(second - first, self._towards(first))
         length = np.linalg.norm(sides, axis=-1, keepdims=True)
         sides = np.divide(sides, length, out=np.zeros_like(sides), where=length > 0.0)
-        inward = np.einsum("kei,kei->ke", sides, third - first)
+        inward = einsum("kei,kei->ke", sides, third - first)
         sides *= np.sign(inward)[..., None]
         # A side of no area separates nothing.
-        offsets = np.where(inward == 0.0, -np.inf, np.einsum("kei,kei->ke", sides, first))
+        offsets = np.where(inward == 0.0, -np.inf, einsum("kei,kei->ke", sides, first))
         return sides, offsets
 
 
 def _reach_above(triangles: Floats, normals: Floats, others: Floats) -> Bools:
     """(p,) whether (p, 3, 3) triangles reach before the planes of others with (p, 3) normals."""
-    reach = np.einsum("pci,pi->pc", triangles, normals).max(axis=1)
-    is_above: Bools = reach - np.einsum("pi,pi->p", normals, others[:, 0]) > _IN_PLANE_M
+    reach = einsum("pci,pi->pc", triangles, normals).max(axis=1)
+    is_above: Bools = reach - einsum("pi,pi->p", normals, others[:, 0]) > _IN_PLANE_M
     return is_above
 
 
 def _reach_of_boxes(boxes: Floats, directions: Floats) -> Floats:
     """(p, d) largest products of the points in (6, p) boxes with (p, d, 3) directions."""
     low, high = boxes[:3].T, -boxes[3:].T
-    centre = np.einsum("pdi,pi->pd", directions, 0.5 * (low + high))
-    reach: Floats = centre + np.einsum("pdi,pi->pd", np.abs(directions), 0.5 * (high - low))
+    centre = einsum("pdi,pi->pd", directions, 0.5 * (low + high))
+    reach: Floats = centre + einsum("pdi,pi->pd", np.abs(directions), 0.5 * (high - low))
     return reach

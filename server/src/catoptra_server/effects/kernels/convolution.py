@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import arcsin, interpolate_linear, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import Real
@@ -180,7 +181,8 @@ class DiscKernelTable:
             other_px: Diameter of the other disc.
         """
         rows = table_row(np.array((one_px, other_px)))
-        between = np.interp(rows, np.arange(len(self.weights)), _summed_exchanges(self))
+        exchanges = _summed_exchanges(self)
+        between = interpolate_linear(rows, np.arange(float(len(exchanges))), exchanges)
         return min(1.0, abs(float(between[1] - between[0])))
 
     def float32_weights(self) -> npt.NDArray[np.float32]:
@@ -209,7 +211,7 @@ def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
     laid_variance = _variances(fractions, half_width)
     # Inverted by interpolation: the variance grows steadily with the laid diameter.
     weights = np.stack(
-        [np.interp(variance, laid_variance, fraction) for fraction in fractions.T], axis=-1
+        [interpolate_linear(variance, laid_variance, fraction) for fraction in fractions.T], axis=-1
     )
     half_width = _half_width(weights, half_width)
     weights = np.ascontiguousarray(weights[:, : _num_offset_pairs(half_width)])
@@ -230,7 +232,7 @@ def _half_width(weights: Floats, half_width_px: int) -> int:
 def _summed_exchanges(table: DiscKernelTable) -> Floats:
     """Half the sums of |w - w'| between neighbouring rows, summed from row 0, (rows,)."""
     multiplicities = pair_multiplicities(table.half_width_px)
-    steps = 0.5 * (np.abs(np.diff(table.weights, axis=0)) @ multiplicities)
+    steps = 0.5 * matmul(np.abs(np.diff(table.weights, axis=0)), multiplicities)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
@@ -267,12 +269,12 @@ def _corner_area(x: Floats, y: Floats, radius: Floats) -> Floats:
 def _circle_integral(x: Floats, radius: Floats) -> Floats:
     """Integral of the circle's ordinate from 0 to x."""
     chord = np.sqrt(np.maximum(np.square(radius) - np.square(x), 0.0))
-    area: Floats = 0.5 * (x * chord + np.square(radius) * np.arcsin(np.minimum(x / radius, 1.0)))
+    area: Floats = 0.5 * (x * chord + np.square(radius) * arcsin(np.minimum(x / radius, 1.0)))
     return area
 
 
 def _variances(weights: Floats, half_width_px: int) -> Floats:
     """Variances along an axis, (n,), px^2, of kernels of (n, pairs) weights."""
     squares = np.array([0.5 * (i * i + j * j) for i, j in offset_pairs(half_width_px)])
-    variances: Floats = weights @ (squares * pair_multiplicities(half_width_px))
+    variances: Floats = matmul(weights, squares * pair_multiplicities(half_width_px))
     return variances

@@ -21,6 +21,7 @@ from functools import cache, lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import dot, exp, ln
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
@@ -87,7 +88,7 @@ def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float
     brightest = min(max_radiance, 1.0)
     # Geometric spacing is fine in the dark, where the sRGB curve is steepest; between two of these
     # radiances a smooth offset changes the result by less than a thousandth.
-    radiance = np.concatenate(([0.0], np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * brightest))
+    radiance = np.append(0.0, exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest)
     shift = offset(radiance)
     levels = 255.0 * srgb_from_linear(np.stack((radiance, radiance + shift, radiance - shift)))
     return float(np.abs(levels[1:] - levels[0]).max())
@@ -101,7 +102,7 @@ def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
     """Mean luminance of the pixels that a mirror or lens shows anything in."""
     # Summed in float64 for any image, so a float32 image and its reference have one gain.
     colours = image.sum(axis=(0, 1), dtype=np.float64)
-    return float(colours @ _LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
+    return float(dot(colours, np.array(_LUMINANCE_WEIGHTS))) / max(count_valid_pixels(camera), 1)
 
 
 @lru_cache(maxsize=16)

@@ -44,6 +44,7 @@ from typing import TypeGuard
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.image_plane import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -185,8 +186,8 @@ def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> 
         distance_m: Distance from the mirror's point; inf is allowed.
     """
     r, z = camera.mirror.surface_point(t)
-    rho, depth = np.hypot(r, z), camera.mirror.pinhole_distance_m - z
-    q = np.hypot(r, depth)
+    rho, depth = hypot(r, z), camera.mirror.pinhole_distance_m - z
+    q = hypot(r, depth)
     behind: Floats = 1.0 / (1.0 / distance_m + (1.0 / rho - 1.0 / q))
     return depth + behind * depth / q
 
@@ -245,7 +246,7 @@ def map_of_radius(
     v = np.abs(np.arange(camera.height_px) + 0.5 - camera.centre_px[1])
     distances_u, columns = np.unique(u, return_inverse=True)
     distances_v, rows = np.unique(v, return_inverse=True)
-    quarter = function(np.hypot(distances_u, distances_v[:, None]))
+    quarter = function(hypot(distances_u, distances_v[:, None]))
     # Columns first: rows are then copied as a whole.
     return quarter.take(columns, axis=1).take(rows, axis=0)
 
@@ -255,7 +256,7 @@ def interior_mask(camera: RadialCamera) -> Bools:
     """Pixels, (h, w), whose whole square shows something: sees the mirror, where there is one."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < _interior_radius_px(camera) ** 2
+    interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < np.square(_interior_radius_px(camera))
     interior.setflags(write=False)
     return interior
 
@@ -263,7 +264,7 @@ def interior_mask(camera: RadialCamera) -> Bools:
 def _interior_radius_px(camera: RadialCamera) -> float:
     """Largest image radius of the centre of a pixel whose whole square shows something."""
     u, v = camera.centre_px
-    corner_px = math.hypot(max(u, camera.width_px - u), max(v, camera.height_px - v))
+    corner_px = hypot(max(u, camera.width_px - u), max(v, camera.height_px - v))
     # No rim in the image: all pixels, those in the corners included.
     if corner_px <= camera.rim_radius_px:
         return corner_px
@@ -293,12 +294,12 @@ def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _Virtua
     """Virtual image of infinity at image radii up to the rim."""
     t = camera.t_from_radius_px(radius_px)
     r, z = camera.mirror.surface_point(t)
-    rho = np.hypot(r, z)
+    rho = hypot(r, z)
     if math.isinf(camera.mirror.pinhole_distance_m):
         # The limit q -> inf: P = 1/rho, and the image of infinity lies rho behind the surface.
         return _VirtualImage(rho, 1.0 / rho, np.ones_like(rho), z - rho)
     depth = camera.mirror.pinhole_distance_m - z
-    q = np.hypot(r, depth)
+    q = hypot(r, depth)
     focus_coordinate = 1.0 / virtual_image_depth_m(camera, t, np.array(math.inf))
     return _VirtualImage(rho, 1.0 / rho - 1.0 / q, depth / q, focus_coordinate)
 
@@ -311,7 +312,7 @@ def _px_per_focus_coordinate(
         # m^2 / (N pitch) with m = pitch px_per_m.
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
-        return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
+        return px_per_m * px_per_m * aperture.pixel_pitch_m / aperture.f_number
     return _thin_lens_px_m(aperture, camera, focus_coordinate)
 
 
@@ -332,7 +333,7 @@ def _thin_lens_circle_of_confusion(
     inverse_cosine = ones
     if isinstance(camera, PerspectiveCamera):
         # 1 / cos(theta) turns the inverse range into the inverse depth.
-        inverse_cosine = np.hypot(1.0, radius_px * camera.inverse_focal_length)
+        inverse_cosine = hypot(1.0, radius_px * camera.inverse_focal_length)
     return CircleOfConfusion(
         infinity_diameter_px=ones * (-px_m * focus),
         near_px=px_m * inverse_cosine,

@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import cos, hypot, interpolate_linear, ln, matmul, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -48,12 +49,16 @@ class Contaminants:
         """Diameters, (n,), of the particles on a surface, in ascending order."""
         covered_m2 = self.coverage * area_m2
         # The mean square of an exponential distribution is twice the square of its mean.
-        expected = covered_m2 / (0.5 * math.pi * self.mean_particle_diameter_m**2)
+        expected = covered_m2 / (
+            0.5 * math.pi * self.mean_particle_diameter_m * self.mean_particle_diameter_m
+        )
         # Any coverage above 0 has at least one particle.
         count = min(round(expected) or math.ceil(expected), _MAX_PARTICLES)
         sizes = _exponential_quantiles(count)
         # Rescaled so that the areas sum to the coverage exactly, whatever the rounded count.
-        scale = math.sqrt(covered_m2 / (0.25 * math.pi * float(sizes @ sizes))) if count else 0.0
+        scale = (
+            math.sqrt(covered_m2 / (0.25 * math.pi * float(matmul(sizes, sizes)))) if count else 0.0
+        )
         return scale * sizes
 
     def scratch_lengths_m(self) -> Floats:
@@ -99,7 +104,7 @@ def particle_cells(
         outward = radius_px[chosen, None] + size * radial[chosen, None] * x
         sideways = size * tangential[chosen, None] * y
         azimuth = 2.0 * np.pi * turn[chosen, None]
-        cosine, sine = np.cos(azimuth), np.sin(azimuth)
+        cosine, sine = cos(azimuth), sin(azimuth)
         # The particle's exact image area, shared by the cells: the raster of cells loses none.
         area = 0.25 * np.pi * np.square(size) * (radial * tangential)[chosen, None] / len(x)
         side_px = np.broadcast_to(np.sqrt(area), outward.shape)
@@ -134,8 +139,8 @@ def scratch_cells(
         along, across = np.meshgrid(
             length * _cell_centres(columns), contaminants.scratch_width_m * _cell_centres(rows)
         )
-        x = r * np.cos(azimuth) + along * np.cos(direction) - across * np.sin(direction)
-        y = r * np.sin(azimuth) + along * np.sin(direction) + across * np.cos(direction)
+        x = r * cos(azimuth) + along * cos(direction) - across * sin(direction)
+        y = r * sin(azimuth) + along * sin(direction) + across * cos(direction)
         cell_m2 = length * contaminants.scratch_width_m / (columns * rows)
         parts.append(_project_cells(x.ravel(), y.ravel(), cell_m2, surface_table))
     return _join_cells(parts, camera)
@@ -195,13 +200,15 @@ class _MirrorSurfaceTable:
         """Plan radius, m, within which a fraction of the surface lies."""
         # Near the axis areas grow with the square of the radius: in the square roots the relation
         # is nearly linear and interpolates well.
-        r: Floats = np.interp(np.sqrt(area_fraction), np.sqrt(self.area_fraction), self.r_m)
+        r: Floats = interpolate_linear(
+            np.sqrt(area_fraction), np.sqrt(self.area_fraction), self.r_m
+        )
         return r
 
     def interpolate(self, r_m: Floats) -> tuple[Floats, Floats, Floats]:
         """Image radius in px, radial and tangential px per metre of surface, at plan radii."""
         radius, radial, tangential = (
-            np.interp(r_m, self.r_m, values)
+            interpolate_linear(r_m, self.r_m, values)
             for values in (self.image_radius_px, self.radial_px_per_m, self.tangential_px_per_m)
         )
         return radius, radial, tangential
@@ -213,7 +220,7 @@ def mirror_surface_table(camera: OmniCamera) -> _MirrorSurfaceTable:
     t = np.linspace(0.0, camera.rim_t, _NUM_RINGS)
     r, z = camera.mirror.surface_point(t)
     radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
-    arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))))
+    arc = np.concatenate(([0.0], np.cumsum(hypot(np.diff(r), np.diff(z)))))
     # Exact lateral areas of the cone frusta between rings.
     rings = np.pi * (r[1:] + r[:-1]) * np.diff(arc)
     area = np.concatenate(([0.0], np.cumsum(rings)))
@@ -249,11 +256,11 @@ def _project_cells(
     Returns:
         (3, n): u and v from the image centre, px, and side, px, of the cells within the rim.
     """
-    r = np.hypot(x, y)
+    r = hypot(x, y)
     x, y, r = (values[r <= surface_table.r_m[-1]] for values in (x, y, r))
     _, _, tangential = surface_table.interpolate(r)
     # A scratch is measured in plan, so its area scales by the plan radius, not the meridian.
-    plan_radial = np.interp(r, surface_table.r_m, surface_table.plan_radial_px_per_m)
+    plan_radial = interpolate_linear(r, surface_table.r_m, surface_table.plan_radial_px_per_m)
     # Image radius over plan radius is the tangential scale: both directions scale by it.
     return np.stack((tangential * x, tangential * y, np.sqrt(cell_m2 * plan_radial * tangential)))
 
@@ -268,7 +275,7 @@ def _join_cells(parts: list[Floats], camera: OmniCamera) -> ContaminantCells:
 def _disc_cell_centres(cells_per_side: int) -> tuple[Floats, Floats]:
     """Centres of the cells, of cells_per_side^2, that lie in a disc of diameter 1."""
     y, x = np.meshgrid(_cell_centres(cells_per_side), _cell_centres(cells_per_side))
-    inside = np.hypot(x, y) <= 0.5
+    inside = hypot(x, y) <= 0.5
     return x[inside], y[inside]
 
 
@@ -279,8 +286,7 @@ def _cell_centres(count: int) -> Floats:
 
 def _exponential_quantiles(count: int) -> Floats:
     """Quantiles (i + 1/2) / count of the exponential distribution of mean 1."""
-    quantile = (np.arange(count) + 0.5) / max(count, 1)
-    return -np.log1p(-quantile)
+    return -ln((np.arange(count, 0, -1) - 0.5) / max(count, 1))
 
 
 def _uniform_variates(count: int, key: UInt32Array) -> tuple[Floats, Floats, Floats]:

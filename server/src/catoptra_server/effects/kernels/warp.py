@@ -26,6 +26,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import cos, hypot, interpolate_linear, matmul, sin
 from catoptra_protocol.optics.image_plane import compute_image_scale, pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
@@ -175,9 +176,10 @@ def _meet_mirror(camera: OmniCamera, origin: Floats, direction: Floats) -> tuple
     to_plane = (origin[2] - vertex_m) / np.where(falls, -direction[2], 1.0)
     start = origin + to_plane * direction
     dx, dy, dz = direction
-    a = inverse**2 * (dx * dx + dy * dy) - (1.0 - inverse) * (1.0 + inverse) * dz * dz
-    b = inverse**2 * (start[0] * dx + start[1] * dy) + inverse * (1.0 + inverse) * vertex_m * dz
-    c = inverse**2 * (start[0] * start[0] + start[1] * start[1])
+    square = inverse * inverse
+    a = square * (dx * dx + dy * dy) - (1.0 - inverse) * (1.0 + inverse) * dz * dz
+    b = square * (start[0] * dx + start[1] * dy) + inverse * (1.0 + inverse) * vertex_m * dz
+    c = square * (start[0] * start[0] + start[1] * start[1])
     discriminant = b * b - a * c
     root = np.sqrt(np.maximum(discriminant, 0.0))
     # Two forms of the root where the ray enters: the one for the sign of b does not cancel.
@@ -193,7 +195,7 @@ def _camera_rays(
     """Origins and directions, (3, ...) each, in the mirror frame."""
     # Directions have length 1 along the camera's own axis.
     du, dv = np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0)
-    cosine, sine = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    cosine, sine = cos(camera.image_up_azimuth_rad), sin(camera.image_up_azimuth_rad)
     x, y, zero = sine * du - cosine * dv, -cosine * du - sine * dv, np.zeros_like(du)
     rotation = rotation_from_rpy(pose_offset.roll_rad, pose_offset.pitch_rad, 0.0)
     translation = _column_vector(pose_offset.translation_m, du.ndim)
@@ -226,8 +228,7 @@ def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Float
 
 
 def _rotate(rotation: Floats, vectors: Floats) -> Floats:
-    rotated: Floats = np.tensordot(rotation, vectors, axes=1)
-    return rotated
+    return np.moveaxis(matmul(np.moveaxis(vectors, 0, -1), rotation.T), -1, 0)
 
 
 def _dot(one: Floats, other: Floats) -> Floats:
@@ -270,7 +271,7 @@ def _max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
     x, y, z = summary.scene_twist.angular_rad_s
     # An infinite distance gives a rate of 0: a world without anything near needs no special case.
     rates = summary.scene_twist.speed_m_s / np.asarray(summary.min_distances_m)
-    rates = rates + np.asarray(summary.max_object_rates_rad_s) + math.hypot(x, y)
+    rates = rates + np.asarray(summary.max_object_rates_rad_s) + hypot(x, y)
     # The turn about the axis acts by the radius itself: near the image centre that is far less
     # than px per radian.
     speeds: Floats = rates * scale + abs(z) * radius_px
@@ -291,7 +292,7 @@ def ring_scales_and_radii(camera: RadialCamera) -> tuple[Floats, Floats]:
     # The maximum of a ring may lie on its edge, between two sampled radii: both edges belong to
     # each ring.
     radii = np.concatenate((radius_px, edges_px))
-    at_edges = np.interp(edges_px, radius_px, largest)
+    at_edges = interpolate_linear(edges_px, radius_px, largest)
     values = np.concatenate((largest, at_edges))
     rings = [
         values[(inner <= radii) & (radii <= outer)].max() for inner, outer in pairwise(edges_px)
@@ -305,7 +306,7 @@ def _describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str
     parts = []
     if summary.scene_twist.speed_m_s > 0.0 and math.isfinite(min_distance_m):
         parts.append(f"up to {summary.scene_twist.speed_m_s:.2g} m/s at {min_distance_m:.2g} m")
-    turn = math.degrees(math.hypot(*summary.scene_twist.angular_rad_s))
+    turn = math.degrees(hypot(*summary.scene_twist.angular_rad_s))
     if turn > 0.0:
         parts.append(f"turns by up to {turn:.3g} degrees/s")
     object_rate_rad_s = summary.max_object_rates_rad_s[ring]

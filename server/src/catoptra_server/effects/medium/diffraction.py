@@ -22,6 +22,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.curves import gauss_legendre
+from catoptra_protocol.optics.elementary import cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -115,7 +117,7 @@ def kernel_half_width_px(effect: Diffraction) -> int:
 def kernel_weights(effect: Diffraction) -> Floats:
     """Weights of each colour, (pairs, 3), whose sum over all pixels is 1."""
     weights = effect.airy_pattern()
-    weights /= pair_multiplicities(kernel_half_width_px(effect)) @ weights
+    weights /= matmul(pair_multiplicities(kernel_half_width_px(effect)), weights)
     weights.setflags(write=False)
     return weights
 
@@ -133,15 +135,17 @@ def _integrals_of_point(half_width_px: int, lambda_n_px: float) -> Floats:
     J1(v)^2 is 1 / (pi v) in the mean for large v, so the intensity is lambda_n_px / (pi^3 r^3) per
     px^2; what is left is in the central pixel.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(24)
+    nodes, weights = gauss_legendre(24)
     position, weight = 0.5 * nodes, 0.5 * weights
     integrals = np.zeros(len(pair_multiplicities(half_width_px)))
     for pair, (i, j) in enumerate(offset_pairs(half_width_px)):
         if pair:
-            radius_px = np.hypot((i + position)[:, None], j + position)
-            intensity = lambda_n_px / (math.pi**3 * radius_px**3)
-            integrals[pair] = weight @ intensity @ weight
-    integrals[0] = 1.0 - pair_multiplicities(half_width_px) @ integrals
+            radius_px = hypot((i + position)[:, None], j + position)
+            intensity = lambda_n_px / (
+                math.pi * math.pi * math.pi * radius_px * radius_px * radius_px
+            )
+            integrals[pair] = matmul(matmul(weight, intensity), weight)
+    integrals[0] = 1.0 - matmul(pair_multiplicities(half_width_px), integrals)
     return integrals
 
 
@@ -149,19 +153,21 @@ def _integrals_by_quadrature(half_width_px: int, lambda_n_px: float) -> Floats:
     """Integrals over pixels by Gauss-Legendre quadrature."""
     # Nodes by the pattern's scale: a large pixel pitch packs several rings into one pixel.
     count = 8 + math.ceil(math.pi / lambda_n_px / _MAX_STEP_RAD)
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = gauss_legendre(count)
     position, weight = 0.5 * nodes, 0.5 * weights
     intensities = [
-        _airy_intensity(np.hypot((i + position)[:, None], j + position), lambda_n_px)
+        _airy_intensity(hypot((i + position)[:, None], j + position), lambda_n_px)
         for i, j in offset_pairs(half_width_px)
     ]
-    return np.array([weight @ intensity @ weight for intensity in intensities])
+    return np.array([matmul(matmul(weight, intensity), weight) for intensity in intensities])
 
 
 def _airy_intensity(radius_px: Floats, lambda_n_px: float) -> Floats:
     """Fraction of light per px^2 at a radius; the total is 4 / pi lambda_n_px^2 of the centre's."""
     v = math.pi * radius_px / lambda_n_px
-    intensity: Floats = np.square(_twice_j1_over(v)) * (0.25 * math.pi / lambda_n_px**2)
+    intensity: Floats = np.square(_twice_j1_over(v)) * (
+        0.25 * math.pi / (lambda_n_px * lambda_n_px)
+    )
     return intensity
 
 
@@ -176,7 +182,7 @@ def _twice_j1_over(v: Floats) -> Floats:
     angles = (np.arange(count) + 0.5) * (math.pi / count)
     total = np.zeros_like(v)
     for angle in angles:
-        total += np.cos(v * math.cos(angle)) * (2.0 * math.sin(angle) ** 2 / count)
+        total += cos(v * cos(angle)) * (2.0 * sin(angle) * sin(angle) / count)
     return total
 
 

@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import dot, hypot
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -82,13 +83,13 @@ class Misalignment:
         lookup = lookup_offset_map(self, camera)
         valid = lookup[..., 2] > 0.0
         # The map itself is bounded, not the optics: its rounding to float32 is below a part in 1e7.
-        displacement_px = math.hypot(camera.width_px, camera.height_px)
+        displacement_px = hypot(camera.width_px, camera.height_px)
         if valid.any():
             # Invalid pixels have 0.
-            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1]).max())
+            displacement_px = float(np.sqrt(dot(lookup[..., :2], lookup[..., :2])).max())
         turns_black = bool((valid_pixels(camera) & ~valid).any())
-        offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
-        tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
+        offset_mm = 1e3 * hypot(*self.camera_pose_offset.translation_m)
+        tilt = math.degrees(hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
         return EffectBound(
             max_change_by_exchange(1.0, summary.max_radiance)

@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import hypot, ln
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
@@ -63,7 +64,7 @@ from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
 from catoptra_server.world.objects import NoiseSeed
 
 # Logarithm of the number of pixels of which none exceeds the maximum coverage.
-_LOG_RARITY = math.log(1e12)
+_LOG_RARITY = ln(1e12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +140,13 @@ def max_coverage(effect: MirrorDust, camera: OmniCamera) -> float:
     diameters = contaminants.particle_diameters_m(surface_table.area_m2)
     dust = 0.0
     if len(diameters):
-        largest_px2 = 0.25 * math.pi * diameters[-1] ** 2 * surface_table.max_px2_per_m2
+        largest_px2 = 0.25 * math.pi * diameters[-1] * diameters[-1] * surface_table.max_px2_per_m2
         particle = min(1.0, largest_px2 * peak)
         # Bernstein's inequality: the mean is the coverage, and no particle adds more than the
         # largest one does.
         third = particle * _LOG_RARITY / 3.0
         spread = math.sqrt(2 * contaminants.coverage * particle * _LOG_RARITY)
-        crowd = contaminants.coverage + third + math.hypot(third, spread)
+        crowd = contaminants.coverage + third + hypot(third, spread)
         # Few particles cannot cover more than all of them in one pixel.
         dust = min(len(diameters) * particle, crowd)
     width_px = contaminants.scratch_width_m * surface_table.max_px_per_m
@@ -189,7 +190,7 @@ def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
         within_px = np.minimum(radius_px, camera.rim_radius_px)
         t = camera.projection.t_from_radius_ratio(within_px / camera.scale_px)
         # A point on the mirror has the range of its own distance from the viewpoint.
-        rho_m = np.hypot(*camera.mirror.surface_point(t))
+        rho_m = hypot(*camera.mirror.surface_point(t))
         return circle_of_confusion(effect.aperture, camera, radius_px).diameter_px(rho_m)
 
     diameters_px = map_of_radius(camera, diameter_px)

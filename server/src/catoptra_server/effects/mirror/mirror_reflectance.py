@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import arctan, cos, hypot, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
@@ -69,14 +70,19 @@ class MirrorReflectance:
 
     def reflectance(self, incidence_rad: Floats) -> Floats:
         """Reflectance for unpolarized light at angles between ray and normal."""
-        cosine = np.cos(incidence_rad)
-        # Snell's law in complex form: n - ik times the cosine of the refracted ray.
-        squared = complex(self.refractive_index, -self.extinction_coefficient) ** 2
-        inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
-        s_polarized = (cosine - inside) / (cosine + inside)
-        p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
-        mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
-        return mean
+        cosine = cos(incidence_rad)
+        n, k = self.refractive_index, self.extinction_coefficient
+        # Of (n - ik)^2, and of what Snell's law takes the root of.
+        real, imaginary = (n - k) * (n + k), -2.0 * n * k
+        under_root = real - np.square(sin(incidence_rad))
+        larger = np.sqrt(0.5 * (hypot(under_root, imaginary) + np.abs(under_root)))
+        smaller = np.abs(0.5 * imaginary) / np.where(larger > 0.0, larger, 1.0)
+        # n - ik times the cosine of the refracted ray.
+        inside = np.where(under_root >= 0.0, larger, smaller)
+        decay = -np.where(under_root >= 0.0, smaller, larger)
+        s_polarized = _squared_ratio(cosine, inside, 0.0, decay)
+        p_polarized = _squared_ratio(real * cosine, inside, imaginary * cosine, decay)
+        return 0.5 * (s_polarized + p_polarized)
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
         incidence_rad = _mirror_incidence_rad(radius_fraction, camera)
@@ -90,13 +96,20 @@ class MirrorReflectance:
         return image * reflectance_map(self, camera).astype(image.dtype)
 
 
+def _squared_ratio(a: Floats, b: Floats, c: Floats | float, d: Floats) -> Floats:
+    """|(a + ic) - (b + id)|^2 / |(a + ic) + (b + id)|^2."""
+    above: Floats = np.square(a - b) + np.square(c - d)
+    ratio: Floats = above / (np.square(a + b) + np.square(c + d))
+    return ratio
+
+
 def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     """Angle of incidence on the mirror at fractions of the rim's image radius."""
     radius_px = radius_fraction * camera.rim_radius_px
     t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
     # Half of theta + psi; t is tan(theta / 2) already.
-    psi = np.arctan(radius_px * camera.inverse_focal_length)
-    angle: Floats = np.arctan(t) + 0.5 * psi
+    psi = arctan(radius_px * camera.inverse_focal_length)
+    angle: Floats = arctan(t) + 0.5 * psi
     return angle
 
 

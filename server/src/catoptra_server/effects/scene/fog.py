@@ -19,6 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import exp, ln
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -66,7 +67,9 @@ class Fog:
         if medium is None:
             return EffectBound(0.0, "the air is clear")
         brightest = min(summary.max_radiance, 1.0)
-        radiances = np.append(0.0, np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * brightest)[:, None]
+        radiances = np.append(0.0, exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest)[
+            :, None
+        ]
         percent = 100.0 * float(medium.transmittance(np.array(summary.max_distance_m)))
         surfaces = EffectBound(
             _max_change(medium, radiances, summary.max_distance_m),

@@ -26,6 +26,7 @@ import numpy.typing as npt
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.labels import LabelledObject
 from catoptra_protocol.optics.camera_rays import ray_from_pixel, rays_from_pixel_grid
+from catoptra_protocol.optics.elementary import arctan2, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -283,7 +284,7 @@ def _headings(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> list[float]:
     area = np.where(np.abs(normals[:, 2]) < 0.5, area, 0.0)
     largest = np.argsort(-area, kind="stable")[:_MAX_HEADINGS]
     walls = largest[area[largest] > 0.0]
-    azimuth = np.arctan2(normals[walls, 1], normals[walls, 0])
+    azimuth = arctan2(normals[walls, 1], normals[walls, 0])
     # Rounded to a microradian, so that the walls of one box count once.
     return sorted({0.0, *np.round(np.mod(azimuth, 0.5 * math.pi), 6).tolist()})
 
@@ -291,7 +292,7 @@ def _headings(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> list[float]:
 def _box_at(corners: Floats, heading_rad: float) -> _Extent:
     """Box of a heading around (n, 3) points."""
     turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, heading_rad))
-    turned = corners @ turn.rotation
+    turned = matmul(corners, turn.rotation)
     low, high = turned.min(axis=0), turned.max(axis=0)
-    centre = turn.rotation @ (0.5 * (low + high))
+    centre = matmul(turn.rotation, 0.5 * (low + high))
     return _Extent(Pose(turn.rotation, centre), 0.5 * (high - low))

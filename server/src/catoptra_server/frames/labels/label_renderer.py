@@ -29,6 +29,16 @@ from catoptra_protocol.labels import (
     parse_channels,
 )
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.elementary import (
+    arcsin,
+    arctan,
+    arctan2,
+    cos,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+)
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -44,7 +54,6 @@ from catoptra_server.frames.labels import (
     find_valid_pixels,
     label_exposure,
 )
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
@@ -69,15 +78,12 @@ _MAX_RAY_BYTES = 256 * 2**20
 class LabelRenderer:
     """Ground truth in one scene."""
 
-    def __init__(
-        self, renderer: TraceRenderer, scene: SceneMesh, instruction_set: str = AUTO
-    ) -> None:
+    def __init__(self, renderer: TraceRenderer, scene: SceneMesh) -> None:
         """Number the scene's objects.
 
         Args:
             renderer: Traces the rays; closed by the owner.
             scene: The same scene.
-            instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
 
         Raises:
             DomainError: The world has more objects than labels number.
@@ -85,7 +91,7 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
-        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
+        self._meter = _OcclusionMeter(scene, self.labels)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(
@@ -288,18 +294,15 @@ _RayTest = Callable[[Floats, Floats], Bools]
 class _OcclusionMeter:
     """Occluded fractions of the objects of one world; meshes are committed at their first use."""
 
-    def __init__(self, scene: SceneMesh, labels: SceneLabels, instruction_set: str = AUTO) -> None:
+    def __init__(self, scene: SceneMesh, labels: SceneLabels) -> None:
         """Measure nothing yet.
 
         Args:
             scene: The world's triangles.
             labels: Their objects.
-            instruction_set: Of the rays, by the kernel; the last bits decide whether a ray along an
-                edge meets it. In NumPy where the kernel cannot run.
         """
         self._scene = scene
         self._labels = labels
-        self._instruction_set = instruction_set
         self._static: dict[int, _RayTest] = {}
         self._moving: dict[ObjectMesh, _RayTest] = {}
 
@@ -331,7 +334,7 @@ class _OcclusionMeter:
             centre = camera_state.world_from_mirror.inverse().transform_points(
                 one.world_from_box.translation
             )
-            pixels = _candidates(rays, centre, float(np.linalg.norm(one.half_size_m)))
+            pixels = _candidates(rays, centre, hypot(*one.half_size_m))
             fractions[one.number] = _hidden_fraction(
                 mesh, rays, pixels, object_from_mirror, ids.reshape(-1)[pixels] == one.number
             )
@@ -349,11 +352,10 @@ class _OcclusionMeter:
         return self._moving[mesh]
 
     def _commit(self, corners: Floats) -> _RayTest:
-        """Test whether rays meet some triangles, at least one."""
+        """Test whether rays meet some triangles, at least one; in NumPy without the kernel."""
         centre = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
-        isa = self._instruction_set
         try:
-            caster = KernelMeshCaster(corners, centre, instruction_set=isa, threads=1)
+            caster = KernelMeshCaster(corners, centre, threads=1)
         except KernelUnavailableError:
             search = TriangleSearch(corners)
             return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0
@@ -363,11 +365,11 @@ class _OcclusionMeter:
 def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
     """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
     possible = rays.valid.reshape(-1)
-    distance = float(np.linalg.norm(centre))
+    distance = hypot(*centre)
     reach = radius_m + rays.max_miss_m
     if distance > reach:
-        cosine = math.cos(min(math.pi, math.asin(reach / distance) + 1e-3))
-        along = rays.directions.reshape(-1, 3) @ (centre / distance).astype(np.float32)
+        cosine = cos(min(math.pi, arcsin(reach / distance) + 1e-3))
+        along = matmul(rays.directions.reshape(-1, 3), (centre / distance).astype(np.float32))
         possible = possible & (along >= cosine)
     pixels = np.flatnonzero(possible)
     step = len(pixels) / _MAX_RAYS
@@ -490,14 +492,14 @@ def _tabulate_camera(camera: OmniCamera) -> _CameraTable:
     t = np.clip(places / np.maximum(1.0 - places, _MIN_PLACE), None, camera.rim_t)
     radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     origins = (None, None) if camera.is_central else camera.mirror.surface_point(t)
-    return _CameraTable(places, 2.0 * np.arctan(t), radius_px, *origins)
+    return _CameraTable(places, 2.0 * arctan(t), radius_px, *origins)
 
 
 @lru_cache(maxsize=4)
 def _image_axes(camera: OmniCamera) -> Floats:
     """(2, 2) unit displacements in the image, columns, of the azimuths of x and of y."""
-    angle = 0.5 * (2.0 * math.atan(camera.projection.t_min) + camera.rim_rad)
-    level, height = math.sin(angle), math.cos(angle)
+    angle = 0.5 * (2.0 * arctan(camera.projection.t_min) + camera.rim_rad)
+    level, height = sin(angle), cos(angle)
     along = np.array(((level, 0.0, height), (0.0, level, height)))
     offsets = pixel_from_direction(camera, along)[0] - camera.centre_px
     return np.asarray((offsets / np.linalg.norm(offsets, axis=-1, keepdims=True)).T)
@@ -514,12 +516,14 @@ def _aim_rays(camera: OmniCamera, in_mirror: Floats) -> Floats:
     theta, r, z = table.angles_rad, table.origin_r, table.origin_z
     assert r is not None, "a mirror without a viewpoint"
     assert z is not None
-    rho, height = np.hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]
-    angle = np.arctan2(rho, height)
+    rho, height = hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]
+    angle = arctan2(rho, height)
     for _ in range(_AIM_STEPS):
-        angle = np.arctan2(rho - np.interp(angle, theta, r), height - np.interp(angle, theta, z))
-    level = np.sin(angle) / np.where(rho > 0.0, rho, 1.0)
-    return np.column_stack((in_mirror[:, :2] * level[:, None], np.cos(angle)))
+        angle = arctan2(
+            rho - interpolate_linear(angle, theta, r), height - interpolate_linear(angle, theta, z)
+        )
+    level = sin(angle) / np.where(rho > 0.0, rho, 1.0)
+    return np.column_stack((in_mirror[:, :2] * level[:, None], cos(angle)))
 
 
 def _displace(source: RaySource, pixel: Floats) -> Floats:

@@ -11,7 +11,6 @@ image errs by at most the allowed pixels.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
@@ -21,6 +20,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
+from catoptra_protocol.optics.elementary import arccos, arcsin, arctan, matmul
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
@@ -293,7 +293,7 @@ def hide_unseen(state: CameraState, camera: PerspectiveCamera) -> CameraState:
     if len(objects) < _MIN_OBJECTS or state.has_shadows or state.shutter is not None:
         return state
     pose, corner_px = state.world_from_mirror, np.array(camera.rim_radius_px)
-    cone_rad = 2.0 * math.atan(float(camera.t_from_radius_px(corner_px))) + _CONE_MARGIN_RAD
+    cone_rad = 2.0 * arctan(float(camera.t_from_radius_px(corner_px))) + _CONE_MARGIN_RAD
     # Spheres about the objects' origins: their centres would take longer than all the rest.
     offsets = np.array([one.world_from_object.translation for one in objects]) - pose.translation
     radii_m = np.linalg.norm(np.array([one.mesh.centre for one in objects]), axis=-1)
@@ -301,9 +301,9 @@ def hide_unseen(state: CameraState, camera: PerspectiveCamera) -> CameraState:
     distances_m = np.linalg.norm(offsets, axis=-1)
     # From within its sphere an object may be seen in any direction.
     shares = radii_m / np.maximum(distances_m, radii_m)
-    along_m = offsets @ pose.rotate_directions(np.array(camera.optical_axis))
-    angles = np.arccos(np.clip(along_m / np.maximum(distances_m, radii_m), -1.0, 1.0))
-    is_beside = (shares < 1.0) & (angles - np.arcsin(shares) > cone_rad)
+    along_m = matmul(offsets, pose.rotate_directions(np.array(camera.optical_axis)))
+    angles = arccos(np.clip(along_m / np.maximum(distances_m, radii_m), -1.0, 1.0))
+    is_beside = (shares < 1.0) & (angles - arcsin(shares) > cone_rad)
     if not is_beside.any():
         return state
     seen = tuple(one for one, is_unseen in zip(objects, is_beside, strict=True) if not is_unseen)

@@ -23,6 +23,17 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import (
+    arcsin,
+    arctan,
+    cos,
+    dot,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+    tan,
+)
 from catoptra_protocol.optics.image_plane import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -59,9 +70,9 @@ def sum_errors(errors: Iterable[GeometricError]) -> GeometricError:
     by_radius_px = tuple(map(math.fsum, zip(*rings, strict=True)))
     return GeometricError(
         max_px=max(by_radius_px, default=0.0),
-        rms_px=math.hypot(*(error.rms_px for error in every)),
+        rms_px=hypot(*(error.rms_px for error in every)),
         max_deg=math.fsum(error.max_deg for error in every),
-        rms_deg=math.hypot(*(error.rms_deg for error in every)),
+        rms_deg=hypot(*(error.rms_deg for error in every)),
         by_radius_px=by_radius_px,
     )
 
@@ -87,7 +98,7 @@ NUM_RADII = 64
 def max_by_radius(camera: OmniCamera, radius_px: Floats, values: Floats) -> tuple[float, ...]:
     """Largest of (n,) values in each ring, between rising (n,) image radii linear."""
     ring = radius_px / camera.rim_radius_px * NUM_RADII
-    borders = np.interp(np.arange(NUM_RADII + 1), ring, values)
+    borders = interpolate_linear(np.arange(NUM_RADII + 1.0), ring, values)
     largest = np.maximum(borders[:-1], borders[1:])
     np.maximum.at(largest, np.clip(ring.astype(int), 0, NUM_RADII - 1), values)
     return tuple(largest.tolist())
@@ -108,11 +119,11 @@ _MAX_INCIDENCE_RAD = math.radians(178.0)
 def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
     """Distance by which the mesh ends within the rim, largest at the centres of the outer edges."""
     radius_px = camera.rim_radius_px
-    chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
+    chord_px = radius_px * cos(math.pi / tessellation.sectors)
     # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
-    gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
+    gap_px = 2.0 * radius_px * float(np.square(sin(0.5 * math.pi / tessellation.sectors)))
     t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
-    gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
+    gap_deg = math.degrees(camera.rim_rad - 2.0 * arctan(float(t)))
     return GeometricError(gap_px, 0.0, gap_deg, 0.0)
 
 
@@ -128,12 +139,12 @@ def facet_errors(camera: OmniCamera, tessellation: Tessellation) -> GeometricErr
     corners, directions = _distinct_triangles(camera, tessellation)
     steps = _grid_steps(len(corners))
     weights, quadrature = _triangle_grid(steps)
-    projected = _project_points(camera, weights @ corners, steps)
-    lookup_direction = weights @ directions
+    projected = _project_points(camera, matmul(weights, corners), steps)
+    lookup_direction = matmul(weights, directions)
     # Weights are image areas: the projection of a flat triangle has the density det / depth^3.
-    area = (
-        np.abs(np.linalg.det(_pinhole_coordinates(camera, corners)))[:, None] / projected.depth_m**3
-    )
+    first, second, third = np.moveaxis(_pinhole_coordinates(camera, corners), 1, 0)
+    volume, depth_m = np.abs(dot(np.cross(first, second), third))[:, None], projected.depth_m
+    area = volume / (depth_m * depth_m * depth_m)
     area = area * quadrature * projected.is_in_image
     error_px = _displacement_px(camera, projected.point_px, lookup_direction)
     error_rad = _displacement_rad(camera, projected.point_px, lookup_direction)
@@ -252,7 +263,7 @@ def _pinhole_coordinates(camera: OmniCamera, points: Floats) -> Floats:
 def _is_in_image(camera: OmniCamera, point_px: Floats, margin_px: Floats) -> Bools:
     """Whether (n, q, 2) points from the image centre lie in the image or within (n, 1) px of its
     border."""
-    cos_up, sin_up = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    cos_up, sin_up = cos(camera.image_up_azimuth_rad), sin(camera.image_up_azimuth_rad)
     x, y = np.moveaxis(point_px, -1, 0)
     u = camera.centre_px[0] + sin_up * x - cos_up * y
     v = camera.centre_px[1] - cos_up * x - sin_up * y
@@ -264,11 +275,11 @@ def _is_in_image(camera: OmniCamera, point_px: Floats, margin_px: Floats) -> Boo
 
 def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
     """(n, q) distances from pixels to the pixels of their (n, q, 3) looked-up directions."""
-    asymptote_rad = 2.0 * math.atan(camera.projection.t_limit)
+    asymptote_rad = 2.0 * arctan(camera.projection.t_limit)
     t, _ = half_angle_tangent(lookup_direction)
-    t = np.minimum(t, math.tan(0.5 * min(_ASYMPTOTE_FRACTION * asymptote_rad, _MAX_INCIDENCE_RAD)))
+    t = np.minimum(t, tan(0.5 * min(_ASYMPTOTE_FRACTION * asymptote_rad, _MAX_INCIDENCE_RAD)))
     radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
-    rho = np.hypot(lookup_direction[..., 0], lookup_direction[..., 1])
+    rho = hypot(lookup_direction[..., 0], lookup_direction[..., 1])
     model_px = lookup_direction[..., :2] * (radius_px / np.where(rho > 0.0, rho, 1.0))[..., None]
     distance_px: Floats = np.linalg.norm(model_px - point_px, axis=-1)
     return distance_px
@@ -276,7 +287,7 @@ def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Flo
 
 def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
     """(n, q) angles between the looked-up directions and the camera model's."""
-    ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.scale_px
+    ratio = hypot(point_px[..., 0], point_px[..., 1]) / camera.scale_px
     t = camera.projection.t_from_radius_ratio(ratio)
     level = point_px * (2.0 * t / np.where(ratio > 0.0, ratio, 1.0))[..., None]
     level /= camera.scale_px
@@ -285,5 +296,5 @@ def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Fl
     unit = lookup_direction / np.linalg.norm(lookup_direction, axis=-1, keepdims=True)
     # The chord keeps precision for small angles, unlike the cosine.
     chord = np.linalg.norm(unit - model_direction, axis=-1)
-    angle: Floats = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    angle: Floats = 2.0 * arcsin(np.minimum(0.5 * chord, 1.0))
     return angle

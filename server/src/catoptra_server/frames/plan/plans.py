@@ -23,11 +23,10 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
 from catoptra_protocol.optics.cube_map import visible_faces
+from catoptra_protocol.optics.elementary import arctan, cos, hypot, tan
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -109,7 +108,7 @@ def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:
     # Below the horizon the chord between two corners sags towards the axis: the rim is the limit.
     if not isinstance(surface, Tessellation) or elevation <= 0.0:
         return camera.rim_rad
-    highest = math.atan(math.tan(elevation) / math.cos(math.pi / surface.sectors))
+    highest = arctan(tan(elevation) / cos(math.pi / surface.sectors))
     return 0.5 * math.pi + highest
 
 
@@ -436,11 +435,12 @@ def limit_time_samples(
 
 def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
     """Fraction of all directions from a (3,) point that an object's bounding sphere covers."""
-    distance_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
+    distance_m = hypot(*(dynamic_object.centre - viewpoint))
     radius_m = dynamic_object.mesh.radius_m
     if distance_m <= radius_m:
         return 1.0
-    return 0.5 * (1.0 - math.sqrt(1.0 - (radius_m / distance_m) ** 2))
+    ratio = radius_m / distance_m
+    return 0.5 * (1.0 - math.sqrt(1.0 - ratio * ratio))
 
 
 def explain_limit(

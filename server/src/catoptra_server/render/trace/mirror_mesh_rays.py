@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import arctan2, cos, dot, einsum, hypot, sin, solve_linear
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.world.mirror_mesh import Tessellation, build_mirror_mesh
@@ -42,11 +43,11 @@ def mirror_mesh_directions(
     rays = _camera_rays(camera, pixel).reshape(-1, 3)
     corners, interpolation = _build_facets(camera, tessellation)
     facet, valid = _find_facets(corners, tessellation, rays)
-    looked_up = np.einsum("nij,nj->ni", interpolation[facet], rays)
+    looked_up = einsum("nij,nj->ni", interpolation[facet], rays)
     looked_up[~valid] = 0.0, 0.0, 1.0
     # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter:
     # the difference between UV and position interpolation.
-    looked_up /= np.sqrt(np.einsum("ni,ni->n", looked_up, looked_up))[:, None]
+    looked_up /= np.sqrt(dot(looked_up, looked_up))[:, None]
     return looked_up.reshape(*pixel.shape[:-1], 3), valid.reshape(pixel.shape[:-1])
 
 
@@ -56,7 +57,7 @@ def _camera_rays(camera: OmniCamera, pixel: Floats) -> Floats:
     Outside the rim the ray misses the mirror; any missing direction will do: away from the mirror.
     """
     direction, valid = direction_from_pixel(camera, pixel)
-    rho = np.hypot(direction[..., 0], direction[..., 1])
+    rho = hypot(direction[..., 0], direction[..., 1])
     r, z = camera.mirror.surface_point(np.where(valid, rho / (1.0 + direction[..., 2]), 0.0))
     level = direction[..., :2] * (r / np.where(rho > 0.0, rho, 1.0))[..., None]
     drop = z - camera.mirror.pinhole_distance_m
@@ -73,8 +74,8 @@ def _build_facets(camera: OmniCamera, tessellation: Tessellation) -> tuple[Float
     mesh = build_mirror_mesh(camera, tessellation)
     corners = mesh.corners - (0.0, 0.0, camera.mirror.pinhole_distance_m)
     # A ray is a multiple of the corners' sum by barycentric weights.
-    interpolation = np.linalg.solve(corners, mesh.directions).swapaxes(-1, -2)
-    return corners, interpolation.astype(np.float64)
+    interpolation = solve_linear(corners, mesh.directions).swapaxes(-1, -2)
+    return corners, interpolation
 
 
 def _find_facets(
@@ -89,13 +90,13 @@ def _find_facets(
     # In the plane one unit below the pinhole: each polygon's corners a, c and d.
     a, c, d = np.swapaxes(corners[:num_polygons, :, :2] / -corners[:num_polygons, :, 2:], 0, 1)
     points = rays[:, :2] / np.abs(rays[:, 2:])
-    start_rad, angle_rad = math.atan2(d[0, 1], d[0, 0]), 2.0 * math.pi / sectors
-    turn = (np.arctan2(points[:, 1], points[:, 0]) - start_rad) / angle_rad
+    start_rad, angle_rad = float(arctan2(d[0, 1], d[0, 0])), 2.0 * math.pi / sectors
+    turn = (arctan2(points[:, 1], points[:, 0]) - start_rad) / angle_rad
     sector = np.floor(turn).astype(np.intp) % sectors
     # A polygon's side is perpendicular to the middle of its sector.
-    middle_rad = start_rad + (sector + 0.5) * angle_rad
-    along = points[:, 0] * np.cos(middle_rad) + points[:, 1] * np.sin(middle_rad)
-    radii = np.hypot(*d[::sectors].T) * math.cos(0.5 * angle_rad)
+    middle_rad = start_rad + (sector.astype(np.float64) + 0.5) * angle_rad
+    along = points[:, 0] * cos(middle_rad) + points[:, 1] * sin(middle_rad)
+    radii = hypot(*d[::sectors].T) * cos(0.5 * angle_rad)
     ring = np.searchsorted(radii, along)
     valid = (ring < tessellation.rings) & (rays[:, 2] < 0.0)
     polygon = np.where(valid, ring * sectors + sector, 0)

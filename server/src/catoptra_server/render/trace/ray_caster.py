@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
@@ -39,15 +38,10 @@ class _SceneRayCaster(Protocol):
         """(n,) distances and triangles; infinite and -1 without a hit."""
 
 
-def commit_ray_caster(scene: SceneMesh, instruction_set: str = AUTO) -> _SceneRayCaster:
-    """Commit a scene for distance queries: to the kernel, or to NumPy where that cannot run.
-
-    Args:
-        scene: Triangles.
-        instruction_set: Of the kernel.
-    """
+def commit_ray_caster(scene: SceneMesh) -> _SceneRayCaster:
+    """Commit a scene for distance queries: to the kernel, or to NumPy where that cannot run."""
     try:
-        return KernelRayCaster(scene, instruction_set)
+        return KernelRayCaster(scene)
     except KernelUnavailableError as error:
         log.warning("%s; sensors cast their rays in NumPy, many times slower", error)
     return ReferenceRayCaster(scene)

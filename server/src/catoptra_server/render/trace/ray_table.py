@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.image_plane import ImageSize
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -107,7 +108,7 @@ def lens_ray_table(
         directions, valid = camera.direction_from_pixel(pixels)
         # Rotated here, in float64, so that a face's rays need no rotation of their own per frame.
         return (
-            directions if mirror_from_camera is None else directions @ mirror_from_camera.T,
+            directions if mirror_from_camera is None else matmul(directions, mirror_from_camera.T),
             valid,
         )
 
@@ -167,7 +168,7 @@ def _find_columns(camera: ImageSize, circle_px: _Circle, rows: range) -> range:
     u, v, radius = circle_px
     # A pixel more than the circle: nothing here is rounded as in the camera model.
     nearest = min(max(v, rows.start * TILE_PX), rows.stop * TILE_PX)
-    half = math.sqrt(max(0.0, (radius + 1.0) ** 2 - (nearest - v) ** 2))
+    half = math.sqrt(max(0.0, (radius + 1.0 + nearest - v) * (radius + 1.0 - nearest + v)))
     if math.isinf(half):
         return range(count)
     first = min(max(math.floor((u - half) / TILE_PX), 0), count - 1)

@@ -13,7 +13,6 @@ projects the points of one exposure into the camera of another.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import field
 from typing import Any, Protocol, runtime_checkable
@@ -22,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -249,7 +249,7 @@ def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
         return (exposure,)
     total_s = shutter.exposure_s + shutter.readout_s
     twists = (exposure.twist, *(placed.twist for placed in exposure.objects))
-    turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
+    turn_rad = total_s * max(hypot(*twist.angular_rad_s) for twist in twists)
     steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
     # Centred: the camera state is that of the middle of the exposure.
     return tuple(advance(exposure, (i / steps - 0.5) * total_s) for i in range(steps + 1))

@@ -61,7 +61,6 @@ class TraceRenderer:
         threads: int = 0,
         scene_lights: tuple[Light, ...] | None = None,
         engine: EngineRequest = "auto",
-        instruction_set: str = "auto",
     ) -> None:
         """Commit a scene.
 
@@ -71,7 +70,6 @@ class TraceRenderer:
             threads: Threads of the engine; 0 for one per processor that this process may use.
             scene_lights: Lights that change the static scene visibly; None for all of the world.
             engine: Engine; "auto" for the kernel where it can run.
-            instruction_set: Instruction set of the kernel; "auto" for the processor's best.
 
         Raises:
             KernelUnavailableError: The kernel was requested and cannot run.
@@ -84,7 +82,6 @@ class TraceRenderer:
             world,
             threads=threads or count_processors(),
             scene_lights=world.lights if scene_lights is None else scene_lights,
-            instruction_set=instruction_set,
         )
         self._triangles = len(scene)
 
@@ -124,7 +121,6 @@ def create_engine(
     *,
     threads: int,
     scene_lights: tuple[Light, ...],
-    instruction_set: str,
 ) -> tuple[EngineName, TraceEngine]:
     """Create an engine, with its name.
 
@@ -134,7 +130,6 @@ def create_engine(
         world: Lights of dynamic objects, and background.
         threads: Threads, at least one.
         scene_lights: Lights of the static scene.
-        instruction_set: Instruction set of the kernel; "auto" for the processor's best.
 
     Raises:
         KernelUnavailableError: The kernel was requested and cannot run.
@@ -151,7 +146,6 @@ def create_engine(
                 world,
                 threads=threads,
                 scene_lights=scene_lights,
-                instruction_set=instruction_set,
             )
         except KernelUnavailableError as error:
             if request == "kernel":

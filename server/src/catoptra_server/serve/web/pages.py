@@ -28,6 +28,7 @@ from typing import cast
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan, hypot, tan
 from catoptra_protocol.optics.image_plane import DistortedProjection
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
@@ -237,9 +238,9 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
     # A cone shows nothing nearer to the axis than the apex.
     lowest_t = camera.projection.t_min
     theta_rad = np.linspace(0.0, camera.rim_rad, _NUM_ENTRIES)
-    t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
+    t = np.maximum(tan(0.5 * theta_rad), lowest_t)
     # The matrices are read from the model itself, hand and stretch included, at one angle.
-    middle_t = math.tan(0.25 * (2.0 * math.atan(lowest_t) + camera.rim_rad))
+    middle_t = tan(0.25 * (2.0 * arctan(lowest_t) + camera.rim_rad))
     odd, even = _offsets(camera, middle_t)
     azimuth_matrix = odd[:2].T / float(camera.radius_px_from_t(np.array(middle_t)))
     return {
@@ -248,7 +249,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
         "height_px": camera.height_px,
         "centre_px": camera.centre_px,
         "picture": camera.picture.value,
-        "min_theta_rad": 2.0 * math.atan(lowest_t),
+        "min_theta_rad": 2.0 * arctan(lowest_t),
         "max_theta_rad": camera.rim_rad,
         "azimuth_matrix": azimuth_matrix.ravel().tolist(),
         "radius_px": camera.radius_px_from_t(t).tolist(),
@@ -346,7 +347,7 @@ def _cut_triangles(corners: Floats, z_m: float) -> Floats:
 
 def _longest(segments: Floats, max_segments: int) -> Floats:
     """Longest segments, longest first, each once."""
-    length_m = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    length_m = hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     segments, length_m = segments[visible := length_m >= _MIN_LENGTH_M], length_m[visible]
     order = np.argsort(-length_m, kind="stable")
     segments = segments[order]

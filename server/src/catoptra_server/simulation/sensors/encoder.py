@@ -77,7 +77,7 @@ class EncoderBank:
         count = len(self._descriptions)
         noise = [0.0] * count
         if any(encoder.noise_rad for encoder in self._descriptions):
-            noise = self._random_source.generator(context.tick).standard_normal(count).tolist()
+            noise = self._random_source.normal_variates(context.tick, count)
         items = tuple(
             (encoder.name, self._ticks(encoder, context, encoder.noise_rad * error))
             for encoder, error in zip(self._descriptions, noise, strict=True)

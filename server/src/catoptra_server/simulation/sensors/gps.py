@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import GpsReading
@@ -38,7 +39,7 @@ def _satellite_directions() -> Floats:
         for elevation, count in rings
         for number in range(count)
     ]
-    return np.array([(math.cos(h) * math.cos(a), math.cos(h) * math.sin(a), -math.sin(h))
+    return np.array([(cos(h) * cos(a), cos(h) * sin(a), -sin(h))
                      for h, a in angles])  # fmt: skip
 
 
@@ -87,9 +88,9 @@ class _GpsSensor:
         north_m, east_m = float(receiver[0]), float(receiver[1])
         # Noise in metres before the conversion: equal north and east at any latitude.
         if self._description.noise_m:
-            generator = self._random_source.generator(context.tick)
-            noise = self._description.noise_m * generator.standard_normal(2)
-            north_m, east_m = north_m + float(noise[0]), east_m + float(noise[1])
+            north, east = self._random_source.normal_variates(context.tick, 2)
+            north_m += self._description.noise_m * north
+            east_m += self._description.noise_m * east
         latitude, longitude = _geodetic_from_local(origin, north_m, east_m)
         return GpsReading(name, latitude, longitude, True, satellites, time_s)
 
@@ -102,9 +103,9 @@ def _geodetic_from_local(origin: GpsOrigin, north_m: float, east_m: float) -> tu
     latitude = math.radians(origin.latitude_deg)
     # Radii of curvature: M = a (1 - e^2) / f^(3/2) along the meridian, N = a / sqrt(f) across,
     # with f = 1 - e^2 sin^2(latitude); a parallel's radius is N cos(latitude).
-    factor = 1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
-    meridian_m = _EQUATORIAL_RADIUS_M * (1.0 - _ECCENTRICITY_SQUARED) / factor**1.5
-    parallel_m = _EQUATORIAL_RADIUS_M / math.sqrt(factor) * math.cos(latitude)
+    factor = 1.0 - _ECCENTRICITY_SQUARED * sin(latitude) * sin(latitude)
+    meridian_m = _EQUATORIAL_RADIUS_M * (1.0 - _ECCENTRICITY_SQUARED) / (factor * math.sqrt(factor))
+    parallel_m = _EQUATORIAL_RADIUS_M / math.sqrt(factor) * cos(latitude)
     return (
         origin.latitude_deg + math.degrees(north_m / meridian_m),
         origin.longitude_deg + math.degrees(east_m / parallel_m),

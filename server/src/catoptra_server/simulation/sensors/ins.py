@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -68,15 +69,15 @@ class InsSensor:
         if self._description.noise:
             # A random walk: the standard deviation of a tick grows with the root of its length.
             scale = self._description.noise * math.sqrt(motion.duration_s)
-            noise = self._random_source.generator(motion.tick).standard_normal(3)
-            x, y, yaw = (scale * float(n) for n in noise)
+            noise = self._random_source.normal_variates(motion.tick, 3)
+            x, y, yaw = (scale * variate for variate in noise)
             self._add_error(x, y, yaw)
 
     def _add_bias(self, pose: PlanarPose) -> None:
         """Add the steady error of the motion since the last tick; none in the first tick."""
         # The spawn pose is unknown here: the first tick only sets the reference.
         before, self._previous_pose = self._previous_pose or pose, pose
-        distance_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+        distance_m = hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
         turn_rad = wrap_angle(pose.yaw_rad - before.yaw_rad)
         bias_x, bias_y, bias_yaw = self._bias
         self._add_error(bias_x * distance_m, bias_y * distance_m, bias_yaw * turn_rad)
@@ -130,8 +131,8 @@ class InsSensor:
         sigma = self._description.noise
         if not sigma:
             return self._error
-        noise = self._random_source.generator(context.tick).standard_normal(3)
-        x, y, yaw = (e + sigma * float(n) for e, n in zip(self._error, noise, strict=True))
+        noise = self._random_source.normal_variates(context.tick, 3)
+        x, y, yaw = (e + sigma * n for e, n in zip(self._error, noise, strict=True))
         return x, y, yaw
 
 

@@ -66,17 +66,15 @@ class OdometrySensor:
         if travel == NO_TRAVEL:
             return
         # Variances proportional to distance and turn do not depend on the length of the ticks.
-        of_distance, of_turn, of_heading = self._random_source.generator(
-            motion.tick
-        ).standard_normal(3)
+        of_distance, of_turn, of_heading = self._random_source.normal_variates(motion.tick, 3)
         errors, distance, turn = self._description, travel.distance_m, travel.turn_rad(self._base)
         root_distance = math.sqrt(abs(distance))
         measured_distance = errors.distance_scale * distance
-        measured_distance += errors.distance_noise_m * root_distance * float(of_distance)
+        measured_distance += errors.distance_noise_m * root_distance * of_distance
         # The drift is clockwise in either direction of driving, unlike with unequal wheels.
         measured_turn = errors.turn_scale * turn + errors.drift_rad_per_m * abs(distance)
-        measured_turn += errors.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
-        measured_turn += errors.heading_noise_rad * root_distance * float(of_heading)
+        measured_turn += errors.turn_noise_rad * math.sqrt(abs(turn)) * of_turn
+        measured_turn += errors.heading_noise_rad * root_distance * of_heading
         # The same arc as the true motion: without errors odometry is exact.
         self._pose = integrate_arc(self._pose, measured_distance, measured_turn)
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import RangeScanReading
@@ -69,7 +70,7 @@ class RangeScannerSensor:
         ranges = context.environment.distances(origin, pose.rotate_directions(self._beams_in_robot))
         if scanner.noise_m:
             # By the tick, not by the scan: SCAN between two reports changes no other noise.
-            noise = self._random_source.generator(context.tick).standard_normal(len(ranges))
+            noise = np.array(self._random_source.normal_variates(context.tick, len(ranges)))
             ranges = ranges + scanner.noise_m * noise
         # Limits last: noise never moves a range beyond MaxRange, which clients use for no echo.
         measured = np.clip(ranges, scanner.min_range_m, scanner.max_range_m)
@@ -104,8 +105,8 @@ def _scan_directions(scanner: RangeScannerDescription) -> Floats:
     # A product for each angle: repeated differences would accumulate rounding.
     angles = 0.5 * scanner.fov_rad - scanner.resolution_rad * np.arange(count, dtype=np.float64)
     yaw_rad, pitch_rad = angles * scanner.is_panning, angles * scanner.is_tilting
-    level = np.cos(pitch_rad)
-    return np.stack((level * np.cos(yaw_rad), level * np.sin(yaw_rad), -np.sin(pitch_rad)), axis=-1)
+    level = cos(pitch_rad)
+    return np.stack((level * cos(yaw_rad), level * sin(yaw_rad), -sin(pitch_rad)), axis=-1)
 
 
 def _reader_with_defaults(

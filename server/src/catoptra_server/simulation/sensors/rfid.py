@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import RfidReading
 from catoptra_protocol.usarsim.reports import Configuration
@@ -48,7 +47,7 @@ class _RfidSensor:
         ids = tuple(
             tag.number
             for tag in context.environment.rfid_tags
-            if np.linalg.norm(reader - tag.position_m) <= self._description.max_range_m
+            if hypot(*(reader - tag.position_m)) <= self._description.max_range_m
         )
         return RfidReading(context.time_s, self._description.name, ids)
 

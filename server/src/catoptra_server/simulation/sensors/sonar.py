@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import SonarReadings
@@ -65,7 +66,7 @@ class _SonarRing:
         limits[self._first_ray] = math.pi  # the axis always gives an echo. Source: SonarSensor.uc
         # A limit of 90 degrees or more accepts all surfaces; -1, since rounding makes cos(pi / 2)
         # positive.
-        self._min_cosine = np.cos(np.minimum(limits, 0.5 * math.pi))
+        self._min_cosine = cos(np.minimum(limits, 0.5 * math.pi))
         self._min_cosine[limits >= 0.5 * math.pi] = -1.0
 
     def update(self, motion: MotionStep) -> None:
@@ -76,7 +77,7 @@ class _SonarRing:
         # The rays of a sonar are a slice of one array: one query of the ray caster for all.
         ranges: Floats = np.minimum.reduceat(self._echo_distances(context), self._first_ray)
         if self._noise_m.any():
-            noise = self._random_source.generator(context.tick).standard_normal(len(ranges))
+            noise = np.array(self._random_source.normal_variates(context.tick, len(ranges)))
             ranges = ranges + self._noise_m * noise
         measured = np.clip(
             ranges,
@@ -109,8 +110,8 @@ def _cone_directions_in_robot(sonar: SonarDescription) -> Floats:
     # Every other ring is turned by half a step: rays fill the gaps of the ring inside.
     step = np.tile(np.arange(sonar.rays_per_cone), sonar.num_cones) + 0.5 * (ring % 2)
     around = 2.0 * math.pi * step / sonar.rays_per_cone
-    sine = np.sin(off_axis)
-    rays = np.stack((np.cos(off_axis), sine * np.cos(around), sine * np.sin(around)), axis=-1)
+    sine = sin(off_axis)
+    rays = np.stack((cos(off_axis), sine * cos(around), sine * sin(around)), axis=-1)
     return sonar.mount.parent_from_item().rotate_directions(
         np.concatenate((((1.0, 0.0, 0.0),), rays))
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -68,14 +67,14 @@ class _VictimSensor:
     ) -> tuple[float, float, float] | None:
         """Position of a victim in the sensor's frame; None outside the view."""
         displacement: Floats = np.asarray(victim.position_m) - world_from_sensor.translation
-        distance = float(np.linalg.norm(displacement))
+        distance = hypot(*displacement)
         # A victim at the sensor itself has no direction.
         if not 0.0 < distance <= self._description.max_range_m:
             return None
         # Rows times rotation: the transpose turns world axes into the sensor frame.
-        x, y, z = (float(value) for value in displacement @ world_from_sensor.rotation)
+        x, y, z = (float(value) for value in matmul(displacement, world_from_sensor.rotation))
         # The field of view is a wedge: heights are not limited.
-        if abs(math.atan2(y, x)) > 0.5 * self._description.fov_rad:
+        if abs(arctan2(y, x)) > 0.5 * self._description.fov_rad:
             return None
         direction = (displacement / distance)[None]
         free_m = environment.distances(world_from_sensor.translation, direction)[0]

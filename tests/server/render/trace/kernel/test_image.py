@@ -57,7 +57,7 @@ CODE = {"Quantisation": 1.01 / 63.0}
 
 @pytest.fixture(params=[1, 2, 3], ids=lambda threads: f"{threads} threads", scope="module")
 def changer(request: pytest.FixtureRequest) -> Iterator[KernelImageChanger]:
-    device = KernelDevice(choose_instruction_set("auto"), request.param)
+    device = KernelDevice(choose_instruction_set(), request.param)
     yield KernelImageChanger(device)
     device.close()
 
@@ -188,7 +188,7 @@ def test_changes_and_images_do_not_depend_on_threads() -> None:
     thresholds = {effect.name: 0.5 for effect in effects}
     results = []
     for threads in (1, 2, 3):
-        device = KernelDevice(choose_instruction_set("auto"), threads)
+        device = KernelDevice(choose_instruction_set(), threads)
         changed = KernelImageChanger(device).change(
             ExposedImage(image, camera, context), effects, thresholds
         )

@@ -9,8 +9,6 @@ from typing import ClassVar
 
 import pytest
 
-from catoptra_protocol.errors import DomainError
-from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel import library as module
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
@@ -78,22 +76,30 @@ def avx2_processor(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("avx2_processor")
 @pytest.mark.parametrize(
-    ("requested", "chosen"), [("auto", "avx2"), ("avx2", "avx2"), ("sse4.2", "sse4.2")]
+    ("variable", "chosen"), [("", "avx2"), ("off", "avx2"), ("avx2", "avx2"), ("sse4.2", "sse4.2")]
 )
-def test_choice_is_the_requested_set_or_the_best(requested: str, chosen: str) -> None:
-    assert choose_instruction_set(requested) == chosen
+def test_choice_is_the_set_of_the_variable_or_the_best(
+    variable: str, chosen: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CATOPTRA_KERNEL", variable)
+    assert choose_instruction_set() == chosen
 
 
 @pytest.mark.usefixtures("avx2_processor")
-def test_choice_when_the_processor_lacks_the_set_names_those_that_it_has() -> None:
-    with pytest.raises(DomainError, match=r"no avx512; it has avx2, sse4\.2"):
-        choose_instruction_set("avx512")
+@pytest.mark.parametrize("variable", ["avx512", "AVX2", "neon"])
+def test_choice_when_the_processor_lacks_the_set_names_those_that_it_has(
+    variable: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CATOPTRA_KERNEL", variable)
+    with pytest.raises(KernelUnavailableError, match=rf"={variable}; .* has avx2, sse4\.2"):
+        choose_instruction_set()
 
 
-@pytest.mark.parametrize("requested", ["", "AVX2", "sse2", "avx2,threads=9"])
-def test_choice_when_unknown_names_all_sets(requested: str) -> None:
-    with pytest.raises(DomainError, match=r"auto, avx512, avx2, sse4\.2, not "):
-        choose_instruction_set(requested)
+def test_instruction_set_of_arm_is_neon(monkeypatch: pytest.MonkeyPatch) -> None:
+    for machine in ("aarch64", "arm64"):
+        monkeypatch.setattr(module.platform, "machine", lambda name=machine: name)
+        assert available_instruction_sets() == ("neon",)
+    assert kernel_library_path("neon") == kernel_library_path("sse4.2")
 
 
 @pytest.fixture
@@ -107,7 +113,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_kernel_library_when_it_exists_is_that_of_the_instruction_set(package: Path) -> None:
     for name in LIBRARY_OF_INSTRUCTION_SET.values():
         (package / name).touch()
-    paths = [kernel_library_path(name).name for name in INSTRUCTION_SETS]
+    paths = [kernel_library_path(name).name for name in ("avx512", "avx2", "sse4.2")]
     assert paths == [f"libcatoptra_trace{suffix}.so" for suffix in ("_avx512", "_avx2", "")]
 
 

@@ -56,7 +56,6 @@ from catoptra_server.render.image_changer import (
     srgb_table,
 )
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.kernel_structs import ImageJob, ImageStage
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.world.objects import NoiseSeed
@@ -96,17 +95,16 @@ class KernelImageChanger:
         self._scratch = np.zeros(0, dtype=np.uint8)
 
     @classmethod
-    def open(cls, threads: int, instruction_set: str = AUTO) -> KernelImageChanger:
+    def open(cls, threads: int) -> KernelImageChanger:
         """Image changer on a device of its own, for images that others expose.
 
         Args:
             threads: Threads, the calling one included.
-            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
-        return cls(KernelDevice(choose_instruction_set(instruction_set), threads))
+        return cls(KernelDevice(choose_instruction_set(), threads))
 
     @property
     def memory_bytes(self) -> int:

@@ -246,7 +246,7 @@ class KernelEngine:
         *,
         threads: int,
         scene_lights: tuple[Light, ...],
-        instruction_set: str = "auto",
+        instruction_set: str = "",
     ) -> None:
         """Commit a scene.
 
@@ -255,14 +255,14 @@ class KernelEngine:
             world: Lights of dynamic objects, and background.
             threads: Threads, the calling one included.
             scene_lights: Lights of the static scene.
-            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
+            instruction_set: For tests, one that this processor has; else the processor's best.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
-        name = choose_instruction_set(instruction_set)
-        self._device = KernelDevice(name, threads)
-        self.description = f"kernel ({name}), {threads} threads"
+        self._device = KernelDevice(instruction_set or choose_instruction_set(), threads)
+        # Neither processor nor threads, which would be in the plan of every frame.
+        self.description = "kernel"
         self.scene = scene
         self._world = world
         self._scene_lights = scene_lights

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
 from catoptra_server.runtime.memory import count_processors
@@ -22,24 +21,19 @@ from catoptra_server.world.shapes import hit_normals
 class KernelMeshCaster:
     """Triangles committed for single rays."""
 
-    def __init__(
-        self, corners: Floats, centre: Floats, *, instruction_set: str = AUTO, threads: int = 0
-    ) -> None:
+    def __init__(self, corners: Floats, centre: Floats, *, threads: int = 0) -> None:
         """Commit the triangles.
 
         Args:
             corners: (n, 3, 3) metres.
             centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
-            instruction_set: One of INSTRUCTION_SETS; "auto" for the processor's best.
             threads: Threads; 0 for one per processor that this process may use.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
         self._centre = centre
-        self._device = KernelDevice(
-            choose_instruction_set(instruction_set), threads or count_processors()
-        )
+        self._device = KernelDevice(choose_instruction_set(), threads or count_processors())
         try:
             self._arrays = corner_arrays(corners, centre)
             self._mesh = self._device.commit_mesh(self._arrays.struct)
@@ -67,10 +61,10 @@ class KernelRayCaster:
     Committed apart from the renderer, which is made anew after a fault while sensors measure.
     """
 
-    def __init__(self, scene: SceneMesh, instruction_set: str = AUTO) -> None:
+    def __init__(self, scene: SceneMesh) -> None:
         """Commit the triangles; arguments and errors as of `KernelMeshCaster`."""
         self._normals = scene.normals
-        self._mesh = KernelMeshCaster(scene.corners, scene.centre, instruction_set=instruction_set)
+        self._mesh = KernelMeshCaster(scene.corners, scene.centre)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

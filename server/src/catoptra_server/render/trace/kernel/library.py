@@ -1,7 +1,8 @@
 """The kernel's library: chosen for the processor, loaded, checked, and called.
 
-There is one for each of three instruction sets, which differ in speed alone: all compute the same
-bytes. Where the files are missing, the server traces with its reference, and
+There is one for each of three instruction sets of x86-64, and one for ARM, which differ in speed
+alone: all compute the same bytes. Where the files are missing, the server traces with its
+reference, and
 `KernelUnavailableError` is the reason.
 
 ctypes releases the GIL for the whole of a call: the other threads of the server run while a frame
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 from collections.abc import Callable
 from ctypes import c_int32, c_int64, c_void_p
 from functools import cache
@@ -22,7 +24,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     FacetSource,
@@ -35,14 +36,15 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
 )
 
 _CPU_INFO = Path("/proc/cpuinfo")
-# What each library requires of a processor, in the words of the system's list.
+# What each library of x86-64 requires of a processor, in the words of the system's list, the best
+# first. SSE4.2 is assumed, as NEON is on ARM.
 _REQUIRED_FLAGS = {
     "avx512": {"avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl"},
     "avx2": {"avx2", "fma", "f16c", "bmi1", "bmi2"},
-    "sse4.2": {"sse4_2"},
 }
 # The same names as in build_kernel.py, which compiles the kernel once for each processor.
 LIBRARY_OF_INSTRUCTION_SET = {
+    "neon": "libcatoptra_trace.so",
     "sse4.2": "libcatoptra_trace.so",
     "avx2": "libcatoptra_trace_avx2.so",
     "avx512": "libcatoptra_trace_avx512.so",
@@ -275,28 +277,29 @@ def _load_library(path: Path) -> ctypes.CDLL:
     return library
 
 
-def choose_instruction_set(requested: str) -> str:
-    """Name of an instruction set; "auto" for the best that the processor has.
+def choose_instruction_set() -> str:
+    """Best instruction set that the processor has, or the one that CATOPTRA_KERNEL names.
 
     Raises:
-        DomainError: No such instruction set, or not on this processor.
+        KernelUnavailableError: The processor has not the one that is named.
     """
     available = available_instruction_sets()
-    if requested == AUTO:
+    requested = os.environ.get("CATOPTRA_KERNEL") or "off"
+    if requested == "off":
         return available[0]
-    if requested not in INSTRUCTION_SETS:
-        names = ", ".join(INSTRUCTION_SET_NAMES)
-        raise DomainError(f"an instruction set is one of {names}, not {requested!r}")
     if requested not in available:
-        raise DomainError(f"this processor has no {requested}; it has {', '.join(available)}")
+        raise KernelUnavailableError(
+            f"CATOPTRA_KERNEL={requested}; this processor has {', '.join(available)}"
+        )
     return requested
 
 
 def available_instruction_sets(cpu_info: Path = _CPU_INFO) -> tuple[str, ...]:
-    """Instruction sets of the processor, best first; SSE4.2, which the kernel needs, is assumed."""
+    """Instruction sets of the processor, best first."""
+    if platform.machine() in ("aarch64", "arm64"):
+        return ("neon",)
     flags = _read_flags(cpu_info)
-    found = (name for name in INSTRUCTION_SETS if _REQUIRED_FLAGS[name] <= flags)
-    return tuple(found) or ("sse4.2",)
+    return (*(name for name, needed in _REQUIRED_FLAGS.items() if needed <= flags), "sse4.2")
 
 
 def _read_flags(cpu_info: Path) -> set[str]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.image_changer import encode_srgb
@@ -266,7 +267,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
 
 def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
     """(m, 4) rows for points relative to a centre."""
-    offset = rows[:, 3:] + rows[:, :3] @ centre[:, None]
+    offset = rows[:, 3:] + matmul(rows[:, :3], centre[:, None])
     relative: list[list[float]] = np.concatenate((rows[:, :3], offset), axis=1).tolist()
     return relative
 

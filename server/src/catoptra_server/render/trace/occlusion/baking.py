@@ -25,9 +25,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import cos, dot, einsum, matmul, sin, solve_linear
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import (
     KernelDevice,
     KernelUnavailableError,
@@ -112,7 +112,7 @@ def bake_occlusion(
 def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
     """Flat surfaces; where no kernel runs, each triangle is one, with more nodes than it needs."""
     try:
-        device = KernelDevice(choose_instruction_set(AUTO), threads)
+        device = KernelDevice(choose_instruction_set(), threads)
     except KernelUnavailableError:
         alone = np.arange(len(scene), dtype=np.int32)
         return FlatSurfaces(alone, np.full(len(scene), 7, dtype=np.uint8), alone)
@@ -231,7 +231,7 @@ def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indi
         side_m *= 1.2
     # The triangle that faces most as all together do.
     sums = np.stack([np.bincount(group, component) for component in normals.T], axis=-1)
-    order = np.lexsort((-np.einsum("ki,ki->k", normals, sums[group]), group))
+    order = np.lexsort((-dot(normals, np.asarray(sums[group], dtype=np.float64)), group))
     middle = small[order[np.searchsorted(group[order], np.arange(len(places)))]]
     return group.astype(np.int32), middle
 
@@ -244,7 +244,7 @@ def _frame_groups(
     group_of[small] = group
     frames = _frame_large(scene, group_of, middle)
     from_origin = scene.corners[small] - frames.origin[group][:, None]
-    height = np.einsum("tci,ti->tc", from_origin, frames.normal[group]).max(axis=1)
+    height = einsum("tci,ti->tc", from_origin, frames.normal[group]).max(axis=1)
     highest = np.zeros(len(middle))
     np.maximum.at(highest, group, height)
     first, second, third = np.moveaxis(scene.corners[middle], 1, 0)
@@ -276,7 +276,7 @@ def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices)
     horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
     is_level = _lengths(horizontal) < 1e-3
     axis_x = np.where(is_level[:, None], np.array([1.0, 0.0, 0.0]), horizontal)
-    axis_x -= np.einsum("mi,mi->m", axis_x, normal)[:, None] * normal
+    axis_x -= einsum("mi,mi->m", axis_x, normal)[:, None] * normal
     axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
     axis_y = np.cross(normal, axis_x)
     triangles = np.flatnonzero(patch_of >= 0)
@@ -297,7 +297,7 @@ def _extents(
 ) -> tuple[Floats, Floats]:
     """(m, 2) least and largest coordinates of the triangles of each surface along its axes."""
     from_anchor = corners - anchor[surface][:, None]
-    along = np.einsum("tci,tki->tck", from_anchor, axes[surface])
+    along = einsum("tci,tki->tck", from_anchor, axes[surface])
     low, high = np.full((len(anchor), 2), np.inf), np.full((len(anchor), 2), -np.inf)
     np.minimum.at(low, surface, along.min(axis=1))
     np.maximum.at(high, surface, along.max(axis=1))
@@ -377,7 +377,7 @@ def _enclose_casters(corners: Floats) -> _CasterBoxes:
     """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
     longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
     # A floor shares no box with a crate on it.
-    size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
+    size_class = np.frexp(np.maximum(longest, 1e-3) * 1e3)[1].astype(np.intp)
     clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
     return _CasterBoxes(clusters.centres, clusters.half_sizes)
 
@@ -413,10 +413,10 @@ class _NearPairs:
         """First node along side x within the radius of each box, and the one after the last."""
         length = _lengths(frames.side_x)
         axis = frames.side_x / length[:, None]
-        centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
-        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + RADIUS_M
+        centre = einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
+        half = einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + RADIUS_M
         # The sides of small triangles' grids enclose any angle.
-        half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
+        half += np.abs(einsum("pi,pi->p", frames.side_y, axis))
         step = length / (num_nodes - 1)
         # Whole steps outward: bilinear interpolation reaches there.
         first = np.floor((centre - half) / step).astype(np.intp)
@@ -435,16 +435,16 @@ def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
         part = slice(first, first + _SURFACES_AT_ONCE)
         offset = boxes.centre - middle[part, None]
         outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
-        squared = np.einsum("mbi,mbi->mb", outside, outside)
+        squared = einsum("mbi,mbi->mb", outside, outside)
         near = squared < limit[part, None] ** 2
-        height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
-        reach = np.abs(frames.normal[part]) @ boxes.half.T
+        height = einsum("mbi,mi->mb", offset, frames.normal[part])
+        reach = matmul(np.abs(frames.normal[part]), boxes.half.T)
         near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < RADIUS_M)
         # Where the nearest box is within the radius of all nodes, no other adds one.
         squared[~near] = np.inf
         nearest = squared.argmin(axis=1)
         reserve = np.maximum(2.0 * RADIUS_M - limit[part], 0.0)
-        is_whole = np.flatnonzero(squared.min(axis=1, initial=np.inf) < reserve**2)
+        is_whole = np.flatnonzero(squared.min(axis=1, initial=np.inf) < np.square(reserve))
         near[is_whole] = False
         near[is_whole, nearest[is_whole]] = True
         surface, box = np.nonzero(near)
@@ -490,7 +490,7 @@ def _turn_directions(frames: _SurfaceFrames) -> npt.NDArray[np.float32]:
     axis_y = np.cross(frames.normal, axis_x)
     axes = np.stack((axis_x, axis_y, frames.normal), axis=1).astype(np.float32)
     directions = _sky_directions().astype(np.float32)
-    return np.asarray(directions.reshape(1, -1, 3) @ axes).reshape(-1, *directions.shape)
+    return np.asarray(matmul(directions.reshape(1, -1, 3), axes)).reshape(-1, *directions.shape)
 
 
 def _sky_directions() -> Floats:
@@ -510,7 +510,7 @@ def _sky_directions() -> Floats:
     around = 2.0 * np.pi * (_digital_sequence(count, columns) + 0.5 / count)
     radius = np.sqrt(across)
     directions = np.stack(
-        (radius * np.cos(around), radius * np.sin(around), np.sqrt(1.0 - across)), axis=-1
+        (radius * cos(around), radius * sin(around), np.sqrt(1.0 - across)), axis=-1
     )
     return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
 
@@ -541,7 +541,7 @@ def _measure_all(
         distances, triangles = caster.closest_triangles(origins, flat.astype(np.float64))
         is_hit = triangles >= 0
         is_back = is_hit & (distances < RADIUS_M)
-        is_back &= np.einsum("ri,ri->r", normals[triangles], flat) > 0.0
+        is_back &= einsum("ri,ri->r", normals[triangles], flat) > 0.0
         # A thing that casts no shadow stops the ray and hides nothing.
         weights = occluder_weights(distances) * (is_hit & scene.casts_shadows[triangles])
         factors[part] = 1.0 - weights.reshape(rays).mean(axis=1)
@@ -650,8 +650,8 @@ def _find_atlas_rows(
 ) -> tuple[Floats, Floats]:
     """(m, 4) rows that map world points to columns and to rows of the atlas."""
     sides = np.stack((frames.side_x, frames.side_y), axis=1)
-    gram = np.einsum("mai,mbi->mab", sides, sides)
-    dual = np.linalg.solve(gram, sides) * spans[:, :, None]
-    offset = first - np.einsum("mai,mi->ma", dual, frames.origin)
+    gram = einsum("mai,mbi->mab", sides, sides)
+    dual = solve_linear(gram, sides) * spans[:, :, None]
+    offset = first - einsum("mai,mi->ma", dual, frames.origin)
     rows = np.concatenate((dual, offset[:, :, None]), axis=-1)
     return np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1])

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.lib.format import read_array
 
 from catoptra_server import __version__
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
@@ -54,16 +53,12 @@ def _has_large_triangles(scene: SceneMesh) -> bool:
     return len(scene) <= MANY_TRIANGLES or float(np.ptp(scene.corners, axis=1).max()) >= MIN_SIDE_M
 
 
-def find_occlusion(
-    scene: SceneMesh, folder: Path | None, instruction_set: str = AUTO
-) -> OcclusionMap | None:
+def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None:
     """Occlusion map of a scene, from a folder's cache or baked now; None: nothing is occluded.
 
     Args:
         scene: Triangles of a world that wants a map.
         folder: Folder of the cache; None for no cache.
-        instruction_set: Of the rays, on which a factor in many depends by one step; a map of a
-            named one needs a folder of its own.
     """
     file = None if folder is None else folder / f"{hash_scene(scene)}.bin"
     cached = None if file is None else _read(file, len(scene))
@@ -74,7 +69,7 @@ def find_occlusion(
     from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
     start = time.perf_counter()
-    caster = commit_ray_caster(scene, instruction_set)
+    caster = commit_ray_caster(scene)
     occlusion = bake_occlusion(scene, caster, threads=count_processors())
     log.info("ambient occlusion baked in %.2f s", time.perf_counter() - start)
     if file is not None and occlusion is not None:

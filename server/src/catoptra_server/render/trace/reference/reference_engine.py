@@ -86,7 +86,7 @@ class ReferenceEngine:
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
-        self.description = f"reference (NumPy float64), {threads} threads"
+        self.description = "reference (NumPy float64)"
 
     @property
     def num_object_meshes(self) -> int:

@@ -5,18 +5,25 @@
 
 #include <math.h>
 
-enum { STEPS = 4096 };
+enum { STEPS = 4096, NEWTON_STEPS = 12 };
 
 static float levels[STEPS + 2];
+
+/* x^(1 / 2.4) = q * cbrt(q^2) with q the fourth root of x, at least 0.2: the cube root by Newton's method, since
+ * the last bits of a library's `pow` depend on the processor. */
+static double encode(double x) {
+    double fourth_root = sqrt(sqrt(x)), square = fourth_root * fourth_root, cube_root = 1.0;
+    for (int step = 0; step < NEWTON_STEPS; step++)
+        cube_root = (2.0 * cube_root + square / (cube_root * cube_root)) / 3.0;
+    return x <= 0.0031308 ? 12.92 * x : 1.055 * fourth_root * cube_root - 0.055;
+}
 
 void prepare_encoding(void) {
     /* The last entry says that all others are there; two threads write the same values. */
     if (levels[STEPS + 1] != 0.0f)
         return;
     for (int i = 0; i < STEPS + 2; i++) {
-        double x = (double)i / STEPS;
-        double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
-        levels[i] = (float)(255.0 * encoded);
+        levels[i] = (float)(255.0 * encode((double)i / STEPS));
     }
 }
 
