@@ -84,7 +84,7 @@ def test_package_when_too_old_is_named_with_the_required_version(site: Path) -> 
     ("system", "machine", "level", "words"),
     [
         ("Linux", "x86_64", Level.OK, "trace by its native kernel, and raster; tested"),
-        ("Linux", "aarch64", Level.WARNING, "slow reference, and raster"),
+        ("Linux", "aarch64", Level.WARNING, "native kernel, and raster; tested under emulation"),
         ("Darwin", "arm64", Level.WARNING, "no raster"),
         ("Plan9", "mips", Level.WARNING, "unknown to the server"),
     ],

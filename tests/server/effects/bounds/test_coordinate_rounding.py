@@ -16,7 +16,7 @@ from catoptra_server.effects.bounds.coordinate_rounding import (
     CoordinateErrors,
     CoordinateRounding,
 )
-from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh, build_scene
 from catoptra_server.world.triangles import TriangleHierarchy, triangle_distances
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import place_cube
@@ -50,11 +50,14 @@ def test_viewpoint_far_from_the_centre_adds_its_distance() -> None:
     far = floor_rounding(20.0, centre_m=9e3)
     angle_rad = far.max_angle_rad(np.array((9e3, 0.0, 0.0)), (), ERRORS)
     assert angle_rad == pytest.approx(near, rel=1e-6), "only the centre of the scene counts"
-    cube = place_cube(9e3, 0.0, 0.0)
-    alone = floor_rounding(20.0).max_angle_rad(np.array((9e3, 0.0, -2.0)), (), ERRORS)
-    beside = floor_rounding(20.0).max_angle_rad(np.array((9e3, 0.0, -2.0)), (cube,), ERRORS)
-    assert alone < 10.0 * UNIT_ROUNDOFF * 4.0
-    assert beside > 2.0 * 9e3 / 2.0 * UNIT_ROUNDOFF
+    # Up to a distance: from there on the camera is the origin.
+    for away_m, is_origin in ((0.9 * MAX_FLOAT_REACH_M, False), (9e3, True)):
+        cube = place_cube(away_m, 0.0, 0.0)
+        viewpoint = np.array((away_m, 0.0, -2.0))
+        alone = floor_rounding(20.0).max_angle_rad(viewpoint, (), ERRORS)
+        beside = floor_rounding(20.0).max_angle_rad(viewpoint, (cube,), ERRORS)
+        assert alone < 10.0 * UNIT_ROUNDOFF * 4.0
+        assert (beside > 2.0 * away_m / 2.0 * UNIT_ROUNDOFF) == (not is_origin)
 
 
 def test_object_counts_by_its_triangles_where_it_is_near_and_by_its_sphere_where_it_is_far() -> (

@@ -102,7 +102,7 @@ def test_labels_are_those_of_the_world_without_it() -> None:
             renderer = TraceRenderer(scene, world, threads=1, engine="kernel")
         except KernelUnavailableError as error:
             pytest.skip(str(error))
-        labels = LabelRenderer(renderer, scene, "auto")
+        labels = LabelRenderer(renderer, scene)
         found.append(labels.render(image, channels, moved).channels)
         labels.close()
         renderer.close()

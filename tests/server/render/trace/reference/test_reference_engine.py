@@ -80,9 +80,9 @@ def test_scene_has_its_own_lights_and_objects_have_all_of_the_world() -> None:
     assert not differs[number > STATIC_SCENE].any()
 
 
-def test_description_names_engine_and_threads() -> None:
+def test_description_names_the_engine() -> None:
     engine = make_engine(make_test_world(), threads=3)
-    assert engine.description == "reference (NumPy float64), 3 threads"
+    assert engine.description == "reference (NumPy float64)"
     engine.close()
 
 
