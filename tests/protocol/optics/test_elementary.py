@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mpmath
@@ -44,8 +44,9 @@ def errors_in_ulps(found: Floats, expected: list[mpmath.mpf]) -> Floats:
 
 
 @pytest.fixture(autouse=True)
-def digits() -> None:
-    mpmath.mp.dps = 50
+def digits() -> Iterator[None]:
+    with mpmath.workdps(50):
+        yield
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

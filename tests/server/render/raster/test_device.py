@@ -56,6 +56,7 @@ def test_driver_without_clip_control_is_reported(monkeypatch: pytest.MonkeyPatch
     released: list[bool] = []
     old = SimpleNamespace(extensions=set(), release=lambda: released.append(True))
     monkeypatch.setattr(module.moderngl, "create_context", lambda **_: old)
+    monkeypatch.setattr(module, "_require_library", lambda name: None)
     with pytest.raises(OpenGLMissingError, match="no GL_ARB_clip_control"):
         open_device()
     assert released
