@@ -89,13 +89,29 @@ class SceneMesh:
     """(3,) smallest coordinates; inf in a scene without triangles."""
     box_max: Floats = field(init=False)
     """(3,) largest coordinates; -inf in a scene without triangles."""
+    is_large: bool = field(init=False)
+    """Whether float32 relative to the centre is too coarse for what is near a camera."""
+    _centre: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
         low, high = bounding_box(self.corners)
         object.__setattr__(self, "box_min", low)
         object.__setattr__(self, "box_max", high)
-        for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit, low, high):
+        centre = 0.5 * (low + high) if len(self) else np.zeros(3)
+        object.__setattr__(self, "_centre", centre)
+        is_large = bool(len(self)) and float((high - low).max()) > 2.0 * MAX_FLOAT_REACH_M
+        object.__setattr__(self, "is_large", is_large)
+        for array in (
+            self.corners,
+            self.normals,
+            self.uv,
+            self.albedo,
+            self.unlit,
+            low,
+            high,
+            centre,
+        ):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -108,13 +124,13 @@ class SceneMesh:
 
         Origin of renderers' float32 coordinates: precise in a world far from its origin.
         """
-        return 0.5 * (self.box_min + self.box_max) if len(self) else np.zeros(3)
+        return self._centre
 
-    @property
-    def is_large(self) -> bool:
-        """Whether float32 relative to the centre is too coarse for what is near a camera."""
-        reach_m = 0.5 * (self.box_max - self.box_min) if len(self) else np.zeros(3)
-        return bool(reach_m.max() > MAX_FLOAT_REACH_M)
+    def is_far(self, point: Floats) -> bool:
+        """Whether float32 relative to the centre is too coarse for what is near a (3,) point."""
+        # Plain floats: for each frame, in a fifth of the time of arrays.
+        pairs = zip(point.tolist(), self.centre.tolist(), strict=True)
+        return any(abs(at - middle) > MAX_FLOAT_REACH_M for at, middle in pairs)
 
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""

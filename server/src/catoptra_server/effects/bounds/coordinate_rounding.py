@@ -37,7 +37,7 @@ from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
-from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
+from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import Indices, TriangleHierarchy, triangle_distances
 from catoptra_server.world.world_description import Twist, Vector3
 
@@ -173,7 +173,7 @@ class CoordinateRounding:
     """Displacements in one scene with its dynamic objects."""
 
     def __init__(self, scene: SceneMesh, triangles: TriangleHierarchy) -> None:
-        self._centre = scene.centre
+        self._scene = scene
         self._triangles = _NearTriangles(triangles)
         self._objects: dict[ObjectMesh, _NearTriangles] = {}
 
@@ -187,12 +187,12 @@ class CoordinateRounding:
             objects: Dynamic objects in view.
             errors: Errors of the renderer's coordinates.
         """
-        centre_m = hypot(*(viewpoint - self._centre).tolist())
+        centre_m = hypot(*(viewpoint - self._scene.centre).tolist())
         miss_m = errors.miss_m / UNIT_ROUNDOFF
         position_m = errors.position_ulps * centre_m + miss_m
         angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, errors)
         # A camera far from the centre is the origin of its frames' objects.
-        if np.abs(viewpoint - self._centre).max() > MAX_FLOAT_REACH_M:
+        if self._scene.is_far(viewpoint):
             position_m = miss_m
         for one, near in zip(objects, self._object_proximities(objects, viewpoint), strict=True):
             own_m = position_m + errors.object_ulps * one.mesh.radius_m

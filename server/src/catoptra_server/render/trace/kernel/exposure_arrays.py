@@ -38,7 +38,7 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.objects import CameraState, ObjectMesh
-from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
+from catoptra_server.world.scene_mesh import SceneMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8
@@ -79,8 +79,7 @@ def frame_origin(exposure: TracedExposure, scene: SceneMesh) -> Floats:
     what is near it, because the scene is large, or the camera far from it.
     """
     camera = camera_states(exposure)[0].world_from_mirror.translation
-    is_far = np.abs(camera - scene.centre).max() > MAX_FLOAT_REACH_M
-    return camera if is_far or scene.is_large else scene.centre
+    return camera if scene.is_large or scene.is_far(camera) else scene.centre
 
 
 def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTable) -> OwningStruct:
