@@ -89,9 +89,11 @@ class SceneMesh:
     """(3,) smallest coordinates; inf in a scene without triangles."""
     box_max: Floats = field(init=False)
     """(3,) largest coordinates; -inf in a scene without triangles."""
+    centre: Floats = field(init=False)
+    """(3,) centre of the box, the world's origin for a scene without triangles. Origin of the
+    renderers' float32 coordinates: precise in a world far from its origin."""
     is_large: bool = field(init=False)
     """Whether float32 relative to the centre is too coarse for what is near a camera."""
-    _centre: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
@@ -99,32 +101,17 @@ class SceneMesh:
         object.__setattr__(self, "box_min", low)
         object.__setattr__(self, "box_max", high)
         centre = 0.5 * (low + high) if len(self) else np.zeros(3)
-        object.__setattr__(self, "_centre", centre)
+        object.__setattr__(self, "centre", centre)
         is_large = bool(len(self)) and float((high - low).max()) > 2.0 * MAX_FLOAT_REACH_M
         object.__setattr__(self, "is_large", is_large)
-        for array in (
-            self.corners,
-            self.normals,
-            self.uv,
-            self.albedo,
-            self.unlit,
-            low,
-            high,
-            centre,
-        ):
+        for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit):
+            array.setflags(write=False)
+        for array in (low, high, centre):
             array.setflags(write=False)
 
     def __len__(self) -> int:
         """Number of triangles."""
         return len(self.corners)
-
-    @property
-    def centre(self) -> Floats:
-        """(3,) centre of the box, the world's origin for a scene without triangles.
-
-        Origin of renderers' float32 coordinates: precise in a world far from its origin.
-        """
-        return self._centre
 
     def is_far(self, point: Floats) -> bool:
         """Whether float32 relative to the centre is too coarse for what is near a (3,) point."""

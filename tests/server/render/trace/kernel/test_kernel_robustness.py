@@ -39,8 +39,8 @@ def change_corners(scene: SceneMesh, triangle: int, value: float) -> SceneMesh:
     corners = scene.corners.copy()
     corners[triangle, 0, 0] = value
     changed = replace(scene, corners=corners)
-    object.__setattr__(changed, "box_min", scene.box_min)
-    object.__setattr__(changed, "box_max", scene.box_max)
+    for name in ("box_min", "box_max", "centre", "is_large"):
+        object.__setattr__(changed, name, getattr(scene, name))
     return changed
 
 
