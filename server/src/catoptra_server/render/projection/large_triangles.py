@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import dot
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds.coordinate_rounding import POINT_M, ViewpointCells
@@ -201,11 +202,11 @@ def _measure_edges(corners: Floats) -> tuple[Floats, Floats, Floats]:
     """
     following = np.roll(corners, -1, axis=1)
     half, middle = 0.5 * (following - corners), 0.5 * (corners + following)
-    square = _dot(half, half)
-    nearest = np.clip(-_dot(middle, half) / np.where(square > 0.0, square, 1.0), -1.0, 1.0)
+    square = dot(half, half)
+    nearest = np.clip(-dot(middle, half) / np.where(square > 0.0, square, 1.0), -1.0, 1.0)
     offset = middle + nearest[..., None] * half
     cuts = np.clip(nearest, -_MAX_CUT, _MAX_CUT)
-    return 2.0 * np.sqrt(square), np.sqrt(_dot(offset, offset)), cuts
+    return 2.0 * np.sqrt(square), np.sqrt(dot(offset, offset)), cuts
 
 
 def _perpendicular_foot(corners: Floats) -> tuple[Floats, Floats]:
@@ -216,11 +217,11 @@ def _perpendicular_foot(corners: Floats) -> tuple[Floats, Floats]:
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)
-    square = _dot(normal, normal)
-    sides = _dot(b - a, b - a) * _dot(c - a, c - a)
+    square = dot(normal, normal)
+    sides = dot(b - a, b - a) * dot(c - a, c - a)
     square = np.where(square > _MIN_SQUARED_SINE * sides, square, np.inf)
-    products = [_dot(np.cross(*pair), normal) for pair in ((b, c), (c, a), (a, b))]
-    return np.stack(products, axis=1) / square[:, None], np.abs(_dot(a, normal)) / np.sqrt(square)
+    products = [dot(np.cross(*pair), normal) for pair in ((b, c), (c, a), (a, b))]
+    return np.stack(products, axis=1) / square[:, None], np.abs(dot(a, normal)) / np.sqrt(square)
 
 
 def _cut_edges(rows: Floats, edges: Indices, cuts: Floats) -> tuple[Floats, Floats]:
@@ -232,10 +233,3 @@ def _cut_edges(rows: Floats, edges: Indices, cuts: Floats) -> tuple[Floats, Floa
     one[index, (edges + 1) % 3] = cut
     other[index, edges] = cut
     return one, other
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    """(...) products of (..., 3) vectors, summed in a fixed order."""
-    x, y, z = np.moveaxis(a * b, -1, 0)
-    products: Floats = x + y + z
-    return products

@@ -12,7 +12,7 @@ typedef struct {
 
 RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays);
 
-/* Rays of a block of the table, without limits, in scene coordinates. */
+/* Rays of a block of the table, without limits, in the frame's coordinates. */
 void load_block(const FrameState *state, size_t block, RayBlock *rays);
 
 /* The same of another table of the camera's. */

@@ -12,21 +12,11 @@
  * first corner may be far. */
 static void find_offsets(const FrameState *state, int32_t triangle, const double *uv,
                          FacetPlane *plane) {
-    double from_first[3], edge[2][3], square[2] = {0.0, 0.0}, mixed = 0.0, along[2] = {0.0, 0.0};
-    const double *corners = state->scene->mesh->arrays.fine_corners + 9 * (size_t)triangle;
-    float point[3] = {plane->first.x, plane->first.y, plane->first.z};
-    for (int i = 0; i < 3; i++) {
-        from_first[i] = (double)point[i] + state->frame->origin[i] - corners[i];
-        for (int side = 0; side < 2; side++) {
-            edge[side][i] = corners[3 * side + 3 + i] - corners[i];
-            square[side] += edge[side][i] * edge[side][i];
-            along[side] += edge[side][i] * from_first[i];
-        }
-        mixed += edge[0][i] * edge[1][i];
-    }
-    double inverse = 1.0 / (square[0] * square[1] - mixed * mixed);
-    double weight[2] = {(along[0] * square[1] - along[1] * mixed) * inverse,
-                        (along[1] * square[0] - along[0] * mixed) * inverse};
+    const double *origin = state->frame->origin;
+    double weight[2], point[3] = {origin[0] + (double)plane->first.x,
+                                  origin[1] + (double)plane->first.y,
+                                  origin[2] + (double)plane->first.z};
+    find_weights(state->scene->mesh->arrays.fine_corners + 9 * (size_t)triangle, point, weight);
     double u = uv[0] + weight[0] * uv[2] + weight[1] * uv[4];
     double v = uv[1] + weight[0] * uv[3] + weight[1] * uv[5];
     plane->u_offset = (float)(u - floor(u));

@@ -3,6 +3,7 @@
  * Threads: the pool's. Edges are dealt into buckets by their hashes, in the order of threads; each
  * bucket is then sorted by one thread, so that the order is lost. */
 #include "device.h"
+#include "vectors.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -149,33 +150,16 @@ static int pass_oppositely(const FacetSource *facets, int32_t a, int32_t b) {
     return are_equal(from_a, to_b, 3) && are_equal(to_a, from_b, 3) && !are_equal(from_a, to_a, 3);
 }
 
-static double dot3(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void edge_vectors(const double *corners, double first[3], double second[3]) {
-    for (int axis = 0; axis < 3; axis++) {
-        first[axis] = corners[3 + axis] - corners[axis];
-        second[axis] = corners[6 + axis] - corners[axis];
-    }
-}
-
 /* Whether the texture of one triangle's plane has the coordinates of the other at its corners. */
 static int continues_texture(const FacetSource *facets, int32_t a, int32_t b) {
     const double *from = facets->corners + 9 * (size_t)a, *to = facets->corners + 9 * (size_t)b;
     const double *uv = facets->uv + 6 * (size_t)a, *other = facets->uv + 6 * (size_t)b;
-    double first[3], second[3];
-    edge_vectors(from, first, second);
-    double aa = dot3(first, first), ab = dot3(first, second), bb = dot3(second, second);
-    double area = aa * bb - ab * ab;
     for (int corner = 0; corner < 3; corner++) {
-        double offset[3];
-        for (int axis = 0; axis < 3; axis++)
-            offset[axis] = to[3 * corner + axis] - from[axis];
-        double x = dot3(first, offset), y = dot3(second, offset);
-        double s = (bb * x - ab * y) / area, t = (aa * y - ab * x) / area;
+        double weight[2];
+        find_weights(from, to + 3 * corner, weight);
         for (int i = 0; i < 2; i++) {
-            double there = uv[i] + s * (uv[2 + i] - uv[i]) + t * (uv[4 + i] - uv[i]);
+            double there = uv[i] + weight[0] * (uv[2 + i] - uv[i]) +
+                           weight[1] * (uv[4 + i] - uv[i]);
             /* False for what is not a number: a triangle without area. */
             if (!(fabs(there - other[2 * corner + i]) < SAME_UV))
                 return 0;

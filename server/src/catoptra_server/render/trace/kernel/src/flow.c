@@ -101,7 +101,7 @@ static void clear_points(float points[3][TILE_PIXELS]) {
             points[axis][lane] = NAN;
 }
 
-/* Points of the pixels where they are in the other exposure, scene coordinates; not a number for
+/* Points of the pixels where they are in the other exposure, its coordinates; not a number for
  * none. */
 static void move_points(const Flow *flow, const TilePlace *place, float points[3][TILE_PIXELS]) {
     if (place->rows < TILE_PX || place->columns < TILE_PX)

@@ -75,40 +75,30 @@ Vec3 scene_corner(const FrameState *state, int32_t triangle, int corner) {
     return vec3(placed);
 }
 
-/* Of corners relative to the origin; not a number without area. */
-static Vec3 nearest_of_plane(const double corner[3][3]) {
-    double first[3], second[3], normal[3], height = 0.0, square = 0.0;
-    for (int i = 0; i < 3; i++) {
-        first[i] = corner[1][i] - corner[0][i];
-        second[i] = corner[2][i] - corner[0][i];
-    }
-    for (int i = 0; i < 3; i++) {
-        int next = (i + 1) % 3, last = (i + 2) % 3;
-        normal[i] = first[next] * second[last] - first[last] * second[next];
-        height += normal[i] * corner[0][i];
-        square += normal[i] * normal[i];
-    }
-    double share = height / square;
-    return (Vec3){(float)(share * normal[0]), (float)(share * normal[1]),
-                  (float)(share * normal[2])};
-}
-
 Vec3 plane_point(const FrameState *state, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (!mesh->fine_corners)
         return scene_corner(state, triangle, 0);
-    double corner[3][3];
-    for (int i = 0; i < 9; i++)
-        corner[i / 3][i % 3] =
-            mesh->fine_corners[9 * (size_t)triangle + (size_t)i] - state->frame->origin[i % 3];
-    return nearest_of_plane((const double(*)[3])corner);
+    const double *corners = mesh->fine_corners + 9 * (size_t)triangle;
+    double first[3], second[3], normal[3], from_origin[3];
+    edge_vectors(corners, first, second);
+    for (int i = 0; i < 3; i++) {
+        int next = (i + 1) % 3, last = (i + 2) % 3;
+        normal[i] = first[next] * second[last] - first[last] * second[next];
+        from_origin[i] = corners[i] - state->frame->origin[i];
+    }
+    /* Not a number without area. */
+    double share = dot3(normal, from_origin) / dot3(normal, normal);
+    return (Vec3){(float)(share * normal[0]), (float)(share * normal[1]),
+                  (float)(share * normal[2])};
 }
 
 static void place_grids(Occlusion *grids, OcclusionPatch *patches, size_t count,
                         const double origin[3]) {
-    memcpy(patches, grids->patches, sizeof *patches * count);
+    const OcclusionPatch *unplaced = grids->patches;
     grids->patches = patches;
     for (size_t patch = 0; patch < count; patch++) {
+        patches[patch] = unplaced[patch];
         float *rows[2] = {patches[patch].column, patches[patch].row};
         for (int row = 0; row < 2; row++) {
             double offset = patches[patch].offset[row];
@@ -121,8 +111,8 @@ static void place_grids(Occlusion *grids, OcclusionPatch *patches, size_t count,
 
 static void place_lights(Light *lights, LightMaps *maps, const Scene *scene,
                          const double origin[3]) {
-    memcpy(lights, scene->lights, sizeof *lights * (size_t)scene->num_lights);
     for (int light = 0; light < scene->num_lights; light++) {
+        lights[light] = scene->lights[light];
         for (int i = 0; i < 3 && lights[light].kind == LIGHT_POINT; i++)
             lights[light].vector[i] = (float)(lights[light].position[i] - origin[i]);
     }

@@ -12,7 +12,7 @@
 typedef struct {
     _Alignas(64) float distance[BLOCK_RAYS];
     float u[BLOCK_RAYS], v[BLOCK_RAYS]; /* barycentric weights of corners 1 and 2 */
-    float position[3][BLOCK_RAYS];      /* scene coordinates */
+    float position[3][BLOCK_RAYS];      /* the frame's coordinates */
     float normal[3][BLOCK_RAYS];        /* unit, by the winding; the scene's axes */
 } HitPoints;
 

@@ -57,4 +57,30 @@ static inline float max_abs(Vec3 a) {
     return xy > z ? xy : z;
 }
 
+/* The same in double precision, for what floats are too coarse for. */
+static inline double dot3(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Edges of a triangle from its first corner to the two others. */
+static inline void edge_vectors(const double corners[9], double first[3], double second[3]) {
+    for (int axis = 0; axis < 3; axis++) {
+        first[axis] = corners[3 + axis] - corners[axis];
+        second[axis] = corners[6 + axis] - corners[axis];
+    }
+}
+
+/* Barycentric weights of corners 1 and 2 in a point of a triangle's plane; not numbers without
+ * area. */
+static inline void find_weights(const double corners[9], const double point[3], double weight[2]) {
+    double first[3], second[3], offset[3];
+    edge_vectors(corners, first, second);
+    for (int axis = 0; axis < 3; axis++)
+        offset[axis] = point[axis] - corners[axis];
+    double aa = dot3(first, first), ab = dot3(first, second), bb = dot3(second, second);
+    double x = dot3(first, offset), y = dot3(second, offset), area = aa * bb - ab * ab;
+    weight[0] = (bb * x - ab * y) / area;
+    weight[1] = (aa * y - ab * x) / area;
+}
+
 #endif
