@@ -354,17 +354,15 @@ static int find_base(const float *corners) {
 }
 
 static void fill_lane(const Build *build, int32_t leaf, int lane, int32_t triangle) {
-    const float *corners = build->corners + 9 * (size_t)(triangle == NO_TRIANGLE ? 0 : triangle);
-    int base = find_base(corners);
+    size_t at = 9 * (size_t)(triangle == NO_TRIANGLE ? 0 : triangle);
+    int base = find_base(build->corners + at), is_unused = triangle == NO_TRIANGLE;
     for (int i = 0; i < 9; i++) {
-        size_t at = (size_t)(3 * base + i) % 9;
-        double value = triangle == NO_TRIANGLE ? (double)NAN
-                       : build->fine_corners   ? build->fine_corners[9 * (size_t)triangle + at]
-                                               : (double)corners[at];
+        size_t from = at + (size_t)(3 * base + i) % 9;
         if (build->fine_corners)
-            build->finely_filled[leaf].corner[i][lane] = value;
+            build->finely_filled[leaf].corner[i][lane] =
+                is_unused ? (double)NAN : build->fine_corners[from];
         else
-            build->filled[leaf].corner[i][lane] = (float)value;
+            build->filled[leaf].corner[i][lane] = is_unused ? NAN : build->corners[from];
     }
     if (build->fine_corners)
         build->finely_filled[leaf].triangle[lane] = triangle;
