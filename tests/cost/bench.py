@@ -27,6 +27,7 @@ from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.effects import Threshold
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
@@ -117,7 +118,7 @@ def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
     omni, body = robot.mirror_camera, build_ego_mesh(robot)
     assert omni is not None, "the bench's robot has a mirror"
     assert body is not None, "the mirror shows the robot"
-    thresholds = {SelfView.name: omni.effects.threshold_grey_levels}
+    thresholds = {SelfView.name: Threshold(omni.effects.threshold_grey_levels)}
     settings: RenderSettings = replace(omni.render_settings)
     plan = plan_from_settings(settings, omni.camera, kind=choice.kind, reason="bench")
     view = choice.renderer.prepare(omni.camera, plan)

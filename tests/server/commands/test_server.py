@@ -23,7 +23,7 @@ from catoptra_server.commands import server as server_module
 from catoptra_server.commands.server import ListeningAddress, Options, ServerThreads, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.config.startup import read_startup_config
-from catoptra_server.effects.medium.misalignment import lookup_offset_map
+from catoptra_server.effects.medium.misalignment import lookup_maps
 from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.frames.renderers import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
@@ -86,10 +86,10 @@ def make_threads_with_effect(folder: Path) -> ServerThreads:
 
 
 async def test_maps_of_effects_are_kept_before_the_start_ends(tmp_path: Path) -> None:
-    lookup_offset_map.cache_clear()
+    lookup_maps.cache_clear()
     threads = make_threads_with_effect(tmp_path)
     async with threads.run():
-        assert lookup_offset_map.cache_info().currsize == 1
+        assert lookup_maps.cache_info().currsize == 1
         assert not any(thread.name.startswith("effects") for thread in threading.enumerate())
 
 

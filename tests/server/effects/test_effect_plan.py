@@ -14,14 +14,17 @@ from catoptra_server.effects import (
     EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
     NUM_RINGS,
+    UNCHANGED,
     DecisionBasis,
     Effect,
     EffectBound,
     EffectMode,
     EffectSetting,
     EffectSettings,
+    Gains,
     SceneSummary,
     ShadowLoss,
+    Threshold,
     summary_fields,
 )
 from catoptra_server.effects.effect_plan import (
@@ -197,7 +200,7 @@ def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
 @pytest.mark.parametrize(("change", "is_on"), [(0.5, False), (0.501, True), (0.0, False)])
 def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) -> None:
     plan = decide((COARSE, EffectMode.AUTO))
-    assert plan.thresholds == {"Quantisation": 0.5}
+    assert plan.thresholds == {"Quantisation": Threshold(0.5)}
     (decision,) = plan.decide_by_frame({"Quantisation": change})
     assert (decision.enabled, decision.change) == (is_on, change)
     assert decision.basis is DecisionBasis.MEASURED
@@ -205,13 +208,22 @@ def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) ->
     assert decision.reason == f"this frame changes by {change:.3g}; {plan.decisions[0].reason}"
 
 
-def test_effect_that_is_only_seen_counts_as_its_bound() -> None:
+def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
     dark = SceneSummary(0.1, ego_body_max_radiance=0.2, ego_body_max_angle_rad=0.5)
     plan = decide((SelfView(), EffectMode.AUTO), summary=dark)
-    for seen, change in ((math.inf, plan.decisions[0].bound), (0.0, 0.0)):
+    for seen, change in ((math.inf, None), (0.0, 0.0)):
         (decision,) = plan.decide_by_frame({"SelfView": seen})
-        assert (decision.enabled, decision.change) == (change > 0.0, change)
-        assert decision.bound < 128.0
+        assert (decision.enabled, decision.change) == (seen > 0.0, change)
+        assert decision.reason.startswith("seen in" if seen else "this frame changes by 0;")
+
+
+def test_frame_that_tells_a_bound_states_no_change() -> None:
+    turning = SceneSummary(1.0, scene_twist=Twist((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    plan = decide((RollingShutter(0.03), EffectMode.AUTO), summary=turning)
+    for change, is_on in ((58.0, True), (0.4, False)):
+        (decision,) = plan.decide_by_frame({"RollingShutter": change})
+        assert (decision.enabled, decision.change, decision.bound) == (is_on, None, change)
+        assert decision.reason.startswith(f"at most {change:.3g} in this frame; ")
 
 
 def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
@@ -250,6 +262,9 @@ def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_dis
     assert plan.decisions[1].included_in == "DefocusByDepth"
     decided = plan.decide_by_frame({"DefocusByDepth": depth_change, "Defocus": 40.0})
     assert [one.enabled for one in decided] == expected
+    # By its own bound, not that of an effect which another includes.
+    assert decided[1].bound == Defocus(aperture).bound(near, CAMERA).value
+    assert ("DefocusByDepth includes" in decided[1].reason) == expected[0]
 
 
 @pytest.mark.parametrize("named", [(), ((Defocus(Aperture(1.0, 7.4e-6, 0.0)), EffectMode.NEVER),)])
@@ -309,6 +324,7 @@ class DistanceEffect:
     name: ClassVar[str] = "Distance"
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = frozenset({"scene_twist", "min_distances_m"})
+    gains: ClassVar[Gains] = UNCHANGED
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         self.summaries.append(summary)
@@ -344,7 +360,8 @@ def find_reads(effect: Effect, summary: SceneSummary) -> set[str]:
     recording = RecordingSummary(summary)
     bound = effect.bound(cast(SceneSummary, recording), CAMERA)
     assert bound == effect.bound(summary, CAMERA)
-    return recording.reads
+    # The same in all frames of a camera.
+    return recording.reads - {"gains"}
 
 
 @pytest.mark.parametrize("name", NAMES)

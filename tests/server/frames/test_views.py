@@ -26,6 +26,7 @@ from catoptra_server.effects import (
     EffectType,
     ImageEffect,
     SceneSummary,
+    Threshold,
 )
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
@@ -137,7 +138,7 @@ class FakeView:
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...] = (),
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
     ) -> RenderedImage:
         fakes = self._fakes
         fakes.raise_at(f"{self._name} render")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from catoptra_server.effects import Threshold
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.image_changer import (
@@ -23,7 +24,7 @@ EXPOSED = ExposedImage(PATTERN, CAMERA, CAPTURE_CONTEXT)
 
 def test_effects_are_applied_in_their_order_and_measured_where_asked() -> None:
     effects = (Vignetting(), Exposure(0.02, 0.01))
-    changed = NumpyImageChanger().change(EXPOSED, effects, {"Exposure": 0.5})
+    changed = NumpyImageChanger().change(EXPOSED, effects, {"Exposure": Threshold(0.5)})
     between = effects[0].apply(PATTERN, CAMERA, CAPTURE_CONTEXT)
     expected = effects[1].apply(between, CAMERA, CAPTURE_CONTEXT)
     np.testing.assert_array_equal(changed.image, expected)

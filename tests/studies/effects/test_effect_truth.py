@@ -64,15 +64,25 @@ def test_change_is_in_the_grey_levels_of_the_images(light: float) -> None:
     assert truth == pytest.approx(grey(light) - grey(0.5 * light), abs=1e-4)
 
 
-def test_change_is_of_the_light_that_drawn_effects_leave() -> None:
+def test_change_is_of_the_picture_behind_all_drawn_effects() -> None:
     effects = (Exposure(0.01, 0.02), WhiteBalance(1.5, 1.0))
     truth = make_truth(lambda _: make_image(0.5))
     both = truth.measure(STATE, effects, frozenset({"Exposure", "WhiteBalance"}))
-    assert both["Exposure"] == pytest.approx(grey(0.5) - grey(0.25))
+    # Red changes most; each behind or before the other one.
+    assert both["Exposure"] == pytest.approx(grey(0.75) - grey(0.375))
     assert both["WhiteBalance"] == pytest.approx(grey(0.375) - grey(0.25))
     last = truth.measure(STATE, effects, frozenset({"WhiteBalance"}))
-    assert last["Exposure"] == both["Exposure"], "measured at its place, whether drawn or not"
+    assert last["Exposure"] == both["Exposure"], "whether drawn or not"
     assert last["WhiteBalance"] == pytest.approx(grey(0.75) - grey(0.5))
+
+
+def test_change_in_the_dark_is_of_the_bright_picture() -> None:
+    def render(state: CameraState) -> LinearImage:
+        return make_image(2e-4 - 1e-4 * state.has_shadows)
+
+    effects = (Shadows(), Exposure(1.0, 1e-3))
+    truth = make_truth(render).measure(STATE, effects, frozenset({"Exposure"}))
+    assert truth["Shadows"] == pytest.approx(grey(0.2) - grey(0.1), rel=1e-6)
 
 
 def test_shadows_and_own_body_are_differences_of_frames() -> None:

@@ -22,7 +22,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, make_start_states, read_startup_config
-from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings
+from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings, widest_gains
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.frame import ViewRequest
@@ -174,7 +174,8 @@ def _explain_robot(
     requests = _request_views(robot, parsed.pose or _start_pose(startup), parsed.velocity)
     if not requests:
         return
-    choice = choose_renderer(parsed.renderer, startup.scene, startup.world)
+    gains = widest_gains(startup.effect_settings)
+    choice = choose_renderer(parsed.renderer, startup.scene, startup.world, gains=gains)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)

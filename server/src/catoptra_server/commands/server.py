@@ -46,7 +46,7 @@ from catoptra_server.config.startup import (
     make_start_states,
     read_startup_config,
 )
-from catoptra_server.effects import SceneSummary, is_image_effect
+from catoptra_server.effects import SceneSummary, is_image_effect, widest_gains
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.frames.frame import load_opencv
@@ -332,6 +332,7 @@ class ServerThreads:
             startup.world,
             threads=options.threads,
             is_reproducible=not is_realtime,
+            gains=widest_gains(startup.effect_settings),
         )
         log.info("%s", choice.renderer.describe())
         if _has_image_effects(startup):
@@ -366,10 +367,7 @@ class ServerThreads:
 
 def _has_image_effects(startup: StartupConfig) -> bool:
     """Whether any robot's file gives a camera an effect of the image."""
-    settings = [
-        *(one.effects for robot in startup.robots for one in robot.omni_cameras),
-        *(one.effects for robot in startup.robots for one in robot.perspective_cameras),
-    ]
+    settings = startup.effect_settings
     return any(is_image_effect(one.effect) for each in settings for one in each.settings)
 
 

@@ -19,6 +19,7 @@ from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.plan.costs import default_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
@@ -43,6 +44,15 @@ class StartupConfig:
     """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that the files state for the server itself."""
+
+    @property
+    def effect_settings(self) -> tuple[EffectSettings, ...]:
+        """Effects of all cameras."""
+        return tuple(
+            camera.effects
+            for robot in self.robots
+            for camera in (*robot.omni_cameras, *robot.perspective_cameras)
+        )
 
 
 def read_startup_config(

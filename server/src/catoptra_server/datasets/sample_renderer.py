@@ -21,6 +21,7 @@ from catoptra_server.datasets.sample import (
     describe_sample_metadata,
     wants_annotations,
 )
+from catoptra_server.effects import ANY_GAINS
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.labels import LabelledImage
@@ -133,6 +134,8 @@ class SampleRenderer:
             world,
             threads=1,
             is_reproducible=True,
+            # Samples draw exposures of their own.
+            gains=ANY_GAINS,
         )
         return ViewCache(
             RenderPlanner(RendererPool(choice, may_replace=False)),

@@ -24,8 +24,11 @@ the camera state before a frame is rendered. An image effect changes the whole l
 afterwards, so cube faces leave no seams. Images are (h, w, 3); radiance 1 fills a pixel's well, and
 is a white facet at full scale in `world/shading`.
 
-An effect bounds the largest change of any pixel in encoded grey levels, since the sRGB curve is 13
-times as steep in the dark as in linear counts; `auto` leaves out only changes below visibility.
+An effect bounds the largest change of any pixel of the finished picture in encoded grey levels,
+since the sRGB curve is 13 times as steep in the dark as in linear counts; `auto` leaves out only
+changes below visibility. Light is linear and not clipped up to the sensor's well, which clips once,
+behind the last mean. What follows an effect, exposure and gains above all, multiplies its change:
+`gains` are the least and the largest such factor, known before the frame.
 Noise counts with the largest number that its generator can give. A criterion reads a
 `SceneSummary`, whose fields bound everything that a frame can show, and declares the ones that it
 reads. One threshold serves all effects. Half a pixel and half a grey level are a hundredfold apart:
@@ -41,9 +44,10 @@ each new one would meet all others.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 from enum import Enum, StrEnum
+from functools import lru_cache
 from typing import Any, Protocol, TypeGuard, TypeVar
 
 import numpy as np
@@ -57,6 +61,13 @@ from catoptra_server.world.world_description import AT_REST, Twist, Vector3
 
 # float64 for references, float32 where a renderer applies an effect to its images.
 Real = TypeVar("Real", np.float32, np.float64)
+
+Gains = tuple[float, float]
+"""Least and largest factor of light."""
+AVERAGING: Gains = (0.0, 1.0)
+"""Of all that mixes light with that of other pixels, or loses some."""
+UNCHANGED: Gains = (1.0, 1.0)
+ANY_GAINS: Gains = (0.0, math.inf)
 
 # Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
 # by ring: the floor below the robot is near, the surroundings at the rim are far.
@@ -82,7 +93,11 @@ class Effect(Protocol):
 
     @property
     def reads(self) -> frozenset[str]:
-        """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
+        """Fields of the summary, without `gains`, that `bound` reads: bounds are cached by them."""
+
+    @property
+    def gains(self) -> Gains:
+        """Factors by which the effect may multiply a difference of light on its way."""
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change of any pixel, never too small.
@@ -204,9 +219,9 @@ class SceneSummary:
     max_object_rates_rad_s: tuple[float, ...] = (0.0,) * NUM_RINGS
     """Largest angular rate of dynamic objects about the viewpoint, by ring, beside the twist."""
     max_shadow_loss: ShadowLoss = NO_SHADOW_LOSS
-    """Largest loss in the shadow of scene and dynamic objects."""
+    """Largest loss in the shadow of scene and dynamic objects, as light of the finished picture."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
-    """Largest loss where the robot that carries the camera casts shadows, too."""
+    """The same where the robot that carries the camera casts shadows, too."""
     camera_key: tuple[int, int] | None = None
     """Key of the camera's own patterns (`NoiseSeed.camera_key`); None if unknown."""
     ego_body_max_radiance: float = 0.0
@@ -224,6 +239,13 @@ class SceneSummary:
     """Pairs of an effect and of the enabled effect that does its work as well, by name."""
     has_defocus: bool = True
     """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
+    gains: Gains = UNCHANGED
+    """Factors from the light at the effect to that of the finished picture, of what follows."""
+
+    @property
+    def picture_radiance(self) -> float:
+        """Largest radiance of the finished picture, before the sensor clips it."""
+        return self.gains[1] * self.max_radiance
 
     @property
     def visible_min_distances_m(self) -> tuple[float, ...]:
@@ -249,6 +271,15 @@ class DecisionBasis(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Threshold:
+    """Change of the finished picture that nobody sees."""
+
+    grey_levels: float
+    gains: Gains = UNCHANGED
+    """Factors from the light at the effect to that of the finished picture."""
+
+
+@dataclass(frozen=True, slots=True)
 class EffectSetting:
     """Effect that a robot file names."""
 
@@ -263,7 +294,8 @@ class EffectSettings:
     settings: tuple[EffectSetting, ...] = ()
     """In optical order."""
     threshold_grey_levels: float = 0.5
-    """`auto` leaves out effects whose bound is at most this: half a level is not visible."""
+    """`auto` leaves out effects whose bound is at most this, in levels of the finished picture:
+    half a level is not visible."""
     threshold_px: float | None = None
     """`auto` also leaves out effects that displace light by at most this; None: grey levels decide
     alone, since a tenth of a pixel changes an edge by 50 of them."""
@@ -303,6 +335,46 @@ NO_EFFECT_SETTINGS = EffectSettings()
 # p2at_omni_real.ini with the view 412 in trace and 507 in raster, of the view alone 20 and 62; of
 # all effects that change the scene 34 and 89.
 _IMAGE_BYTES_PER_PX, _SCENE_BYTES_PER_PX = 500, 30
+
+
+@lru_cache(maxsize=64)
+def following_gains(settings: EffectSettings) -> tuple[Gains, ...]:
+    """Factors from the light at each named effect to that of the finished picture, before any
+    decision."""
+    return chain_gains([_possible_gains(one) for one in settings.settings])
+
+
+def _possible_gains(setting: EffectSetting) -> Gains:
+    if setting.mode is EffectMode.NEVER:
+        return UNCHANGED
+    least, largest = setting.effect.gains
+    if setting.mode is EffectMode.ALWAYS:
+        return least, largest
+    return min(least, 1.0), max(largest, 1.0)
+
+
+def chain_gains(gains: Sequence[Gains]) -> tuple[Gains, ...]:
+    """Factors by all effects after each one, by the factors of each."""
+    chained = [UNCHANGED]
+    for least, largest in reversed(gains[1:]):
+        chained.append((least * chained[-1][0], largest * chained[-1][1]))
+    return tuple(reversed(chained[: len(gains)]))
+
+
+def gains_after(settings: EffectSettings, effect_name: str) -> Gains:
+    """Factors from the light at an effect to that of the finished picture."""
+    pairs = zip(settings.settings, following_gains(settings), strict=True)
+    return next((gains for one, gains in pairs if one.effect.name == effect_name), UNCHANGED)
+
+
+def widest_gains(all_settings: Iterable[EffectSettings]) -> Gains:
+    """Factors from the scene's light to that of the finished picture, in whatever modes."""
+    least, largest = UNCHANGED
+    for settings in all_settings:
+        gains = [one.effect.gains for one in settings.settings]
+        least = min(least, math.prod(min(one, 1.0) for one, _ in gains))
+        largest = max(largest, math.prod(max(one, 1.0) for _, one in gains))
+    return least, largest
 
 
 def summary_fields(settings: EffectSettings) -> frozenset[str]:

@@ -23,15 +23,20 @@ from functools import lru_cache
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    UNCHANGED,
     DecisionBasis,
     Effect,
     EffectBound,
     EffectMode,
     EffectSetting,
     EffectSettings,
+    Gains,
     ImageEffect,
     SceneEffect,
     SceneSummary,
+    Threshold,
+    chain_gains,
+    following_gains,
     is_image_effect,
     is_scene_effect,
 )
@@ -39,6 +44,8 @@ from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
 _DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"
+# Of these a frame tells a bound: there is no picture of all rows at one time to compare with.
+_BOUNDED = frozenset({"RollingShutter"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +78,9 @@ class EffectPlan:
     """Enabled effects that change the scene."""
     image_effects: tuple[ImageEffect, ...] = ()
     """Enabled effects that change the image."""
-    thresholds: Mapping[str, float] = field(default_factory=dict, compare=False)
-    """Change that nobody sees, grey levels, of the enabled effects that the frame itself decides
-    on: `renderer.View.render`."""
+    thresholds: Mapping[str, Threshold] = field(default_factory=dict, compare=False)
+    """Changes that nobody sees of the enabled effects that the frame itself decides on:
+    `renderer.View.render`."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:
@@ -202,27 +209,35 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
 def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
     if change is None:
         return decision
-    if change == math.inf:  # seen, but not measured
-        change = decision.bound
-    return replace(
-        decision,
-        enabled=change > decision.threshold,
-        basis=DecisionBasis.MEASURED,
-        change=change,
-        reason=f"this frame changes by {change:.3g}; {decision.reason}",
+    reason = decision.reason.removeprefix(_included_reason(decision.included_in))
+    measured = replace(
+        decision, enabled=change > decision.threshold, basis=DecisionBasis.MEASURED, included_in=""
     )
+    if change == math.inf:
+        return replace(measured, reason=f"seen in this frame; {reason}")
+    if decision.effect in _BOUNDED:
+        reason = f"at most {change:.3g} in this frame; {reason}"
+        return replace(measured, bound=min(change, decision.bound), reason=reason)
+    reason = f"this frame changes by {change:.3g}; {reason}"
+    return replace(measured, change=change, reason=reason)
 
 
 def _thresholds(
     settings: EffectSettings, decisions: Sequence[EffectDecision]
-) -> Mapping[str, float]:
+) -> Mapping[str, Threshold]:
     """Thresholds of the effects that the frame decides on: the enabled ones in mode auto."""
     if settings.basis is DecisionBasis.PROVED:
         return {}
+    decided = [
+        setting.effect.gains if decision.enabled else UNCHANGED
+        for setting, decision in zip(settings.settings, decisions, strict=True)
+    ]
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
-        decision.effect: settings.threshold_grey_levels
-        for setting, decision in zip(settings.settings, decisions, strict=True)
+        decision.effect: Threshold(settings.threshold_grey_levels, gains)
+        for setting, decision, gains in zip(
+            settings.settings, decisions, chain_gains(decided), strict=True
+        )
         if setting.mode is EffectMode.AUTO and decision.enabled
     }
 
@@ -238,6 +253,8 @@ class _EffectEntry:
 
     setting: EffectSetting
     camera: RadialCamera
+    gains: Gains
+    """Factors from the light at the effect to that of the finished picture."""
     bounds: dict[tuple[object, ...], EffectBound] = field(default_factory=dict)
     """Bounds by the fields of a summary that the effect reads."""
     decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
@@ -252,13 +269,15 @@ class _EffectEntry:
             # least likely to return.
             while len(self.bounds) >= _MAX_CACHED:
                 self.bounds.pop(next(iter(self.bounds)))
+            summary = replace(summary, gains=self.gains)
             bound = self.bounds[key] = effect.bound(summary, self.camera)
         return bound
 
 
 @lru_cache(maxsize=64)
 def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
-    return tuple(_EffectEntry(setting, camera) for setting in settings.settings)
+    pairs = zip(settings.settings, following_gains(settings), strict=True)
+    return tuple(_EffectEntry(setting, camera, gains) for setting, gains in pairs)
 
 
 def _find_decision(
@@ -266,9 +285,6 @@ def _find_decision(
 ) -> EffectDecision:
     # Also in mode always: applied twice, the disc of Defocus would blur the blurred image again.
     by = dict(summary.included_effects).get(entry.setting.effect.name)
-    if by is not None and entry.setting.mode is not EffectMode.NEVER:
-        included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
-        return replace(included, enabled=False, included_in=by)
     bound = entry.find_bound(summary)
     decision = entry.decisions.get(bound)
     if decision is None:
@@ -277,7 +293,14 @@ def _find_decision(
         if len(entry.decisions) >= _MAX_CACHED:
             entry.decisions.clear()
         decision = entry.decisions[bound] = _decide(entry.setting, bound, settings)
+    if by is not None and entry.setting.mode is not EffectMode.NEVER:
+        reason = _included_reason(by) + decision.reason
+        return replace(decision, enabled=False, included_in=by, reason=reason)
     return decision
+
+
+def _included_reason(by: str) -> str:
+    return f"{by} includes this one; "
 
 
 def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings) -> EffectDecision:

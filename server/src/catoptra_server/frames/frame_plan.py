@@ -33,7 +33,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import summary_fields
+from catoptra_server.effects import gains_after, summary_fields
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import (
@@ -163,6 +163,7 @@ class CameraPlan:
         """Choice with the bound of the last frame."""
         self.coordinate_errors: Mapping[RendererKind, CoordinateErrors] = {}
         self.summary_fields = summary_fields(camera.effect_settings)
+        self.shadow_gains = gains_after(camera.effect_settings, "Shadows")
         self.decisions: tuple[EffectDecision, ...] = ()
         """Decisions about the effects of the last frame."""
         # A perspective camera has no budget.
@@ -360,7 +361,8 @@ class FramePlanner:
         if not settings.settings:
             return NO_EFFECTS
         fields = camera_plan.summary_fields
-        summary = self._summarizer.summarize(camera_state, camera.camera, fields)
+        gains = camera_plan.shadow_gains
+        summary = self._summarizer.summarize(camera_state, camera.camera, fields, gains)
         return plan_effects(settings, summary, camera.camera)
 
     def _record_time(

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import UNCHANGED, Gains
 from catoptra_server.effects.bounds.light_loss import cull_lights
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
@@ -71,6 +72,7 @@ def choose_renderer(
     *,
     threads: int = 0,
     is_reproducible: bool = False,
+    gains: Gains = UNCHANGED,
 ) -> RendererChoice:
     """Create the renderer for `auto`, `trace` or `raster`.
 
@@ -78,6 +80,8 @@ def choose_renderer(
         threads: Threads of trace; 0: one for each processor.
         is_reproducible: Let `auto` look for no graphics processor, for bytes that depend on no
             machine: under lockstep, in data sets and in studies.
+        gains: Factors from the scene's light to that of any camera's picture, for the culling of
+            lights.
 
     Returns:
         The choice. Raster belongs to the calling thread.
@@ -89,7 +93,7 @@ def choose_renderer(
     if requested not in RENDERER_NAMES:
         *others, last = RENDERER_NAMES
         raise DomainError(f"a renderer is {', '.join(others)} or {last}, not {requested!r}")
-    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads)
+    inputs = _Scene(scene, world, cull_lights(scene, world.lights, gains), threads)
     factories = {kind: partial(make, inputs) for kind, make in RENDERER_FACTORIES.items()}
     if requested != AUTO:
         kind = RendererKind(requested)

@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import CaptureContext, ImageEffect
+from catoptra_server.effects import UNCHANGED, CaptureContext, Gains, ImageEffect, Threshold
+from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -62,7 +63,7 @@ class ImageChanger(Protocol):
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[LinearImage]:
         """Change an image in linear light."""
 
@@ -70,7 +71,7 @@ class ImageChanger(Protocol):
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[Image]:
         """Change an image and encode it."""
 
@@ -87,7 +88,7 @@ class NumpyImageChanger:
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[LinearImage]:
         """Change an image everywhere."""
         light = exposed.light
@@ -98,14 +99,14 @@ class NumpyImageChanger:
             before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
             if effect.name in thresholds:
-                changes[effect.name] = measure_change(before, light)
+                changes[effect.name] = measure_change(before, light, thresholds[effect.name].gains)
         return ChangedImage(light, stage_ms, changes)
 
     def encode(
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[Image]:
         """Change an image and encode it."""
         changed = self.change(exposed, effects, thresholds)
@@ -120,10 +121,10 @@ class NumpyImageChanger:
         """Free nothing."""
 
 
-def measure_change(before: LinearImage, after: LinearImage) -> float:
-    """Largest change of any pixel between two linear images, encoded grey levels, not rounded."""
-    levels = (srgb_from_linear(one.astype(np.float64)) for one in (before, after))
-    return 255.0 * float(np.abs(np.subtract(*levels)).max())
+def measure_change(before: LinearImage, after: LinearImage, gains: Gains = UNCHANGED) -> float:
+    """Largest change of any pixel of the finished picture between two linear images, grey levels,
+    not rounded."""
+    return float(find_changes(before, after, gains).max())
 
 
 _MAX_LEVEL = 2**16 - 1

@@ -36,7 +36,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect
+from catoptra_server.effects import ImageEffect, Threshold
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.objects import CameraState, DynamicObject, RowWeights
@@ -135,7 +135,7 @@ class RenderSettings:
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
-NO_THRESHOLDS: Mapping[str, float] = MappingProxyType({})
+NO_THRESHOLDS: Mapping[str, Threshold] = MappingProxyType({})
 
 
 class Renderer(Protocol):
@@ -172,14 +172,14 @@ class View(Protocol):
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...] = (),
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects in their order.
 
         Args:
             camera_state: State of the exposure.
             effects: Image effects.
-            thresholds: Change in encoded grey levels, by name of a scene or image effect, that
+            thresholds: Change of the finished picture, by name of a scene or image effect, that
                 nobody sees: cells of the image that the effect changes by at most as much may be
                 drawn without it. Effects without a threshold are drawn everywhere.
         """

@@ -1,10 +1,10 @@
-"""True changes of effects: what each makes of the arriving light, in encoded grey levels.
+"""True changes of effects: what each makes of the finished picture, in encoded grey levels.
 
-The truth of an effect is the largest change of any pixel and channel of a frame, of the light that
-the earlier effects leave: the references of `effect.apply` in float64 for image effects, and
-sharp frames of the engine for scene effects, with and without each; motion during an exposure is
-the mean of many sharp frames. Nothing here knows criteria, bounds, thresholds, or what a renderer
-measures.
+The truth of an effect is the largest change of any pixel and channel: of the light that the earlier
+effects leave, with and without it, behind all later image effects that are drawn, without noise.
+They are the references of `effect.apply` in float64, and sharp frames of the engine for scene
+effects; motion during an exposure is the mean of many sharp frames. Nothing here knows criteria,
+bounds, thresholds, or what a renderer measures.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ from catoptra_server.world.world_description import AT_REST
 
 # Sharp frames of an exposure.
 _NUM_SHARP_FRAMES = 64
+
+# Of numbers that have nothing to do with another effect, and of rounding.
+_RANDOM = frozenset({"ShotNoise", "ReadNoise", "Quantisation"})
 
 # Fields of a state that a frame of a known pose and motion does not depend on any further.
 _KNOWN_BY_POSE = frozenset({"world_from_mirror", "twist", "ego_body"})
@@ -80,8 +83,8 @@ class EffectTruth:
         if key != self._pose:
             self._pose = key
             self._known.clear()
-        truths, state, opening = self._change_scene(camera_state, effects, drawn)
         image_effects = tuple(one for one in effects if is_image_effect(one))
+        truths, state, opening = self._change_scene(camera_state, effects, drawn)
         is_moving = camera_state.twist != AT_REST
         light_key = ("image", _state_key(state), opening if is_moving else None, drawn)
         if light_key not in self._known:
@@ -96,6 +99,8 @@ class EffectTruth:
     ) -> tuple[dict[str, float], CameraState, _Opening]:
         """Changes by scene effects, and the state and times with all drawn ones."""
         truths, opening = {}, _Opening()
+        later = _drawn_images(effects, drawn)
+        context = self._make_context(state, later)
         for effect in effects:
             if not is_scene_effect(effect):
                 continue
@@ -113,9 +118,8 @@ class EffectTruth:
                 # What a renderer draws for each sample, such as fog, needs no displacement.
                 changed = effect.apply_to_scene(state, 0.0)
             before, after = self._expose(state, opening), self._expose(changed, changed_opening)
-            truths[effect.name] = (
-                0.0 if after is before else _max_change(_encode(before), _encode(after))
-            )
+            finished = (self._finish(one, later, context) for one in (before, after))
+            truths[effect.name] = 0.0 if after is before else _max_change(*finished)
             if effect.name in drawn:
                 state, opening = changed, changed_opening
         return truths, state, opening
@@ -155,25 +159,47 @@ class EffectTruth:
         drawn: frozenset[str],
     ) -> dict[str, float]:
         """Changes by image effects, each of the light behind the drawn ones before."""
-        range_m = None
-        if any(effect.needs_range for effect in effects):
-            range_m = self.measure_ranges(state)
-        context = CaptureContext(state.noise_seed, range_m)
-        truths, encoded = {}, _encode(light)
+        later = _drawn_images(effects, drawn)
+        context = self._make_context(state, effects)
+        picture = self._finish(light, later, context)
+        truths = {}
         for effect in effects:
             if isinstance(effect, Defocus) and DefocusByDepth.name in drawn:
                 continue  # by depth instead
-            changed = effect.apply(light, self.camera, context)
-            changed_encoded, reference = _encode(changed), encoded
+            acts = effect in later
+            later = later[acts:]
+            changed, without = effect.apply(light, self.camera, context), light
             if isinstance(effect, DefocusByDepth):
                 # Compared with the disc of infinity, which stands without this effect.
                 plain = next((one for one in effects if isinstance(one, Defocus)), None)
-                if plain is not None:
-                    reference = _encode(plain.apply(light, self.camera, context))
-            truths[effect.name] = _max_change(reference, changed_encoded)
-            if effect.name in drawn:
-                light, encoded = changed, changed_encoded
+                without = light if plain is None else plain.apply(light, self.camera, context)
+            # One of both is the picture, most often.
+            truths[effect.name] = _max_change(
+                picture if without is light and not acts else self._finish(without, later, context),
+                picture if acts else self._finish(changed, later, context),
+            )
+            if acts:
+                light = changed
         return truths
+
+    def _make_context(self, state: CameraState, effects: Sequence[ImageEffect]) -> CaptureContext:
+        is_needed = any(effect.needs_range for effect in effects)
+        return CaptureContext(state.noise_seed, self.measure_ranges(state) if is_needed else None)
+
+    def _finish(
+        self, light: Floats, effects: Sequence[ImageEffect], context: CaptureContext
+    ) -> Floats:
+        """Encoded picture of light behind effects."""
+        for effect in effects:
+            light = effect.apply(light, self.camera, context)
+        return _encode(light)
+
+
+def _drawn_images(effects: Sequence[Effect], drawn: frozenset[str]) -> tuple[ImageEffect, ...]:
+    """Drawn image effects that no other includes, without noise."""
+    included = {Defocus.name} if DefocusByDepth.name in drawn else set()
+    wanted = drawn - _RANDOM - included
+    return tuple(one for one in effects if is_image_effect(one) and one.name in wanted)
 
 
 def _advance(state: CameraState, time_s: float) -> CameraState:

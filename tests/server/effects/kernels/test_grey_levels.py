@@ -12,10 +12,12 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     count_valid_pixels,
+    find_changes,
     frame_noise_key,
     grey_level,
     max_change_by_exchange,
@@ -45,15 +47,30 @@ def test_change_by_gain_is_the_largest_of_all_greys(gain: float, max_radiance: f
     )
 
 
+@pytest.mark.parametrize("gain", [0.1, 1.0, 1000.0])
 @pytest.mark.parametrize("max_radiance", [1e-4, 0.02, 1.0, 20.0])
-def test_change_by_offset_is_the_largest_of_all_greys(max_radiance: float) -> None:
+def test_change_by_offset_is_the_largest_of_all_greys(max_radiance: float, gain: float) -> None:
     radiance = np.append(LIGHT[LIGHT <= max_radiance], max_radiance)
+    summary = SceneSummary(max_radiance, gains=(gain, gain))
+    bound = max_change_by_offset(lambda x: np.full_like(x, 0.003), summary)
     for offset in (0.003, -0.003):
-        changes = 255.0 * np.abs(srgb_from_linear(radiance + offset) - srgb_from_linear(radiance))
-        assert (
-            changes.max()
-            <= max_change_by_offset(lambda x: np.full_like(x, 0.003), max_radiance) + 1e-3
+        before, after = (
+            srgb_from_linear(gain * radiance),
+            srgb_from_linear(gain * (radiance + offset)),
         )
+        assert 255.0 * np.abs(after - before).max() <= bound + 1e-3
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.0), (0.0, 1.0), (0.1, 10.0), (5.0, 1000.0)])
+def test_change_of_the_picture_is_the_largest_by_any_gain(gains: tuple[float, float]) -> None:
+    one = np.array((0.0, 1e-6, 1e-4, 0.02, 0.3, 0.9, 1.0, 3.0))[:, None]
+    other = np.array((0.0, 2e-6, 1e-3, 0.02, 0.5, 1.5, 40.0))
+    all_gains = np.linspace(*gains, 200_001)[:, None, None]
+    levels = srgb_from_linear(all_gains * one) - srgb_from_linear(all_gains * other)
+    expected = 255.0 * np.abs(levels).max(axis=0)
+    found = find_changes(*np.broadcast_arrays(one, other), gains)
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3)
+    assert (found >= expected - 1e-9).all()
 
 
 @pytest.mark.parametrize("max_radiance", [1e-4, 0.02, 1.0, 20.0])

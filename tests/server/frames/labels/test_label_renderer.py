@@ -15,7 +15,7 @@ from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixe
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
+from catoptra_server.effects.medium.misalignment import Misalignment, lookup_maps
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels import label_renderer as occluded_fraction
@@ -209,7 +209,7 @@ def test_displaced_camera_is_labelled_as_its_picture_shows() -> None:
     drawn = LabelledImage(camera, STATE, image_effects=(displaced,))
     found = draw_labels(drawn, ("ids", "valid"))
     aligned = draw_labels(LabelledImage(camera, STATE), ("ids",))
-    lookup = lookup_offset_map(displaced, camera)
+    lookup = lookup_maps(displaced, camera)[0]
     assert np.hypot(lookup[..., 0], lookup[..., 1])[lookup[..., 2] > 0].max() > 1.0
     u, v = np.meshgrid(np.arange(96) + 0.5, np.arange(96) + 0.5)
     cast = cast_image(camera, STATE, np.stack((u, v), axis=-1) + lookup[..., :2])

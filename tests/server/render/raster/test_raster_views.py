@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings, Threshold
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -193,7 +193,7 @@ def test_effects_by_the_kernel_are_those_of_numpy(device: GlDevice) -> None:
 
 
 def test_effects_by_the_kernel_are_measured_and_have_no_passes(device: GlDevice) -> None:
-    thresholds = {effect.name: 0.5 for effect in EFFECTS}
+    thresholds = {effect.name: Threshold(0.5) for effect in EFFECTS}
     with ExitStack() as stack:
         view = make_raster(device, changer=open_changer_or_skip(stack)).prepare(
             CAMERA, make_plan(CAMERA)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import Threshold
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
@@ -47,7 +48,7 @@ LIGHTS: dict[str, tuple[Light, ...]] = {
 }
 BOXES = (box_item(0.5, 0.1, -0.15, (0.3, 0.2, 0.3)), box_item(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02)))
 STATE = CameraState(Pose.from_rpy((0.05, 0.03, -1.1), (0.02, 0.1, 0.3)), has_shadows=True)
-REQUEST = TraceRequest(thresholds={"Shadows": 0.5, "SelfView": 0.5})
+REQUEST = TraceRequest(thresholds={"Shadows": Threshold(0.5), "SelfView": Threshold(0.5)})
 LINEAR_REQUEST = replace(REQUEST, is_linear=True)
 
 
@@ -102,7 +103,7 @@ def test_change_by_shadows_that_only_other_instants_show_is_found(engine: Engine
     world = make_world(floor_item(), pillar, lights=(DIM_HEMISPHERE_LIGHT, lamp))
     still = CameraState(Pose.from_rpy((0.0, 0.0, -1.1)), has_shadows=True)
     drives = replace(still, twist=Twist((0.0, 3.0, 0.0)), shutter=Shutter(1.0 / 30.0, 0.0, 64.0))
-    thresholds = {"Shadows": 0.5, "MotionBlur": 0.5}
+    thresholds = {"Shadows": Threshold(0.5), "MotionBlur": Threshold(0.5)}
     with open_engine(engine, world) as opened:
         rays = opened.prepare(TABLES["4 samples"])
         changes = [

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import Threshold
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
@@ -38,7 +39,9 @@ def trace(engine: EngineName, state: CameraState, *, is_linear: bool = True) -> 
     world = load_world_setup("four_legged_2006").world
     with open_engine(engine, world, scene=load_world_setup("four_legged_2006").scene) as opened:
         rays = opened.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=2)))
-        frame = rays.render(state, TraceRequest(is_linear=is_linear, thresholds={"Fog": 0.5}))
+        frame = rays.render(
+            state, TraceRequest(is_linear=is_linear, thresholds={"Fog": Threshold(0.5)})
+        )
         rays.close()
     return frame
 
@@ -100,8 +103,10 @@ def test_fog_of_a_view_is_measured_with_and_without_image_effects(engine: Engine
     state = replace(CAMERA_STATE, fog=FOG)
     with open_renderer(engine, make_test_world()) as renderer:
         view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
-        alone = view.render(state, (), {"Fog": 0.5}).changes["Fog"]
-        with_effect = view.render(state, (make_effect("Vignetting"),), {"Fog": 0.5}).changes["Fog"]
+        alone = view.render(state, (), {"Fog": Threshold(0.5)}).changes["Fog"]
+        with_effect = view.render(
+            state, (make_effect("Vignetting"),), {"Fog": Threshold(0.5)}
+        ).changes["Fog"]
         view.close()
     assert alone > 1.0
     assert with_effect == pytest.approx(alone, abs=0.02)
@@ -131,7 +136,7 @@ def test_fog_of_tiles_of_one_facet_is_the_mean_of_their_samples(
     samples: int, airlight: tuple[float, float, float], shutter: Shutter | None
 ) -> None:
     state = replace(CAMERA_ABOVE, fog=FogMedium(0.2, airlight), shutter=shutter)
-    request = TraceRequest(thresholds={"Fog": 0.5})
+    request = TraceRequest(thresholds={"Fog": Threshold(0.5)})
     linear_request = replace(request, is_linear=True)
     encoded, linear, changes = [], [], []
     for name in ENGINES:

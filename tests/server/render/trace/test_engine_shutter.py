@@ -12,6 +12,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import Threshold
 from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
@@ -34,7 +35,7 @@ T_S = 1.0 / 30.0
 BLUR = Shutter(T_S, 0.0, 64.0)
 ROLLING = Shutter(0.0, T_S, 64.0)
 BOTH = Shutter(T_S, T_S, 64.0)
-THRESHOLDS = {"MotionBlur": 0.5, "RollingShutter": 0.5}
+THRESHOLDS = dict.fromkeys(("MotionBlur", "RollingShutter"), Threshold(0.5))
 START = START_POSES["four_legged_2006"]
 STATES = {
     "drives": driving_camera_state(START, 0.5, 30.0),

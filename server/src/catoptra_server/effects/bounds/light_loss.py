@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects import NO_SHADOW_LOSS, UNCHANGED, Gains, ShadowLoss
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -276,27 +276,34 @@ class _Facets:
 
 
 def max_visible_loss(
-    lost_radiance: Floats, remaining_radiance: Floats, *, can_be_darker: Bools
+    lost_radiance: Floats,
+    remaining_radiance: Floats,
+    *,
+    can_be_darker: Bools,
+    gains: Gains = UNCHANGED,
 ) -> ShadowLoss:
-    """Radiance and colour channel that a loss changes most when encoded to sRGB.
+    """Radiance and colour channel of the finished picture that a loss changes most.
 
     Args:
         lost_radiance: (n, 3) linear radiance that each surface loses.
         remaining_radiance: (n, 3) radiance that remains.
         can_be_darker: (n,) surfaces whose texture may scale both by any factor below one.
+        gains: Factors from the scene's light to the picture's.
     """
     if not lost_radiance.any():
         return NO_SHADOW_LOSS
-    lost, remaining, change = _scale_to_white(lost_radiance, remaining_radiance, can_be_darker)
+    lost, remaining, change = _scale_to_white(
+        lost_radiance, remaining_radiance, can_be_darker, gains
+    )
     worst = np.unravel_index(int(np.argmax(change)), change.shape)
     return ShadowLoss(float(lost[worst]), float(remaining[worst]))
 
 
 def visible_losses(
-    lost_radiance: Floats, remaining_radiance: Floats, *, can_be_darker: Bools
+    lost_radiance: Floats, remaining_radiance: Floats, *, can_be_darker: Bools, gains: Gains
 ) -> Floats:
     """(n,) largest changes of the surfaces' channels, grey levels; arguments as above."""
-    change = _scale_to_white(lost_radiance, remaining_radiance, can_be_darker)[2]
+    change = _scale_to_white(lost_radiance, remaining_radiance, can_be_darker, gains)[2]
     levels: Floats = 255.0 * change.max(axis=1)
     return levels
 
@@ -308,35 +315,44 @@ def grey_level_change(loss: ShadowLoss) -> float:
     )
 
 
+_LEAST_LIGHT = 1e-300
+
+
 def _scale_to_white(
-    lost_radiance: Floats, remaining_radiance: Floats, can_be_darker: Bools
+    lost_radiance: Floats, remaining_radiance: Floats, can_be_darker: Bools, gains: Gains
 ) -> tuple[Floats, Floats, Floats]:
     """(n, 3) lost and remaining radiance at the scale that shows most, and encoded changes."""
-    # Above white a loss is clipped away: of all scales of a textured surface, the one that just
-    # reaches white loses most.
-    factor = np.where(
-        can_be_darker[:, None], 1.0 / np.maximum(lost_radiance + remaining_radiance, 1.0), 1.0
-    )
+    # Above white a loss is clipped away: of all scales of a surface, by its texture and by what
+    # follows, the one that just reaches white loses most.
+    least = np.where(can_be_darker[:, None], 0.0, gains[0])
+    to_white = 1.0 / np.maximum(lost_radiance + remaining_radiance, _LEAST_LIGHT)
+    factor = np.clip(to_white, least, gains[1])
     lost_radiance, remaining_radiance = factor * lost_radiance, factor * remaining_radiance
     lit = lost_radiance + remaining_radiance
     change: Floats = srgb_from_linear(lit) - srgb_from_linear(remaining_radiance)
     return lost_radiance, remaining_radiance, change
 
 
-# Sum over all culled lights. A tenth of the threshold of effects: an exposure of ten times the
-# light shows ten times the change in the dark, where the sRGB curve is straight.
+# Sum over all culled lights: a tenth of the threshold of effects.
 MAX_CULLED_GREY_LEVELS = 0.05
 # A light that a sample of triangles already needs is kept without a look at the others.
 _NUM_PROBED_TRIANGLES = 500
 
 
-def cull_lights(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Light, ...]:
+def cull_lights(
+    scene: SceneMesh, lights: tuple[Light, ...], gains: Gains = UNCHANGED
+) -> tuple[Light, ...]:
     """Lights of a world without those that change nothing visible of the static scene.
 
     Each culled light is logged with its bound.
+
+    Args:
+        scene: Triangles of the static scene.
+        lights: Lights of its world.
+        gains: Factors from the scene's light to that of any camera's picture.
     """
     changes = {
-        light: _max_grey_level_change(scene, lights, light)
+        light: _max_grey_level_change(scene, lights, light, gains)
         for light in shadow_casting_lights(lights)
     }
     culled: set[Light] = set()
@@ -352,19 +368,23 @@ def cull_lights(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Light, ...
 
 
 def _max_grey_level_change(
-    scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight
+    scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, gains: Gains
 ) -> float:
     """Largest change of any triangle by a light, or any change above the limit."""
     step = max(len(scene) // _NUM_PROBED_TRIANGLES, 1)
     for part in (slice(None, None, step), slice(None)):
-        change = _max_change_of_part(scene, lights, light, part)
+        change = _max_change_of_part(scene, lights, light, part, gains)
         if change > MAX_CULLED_GREY_LEVELS or step == 1:
             break
     return change
 
 
 def _max_change_of_part(
-    scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, part: slice
+    scene: SceneMesh,
+    lights: tuple[Light, ...],
+    light: ShadowCastingLight,
+    part: slice,
+    gains: Gains,
 ) -> float:
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
     sky = facet_irradiance(hemisphere_lights(lights), scene.normals[part])
@@ -372,4 +392,6 @@ def _max_change_of_part(
     lost = albedo * max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
     can_be_darker = scene.has_varying_albedo(part)
-    return grey_level_change(max_visible_loss(lost, remaining, can_be_darker=can_be_darker))
+    return grey_level_change(
+        max_visible_loss(lost, remaining, can_be_darker=can_be_darker, gains=gains)
+    )

@@ -35,7 +35,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import NUM_RINGS, SceneSummary
+from catoptra_server.effects import NUM_RINGS, UNCHANGED, Gains, SceneSummary
 from catoptra_server.effects.bounds.coordinate_rounding import (
     CoordinateErrors,
     CoordinateRounding,
@@ -131,6 +131,7 @@ class SceneSummarizer:
         camera_state: CameraState,
         camera: RadialCamera,
         fields: Collection[str] = _ALL_FIELDS,
+        gains: Gains = UNCHANGED,
     ) -> SceneSummary:
         """Summary of a camera state.
 
@@ -140,6 +141,7 @@ class SceneSummarizer:
             fields: Fields that criteria read; all others have their defaults, no radiance, or are
                 bounds, too. The ego body counts where `SelfView` may add it: where
                 `ego_body_max_angle_rad` is read.
+            gains: Factors from light at the effect Shadows to that of the finished picture.
         """
         objects, ego_body = camera_state.objects, camera_state.ego_body
         # Any: fields of several types. Made once, as a copy takes as long as all of the radiance.
@@ -169,9 +171,9 @@ class SceneSummarizer:
             viewpoint = camera_state.world_from_mirror.translation
             values["max_distance_m"] = _max_distance_m(self.scene, viewpoint, with_ego_body)
         if "max_shadow_loss" in fields:
-            values["max_shadow_loss"] = self._shadows.darkest_shadow(objects)
+            values["max_shadow_loss"] = self._shadows.darkest_shadow(objects, gains)
             if has_self_view:
-                shadow = self._shadows.darkest_shadow(with_ego_body)
+                shadow = self._shadows.darkest_shadow(with_ego_body, gains)
                 values["max_shadow_loss_with_ego_body"] = shadow
         if not _DISTANCE_FIELDS.isdisjoint(fields):
             distances_m = self._distance_bounds.min_distances_m(

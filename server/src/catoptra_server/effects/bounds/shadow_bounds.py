@@ -24,14 +24,14 @@ do not reach into the shaft are left out: the time of a test follows from what i
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 
 from catoptra_protocol.optics.elementary import einsum, hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects import NO_SHADOW_LOSS, UNCHANGED, Gains, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
@@ -72,24 +72,32 @@ class ShadowBounds:
         self._point_lights = point_lights(world.lights)
         self._hemisphere_lights = hemisphere_lights(world.lights)
         # Per instance: a cache on the class would keep scenes alive.
-        self._find_darkest = lru_cache(maxsize=_CACHE_SIZE)(self._find_darkest_with_objects)
+        cache = lru_cache(maxsize=_CACHE_SIZE)
+        self._find_darkest = cache(self._find_darkest_with_objects)
+        self._find_static, self._find_full = cache(self._static_shadow), cache(self._full_shadow)
 
-    def darkest_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
-        """Largest visible loss by any shadow that the scene or dynamic objects could cast."""
+    def darkest_shadow(
+        self, objects: tuple[DynamicObject, ...], gains: Gains = UNCHANGED
+    ) -> ShadowLoss:
+        """Largest visible loss by any shadow that the scene or dynamic objects could cast.
+
+        Args:
+            objects: Dynamic objects.
+            gains: Factors from the scene's light to that of the finished picture.
+        """
         if not self._lights:
             return NO_SHADOW_LOSS
         if not objects:
-            return self._static_shadow
+            return self._find_static(gains)
         # Rounded: a moving object rarely changes the summary, by which decisions are cached.
         nearest_m = round_down(_min_distance_m(light, objects) for light in self._point_lights)
-        return self._find_darkest(nearest_m)
+        return self._find_darkest(nearest_m, gains)
 
-    @cached_property
-    def _static_shadow(self) -> ShadowLoss:
+    def _static_shadow(self, gains: Gains) -> ShadowLoss:
         """Most visible loss of any triangle by shadows of the static scene on itself."""
         candidates = np.array([_shadow_candidates(self._scene, light) for light in self._lights])
         # Triangles in order of what each could lose at most.
-        potential = self._max_losses(candidates)
+        potential = self._max_losses(candidates, gains)
         order = np.argsort(-potential, kind="stable")
         shafts = [LightShafts(self._scene, light, self._triangles) for light in self._lights]
         pairs_left, worst, count = _MAX_PAIRS, NO_SHADOW_LOSS, _FIRST_CHUNK
@@ -103,16 +111,15 @@ class ShadowBounds:
                 rows = np.append(rows, order[:1])
                 hidden = np.append(hidden, candidates[:, order[:1]], axis=1)
                 order = order[:0]
-            worst = max(worst, self._max_loss(rows, hidden), key=grey_level_change)
+            worst = max(worst, self._max_loss(rows, hidden, gains), key=grey_level_change)
         return worst
 
-    @cached_property
-    def _full_shadow(self) -> ShadowLoss:
+    def _full_shadow(self, gains: Gains) -> ShadowLoss:
         """Loss of a scene whose every surface loses every light, as objects anywhere could
         cause."""
         everywhere = np.ones((len(self._lights), len(self._scene)), dtype=bool)
-        worst = np.argsort(-self._max_losses(everywhere), kind="stable")[:1]
-        return self._max_loss(worst, everywhere[:, worst])
+        worst = np.argsort(-self._max_losses(everywhere, gains), kind="stable")[:1]
+        return self._max_loss(worst, everywhere[:, worst], gains)
 
     def _dimmest_sky(self) -> Floats:
         """(3,) least irradiance of all hemisphere lights on any facet."""
@@ -123,19 +130,19 @@ class ShadowBounds:
         total: Floats = np.sum(darker, axis=0) if darker else np.zeros(3)
         return total
 
-    def _max_losses(self, can_be_lost: Bools) -> Floats:
+    def _max_losses(self, can_be_lost: Bools, gains: Gains) -> Floats:
         """(n,) most visible losses of all triangles, grey levels, by (l, n) lights."""
         losses = np.zeros(len(self._scene))
         for block in row_blocks(len(losses)):
             radiances = self._lose(block, can_be_lost[:, block])
             varies = self._scene.has_varying_albedo(block)
-            losses[block] = visible_losses(*radiances, can_be_darker=varies)
+            losses[block] = visible_losses(*radiances, can_be_darker=varies, gains=gains)
         return losses
 
-    def _max_loss(self, rows: Indices, is_lost: Bools) -> ShadowLoss:
+    def _max_loss(self, rows: Indices, is_lost: Bools, gains: Gains) -> ShadowLoss:
         """Most visible loss of any of (m,) triangles by (l, m) lights."""
         varies = self._scene.has_varying_albedo(rows)
-        return max_visible_loss(*self._lose(rows, is_lost), can_be_darker=varies)
+        return max_visible_loss(*self._lose(rows, is_lost), can_be_darker=varies, gains=gains)
 
     def _lose(self, rows: slice | Indices, is_lost: Bools) -> tuple[Floats, Floats]:
         """(m, 3) largest radiance that triangles lose by (l, m) lights, and least that remains."""
@@ -154,11 +161,12 @@ class ShadowBounds:
         lit = scene.max_albedo(rows) * ~scene.unlit[rows, None]
         return lost * lit, remaining * lit
 
-    def _find_darkest_with_objects(self, nearest_m: tuple[float, ...]) -> ShadowLoss:
+    def _find_darkest_with_objects(self, nearest_m: tuple[float, ...], gains: Gains) -> ShadowLoss:
         """Largest loss of the scene, or of white objects at any orientation.
 
         Args:
             nearest_m: Distance of the objects from each point light.
+            gains: Factors from the scene's light to that of the finished picture.
         """
         remaining, lost = self._dimmest_sky(), np.zeros(3)
         for light in self._lights:
@@ -168,8 +176,10 @@ class ShadowBounds:
             lost += np.asarray(light.intensity) / max(
                 nearest * nearest, MIN_LIGHT_DISTANCE_M * MIN_LIGHT_DISTANCE_M
             )
-        of_objects = max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
-        return max((self._full_shadow, of_objects), key=grey_level_change)
+        of_objects = max_visible_loss(
+            lost[None], remaining[None], can_be_darker=np.array([True]), gains=gains
+        )
+        return max((self._find_full(gains), of_objects), key=grey_level_change)
 
 
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:

@@ -26,7 +26,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects import Real
+from catoptra_server.effects import Gains, Real, SceneSummary
 from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -48,18 +48,19 @@ def max_change_by_exchange(fraction: float, max_radiance: float) -> float:
     return grey_level(fraction * max_radiance)
 
 
-def max_change_by_shift(displacement_px: float, max_radiance: float) -> float:
-    """Largest change of a pixel whose light is displaced, grey levels.
+def exchange_by_shift(displacement_px: float) -> float:
+    """Largest fraction of a pixel's light that a displacement takes from others.
 
     A pixel is a mean over its square, and a square shifted by (dx, dy) shares all but
     1 - (1 - |dx|) (1 - |dy|) <= |dx| + |dy| with itself; the same is the weight of other pixels in
-    a bilinear interpolation.
-
-    Args:
-        displacement_px: Largest displacement, in any direction.
-        max_radiance: Radiances from 0 up to this one occur.
+    a bilinear interpolation. The displacement may have any direction.
     """
-    return max_change_by_exchange(min(1.0, math.sqrt(2.0) * displacement_px), max_radiance)
+    return min(1.0, math.sqrt(2.0) * displacement_px)
+
+
+def max_change_by_shift(displacement_px: float, max_radiance: float) -> float:
+    """Largest change of a pixel whose light is displaced, grey levels."""
+    return max_change_by_exchange(exchange_by_shift(displacement_px), max_radiance)
 
 
 def max_change_by_gain(gain: float, max_radiance: float) -> float:
@@ -77,21 +78,39 @@ def max_change_by_gain(gain: float, max_radiance: float) -> float:
 _NUM_RADIANCES = 2049
 
 
-def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float) -> float:
-    """Largest change, in grey levels, of any radiance that gains or loses an offset.
+def max_change_by_offset(offset: Callable[[Floats], Floats], summary: SceneSummary) -> float:
+    """Largest change, in grey levels of the picture, of any radiance that gains or loses an offset.
 
     Args:
         offset: Offset of each of (n,) radiances. Domain: offsets that grow with radiance, by less
             than radiance itself.
-        max_radiance: Radiances from 0 up to this one occur.
+        summary: Radiances from 0 up to its largest occur, or up to the full well.
     """
-    brightest = min(max_radiance, 1.0)
+    brightest = min(summary.max_radiance, 1.0)
     # Geometric spacing is fine in the dark, where the sRGB curve is steepest; between two of these
     # radiances a smooth offset changes the result by less than a thousandth.
     radiance = np.append(0.0, exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest)
     shift = offset(radiance)
-    levels = 255.0 * srgb_from_linear(np.stack((radiance, radiance + shift, radiance - shift)))
+    gain = summary.gains[1]
+    light = np.stack((radiance, radiance + shift, radiance - shift))
+    levels = 255.0 * srgb_from_linear(gain * light)
     return float(np.abs(levels[1:] - levels[0]).max())
+
+
+def find_changes(
+    one: npt.NDArray[Real], other: npt.NDArray[Real], gains: Gains
+) -> npt.NDArray[np.float64]:
+    """Changes of the finished picture, grey levels, not rounded, between two versions of light.
+
+    Light on its way to the picture is multiplied by any of the gains, and clipped there: a
+    difference shows most where the larger value just reaches white.
+    """
+    one, other = (light.astype(np.float64) for light in (one, other))
+    with np.errstate(divide="ignore"):
+        to_white = 1.0 / np.maximum(np.maximum(one, other), 0.0)
+    gain = np.clip(to_white, *gains)
+    levels = srgb_from_linear(gain * one) - srgb_from_linear(gain * other)
+    return np.asarray(255.0 * np.abs(levels))
 
 
 # Rec. 709, for linear red, green, blue.

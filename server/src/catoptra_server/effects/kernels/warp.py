@@ -20,15 +20,27 @@ bound.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import cos, hypot, interpolate_linear, matmul, sin
+from catoptra_protocol.optics.elementary import (
+    arctan,
+    cos,
+    hypot,
+    interpolate_linear,
+    matmul,
+    sin,
+)
 from catoptra_protocol.optics.image_plane import compute_image_scale, pixel_sample_positions
-from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.numerics import (
+    Bools,
+    Floats,
+    half_angle_tangent_from_rho_z,
+)
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
@@ -110,23 +122,68 @@ _DECIMALS = 9
 _BAND_ROWS = 32
 
 
-def lookup_offsets_px(camera: OmniCamera, pose_offset: CameraPoseOffset) -> tuple[Floats, Bools]:
+def lookup_offsets_px(
+    camera: OmniCamera, pose_offset: CameraPoseOffset
+) -> tuple[Floats, Bools, Floats]:
     """Offset from each pixel to the aligned camera's pixel with the same direction.
 
     Returns:
-        (h, w, 2) offsets, px, 0 where invalid; (h, w) validity: False for pixels that miss the
-        mirror, or whose direction lies beyond the aligned camera's rim.
+        (h, w, 2) offsets, px, 0 where nothing is seen; (h, w) validity: False for pixels whose
+        centre misses the mirror, or looks beyond the aligned camera's rim; (h, w) fractions of the
+        aligned camera's light that the mirror's edge leaves to the pixels.
     """
     pixels = pixel_sample_positions(camera)[:, :, 0]
     offsets_px, valid = np.zeros_like(pixels), np.zeros(pixels.shape[:2], dtype=bool)
+    kept = np.zeros(valid.shape)
+    # A pixel shows light though its centre lies beyond the rim: the surface is continued.
+    wide = _widen_rim(camera)
     for first in range(0, len(pixels), _BAND_ROWS):
         band = slice(first, first + _BAND_ROWS)
-        reflected = reflect_rays(camera, pose_offset, pixels[band])
-        aligned, in_view = pixel_from_direction(camera, reflected.direction)
-        valid[band] = in_view & reflected.is_hit
+        reflected = reflect_rays(wide, pose_offset, pixels[band])
+        aligned, in_view = pixel_from_direction(wide, reflected.direction)
+        is_met = in_view & reflected.is_hit
+        seen_t, edge_t = (
+            np.minimum(_half_angle_tangents(one), wide.rim_t)
+            for one in (reflected.direction, reflected.point_m)
+        )
+        valid[band] = is_met & (np.maximum(seen_t, edge_t) <= camera.rim_t)
+        # Black beyond the aligned rim is in the image already; an edge within it is not.
+        within_rim, within_edge = (
+            _covered_fraction(camera.rim_radius_px - wide.radius_px_from_t(t))
+            for t in (seen_t, edge_t)
+        )
+        share = within_edge / np.maximum(within_rim, _LEAST_FRACTION)
+        kept[band] = np.where(is_met & (within_rim > 0.0), np.minimum(share, 1.0), 0.0)
         rounded = np.round(aligned - pixels[band], _DECIMALS)
-        offsets_px[band] = np.where(valid[band, :, None], rounded, 0.0)
-    return offsets_px, valid
+        offsets_px[band] = np.where(kept[band, :, None] > 0.0, rounded, 0.0)
+    return offsets_px, valid, kept
+
+
+_LEAST_FRACTION = 1e-9
+# Half a pixel's diagonal, rounded up: farther within an edge a pixel is whole.
+_EDGE_REACH_PX = 0.75
+
+
+def _covered_fraction(within_px: Floats) -> Floats:
+    """Fraction of pixels that lies within an edge, by the distances of their centres."""
+    fraction: Floats = np.clip(0.5 + 0.5 / _EDGE_REACH_PX * within_px, 0.0, 1.0)
+    return fraction
+
+
+def _half_angle_tangents(vectors: Floats) -> Floats:
+    """tan(theta / 2) of (..., 3) vectors; inf opposite to the axis."""
+    t, defined = half_angle_tangent_from_rho_z(
+        hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
+    )
+    return np.where(defined, t, np.inf)
+
+
+def _widen_rim(camera: OmniCamera) -> OmniCamera:
+    """The camera with a rim so far out that pixels beyond see nothing of the mirror."""
+    t = float(camera.t_from_radius_px(np.array(camera.rim_radius_px + 2.0)))
+    limit = camera.projection.t_limit
+    widest = min(t, 0.5 * (camera.rim_t + limit))
+    return replace(camera, rim_rad=2.0 * float(arctan(widest)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,7 +316,7 @@ def bound_motion(
     ring = int(displacements_px.argmax())
     displacement_px = float(displacements_px[ring])
     return EffectBound(
-        max_change_by_shift(displacement_px, summary.max_radiance),
+        max_change_by_shift(displacement_px, summary.picture_radiance),
         _describe_motion(summary, ring, float(durations_s[ring])),
         displacement_px,
     )

@@ -19,10 +19,12 @@ from catoptra_protocol.optics.image_plane import visible_radii_px
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -41,6 +43,7 @@ class ChromaticAberration:
 
     name: ClassVar[str] = "ChromaticAberration"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -52,7 +55,7 @@ class ChromaticAberration:
         )
         displacement_px = relative * visible_radii_px(camera)[1]
         return EffectBound(
-            max_change_by_shift(displacement_px, summary.max_radiance),
+            max_change_by_shift(displacement_px, summary.picture_radiance),
             f"the rim's colours differ in size by {relative:.2%}",
             displacement_px,
         )

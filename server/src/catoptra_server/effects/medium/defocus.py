@@ -24,10 +24,12 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -59,6 +61,7 @@ class Defocus:
 
     name: ClassVar[str] = "Defocus"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
     needs_range: ClassVar[bool] = False
 
@@ -74,7 +77,8 @@ class Defocus:
         lens = describe_lens(self.aperture, camera)
         return EffectBound(
             max_change_by_exchange(
-                disc_kernel_table(largest_px).max_exchange(0.0, largest_px), summary.max_radiance
+                disc_kernel_table(largest_px).max_exchange(0.0, largest_px),
+                summary.picture_radiance,
             ),
             f"{lens}: discs of up to {float(far_px.max()):.2g} px at infinity",
             largest_px,

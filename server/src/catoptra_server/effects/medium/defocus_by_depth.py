@@ -21,9 +21,11 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -57,6 +59,7 @@ class DefocusByDepth:
 
     name: ClassVar[str] = "DefocusByDepth"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance", "has_defocus"}
     needs_range: ClassVar[bool] = True
 
@@ -74,7 +77,7 @@ class DefocusByDepth:
         lens = describe_lens(self.aperture, camera)
         distance = f"{nearest_m:.2g} m away" if math.isfinite(nearest_m) else "far away"
         return EffectBound(
-            max_change_by_exchange(exchange, summary.max_radiance),
+            max_change_by_exchange(exchange, summary.picture_radiance),
             f"{lens}: the nearest object is {distance}",
             displacement_px,
         )

@@ -28,9 +28,11 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectType,
+    Gains,
     ParameterFault,
     Real,
     SceneSummary,
@@ -68,6 +70,7 @@ class Diffraction:
 
     name: ClassVar[str] = "Diffraction"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -89,7 +92,7 @@ class Diffraction:
         """Bound the change by the light that reaches other pixels; red spreads most."""
         diameter = self.airy_diameter_px(WAVELENGTHS_M[0])
         return EffectBound(
-            max_change_by_exchange(1.0 - kernel_weights(self)[0].min(), summary.max_radiance),
+            max_change_by_exchange(1.0 - kernel_weights(self)[0].min(), summary.picture_radiance),
             f"at F/{self.f_number:g} the Airy disc of red is {diameter:.2f} px wide",
             0.5 * diameter,
         )

@@ -2,11 +2,12 @@
 
 L'(p) = L(q(p)): q is the aligned camera's pixel with the direction of p's reflected ray
 (`kernels/warp`); bilinear between pixels, in linear radiance. Black where the ray misses the
-mirror, or comes from beyond the aligned camera's rim. Not simulated: parallax, since the reflected
-rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to 0.19 of the
-pinhole's offset: 1 mm displaces a point 1 m away by at most 0.04 px of 360, and farther ones less.
-Domain: central mirrors. Criterion: the largest of |q - p| times the contrast of black and the
-brightest.
+mirror, or comes from beyond the aligned camera's rim; at the mirror's edge by the fraction of the
+pixel that it covers, so that the rim is as smooth as without. Not simulated: parallax, since the
+reflected rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to
+0.19 of the pinhole's offset: 1 mm displaces a point 1 m away by at most 0.04 px of 360, and farther
+ones less. Domain: central mirrors. Criterion: the largest of |q - p| times the contrast of black
+and the brightest, with the light that the edge takes.
 
 In the paper's image of 360 px, 1 mm sideways displaces everything by 3.4 to 4.7 px. With the camera
 aimed anew, so that the rim is at its old position, directions are still up to 0.8 px off.
@@ -26,18 +27,19 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
 from catoptra_server.effects.kernels.grey_levels import (
+    exchange_by_shift,
     max_change_by_exchange,
-    max_change_by_shift,
-    valid_pixels,
 )
 from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
@@ -65,6 +67,7 @@ class Misalignment:
 
     name: ClassVar[str] = "Misalignment"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -80,21 +83,21 @@ class Misalignment:
         # Decided without the map, which takes a reflected ray for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
-        lookup = lookup_offset_map(self, camera)
-        valid = lookup[..., 2] > 0.0
+        lookup, kept = lookup_maps(self, camera)
+        offsets_px = lookup[..., :2]
         # The map itself is bounded, not the optics: its rounding to float32 is below a part in 1e7.
         displacement_px = hypot(camera.width_px, camera.height_px)
-        if valid.any():
-            # Invalid pixels have 0.
-            displacement_px = float(np.sqrt(dot(lookup[..., :2], lookup[..., :2])).max())
-        turns_black = bool((valid_pixels(camera) & ~valid).any())
+        if kept.any():
+            # Pixels that see nothing have 0.
+            displacement_px = float(np.sqrt(dot(offsets_px, offsets_px)).max())
+        is_lit = lookup_maps(_ALIGNED, camera)[1] > 0.0
+        lost = float((1.0 - kept[is_lit]).max(initial=0.0))
         offset_mm = 1e3 * hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
+        exchanged = exchange_by_shift(displacement_px)
         return EffectBound(
-            max_change_by_exchange(1.0, summary.max_radiance)
-            if turns_black
-            else max_change_by_shift(displacement_px, summary.max_radiance),
+            max_change_by_exchange(lost + (1.0 - lost) * exchanged, summary.picture_radiance),
             f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason,
             displacement_px,
         )
@@ -108,27 +111,37 @@ class Misalignment:
     ) -> npt.NDArray[Real]:
         """Warp the image to the displaced camera."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        warped = warp(image, _warp_map(self, camera))
-        warped[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
-        return warped
+        return warp(image, _warp_map(self, camera)) * lookup_maps(self, camera)[1][..., None]
 
 
-@lru_cache(maxsize=4)
-def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
-    """Map, (h, w, 3): offset in u and v to the pixel to read, px; validity, 1 or 0 for black."""
+_ALIGNED = Misalignment()
+
+
+@lru_cache(maxsize=8)
+def lookup_maps(
+    effect: Misalignment, camera: OmniCamera
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Where pixels look, and how much of that light they get.
+
+    Returns:
+        (h, w, 3) offset in u and v to the pixel to read, px, and whether the centre sees, 1 or 0;
+        (h, w) fraction of the light that is read which the mirror's edge leaves to the pixel.
+    """
     # Offsets instead of positions: float32 keeps a displacement of a few pixels to 2e-7 px, but a
     # position at 640 px only to 3e-5 px.
-    offsets, valid = lookup_offsets_px(camera, effect.camera_pose_offset)
+    offsets, valid, kept = lookup_offsets_px(camera, effect.camera_pose_offset)
     lookup = np.zeros((*valid.shape, 3), dtype=np.float32)
     lookup[..., :2], lookup[..., 2] = offsets, valid
-    lookup.setflags(write=False)
-    return lookup
+    edge = kept.astype(np.float32)
+    for one in (lookup, edge):
+        one.setflags(write=False)
+    return lookup, edge
 
 
 @lru_cache(maxsize=4)
 def _warp_map(effect: Misalignment, camera: OmniCamera) -> WarpMap:
     # Made of the float32 map, so that the kernel's stage has the same weights.
-    return warp_map_from_offsets(lookup_offset_map(effect, camera)[..., :2])
+    return warp_map_from_offsets(lookup_maps(effect, camera)[0][..., :2])
 
 
 EFFECT_TYPE = EffectType(

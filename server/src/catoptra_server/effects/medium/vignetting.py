@@ -19,9 +19,11 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -38,6 +40,7 @@ class Vignetting:
 
     name: ClassVar[str] = "Vignetting"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -46,7 +49,7 @@ class Vignetting:
         # At a mirror's rim and not in the image's corners: pixels outside the mirror are black.
         gains = camera.relative_illumination(np.linspace(0.0, camera.rim_radius_px, _NUM_RADII))
         # A gain below 1 changes the brightest light most.
-        value = max_change_by_gain(float(gains.min()), summary.max_radiance)
+        value = max_change_by_gain(float(gains.min()), summary.picture_radiance)
         loss = 100.0 * (1.0 - float(gains.min()))
         return EffectBound(value, f"the image loses up to {loss:.2g} % of its light to its border")
 

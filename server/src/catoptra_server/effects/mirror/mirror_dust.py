@@ -27,11 +27,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     NEEDS_MIRROR,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -78,6 +80,7 @@ class MirrorDust:
 
     name: ClassVar[str] = "MirrorDust"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance", "camera_key"})
     needs_range: ClassVar[bool] = False
 
@@ -91,8 +94,8 @@ class MirrorDust:
             if summary.camera_key is None
             else float(coverage_map(self, camera, summary.camera_key).max())
         )
-        loss = max_change_by_gain(1.0 - coverage, summary.max_radiance)
-        gain = grey_level(coverage * self.albedo * summary.max_radiance)
+        loss = max_change_by_gain(1.0 - coverage, summary.picture_radiance)
+        gain = grey_level(coverage * self.albedo * summary.picture_radiance)
         return EffectBound(max(loss, gain), f"dust covers up to {coverage:.2%} of a pixel's view")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

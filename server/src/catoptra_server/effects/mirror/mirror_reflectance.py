@@ -29,6 +29,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -53,12 +54,17 @@ class MirrorReflectance:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
+    @property
+    def gains(self) -> Gains:
+        """No metal reflects more than all of the light."""
+        return 0.0, 1.0 / float(self.reflectance(np.array(0.0)))
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Largest change of the brightest light at any angle of incidence."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
         gains = self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
-        value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
+        value = max(max_change_by_gain(float(gain), summary.picture_radiance) for gain in gains)
         angle = math.degrees(float(_mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
 

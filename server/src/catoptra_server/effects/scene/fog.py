@@ -23,9 +23,16 @@ from catoptra_protocol.optics.elementary import exp, ln
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.effects import (
+    AVERAGING,
+    EffectBound,
+    EffectParameter,
+    EffectType,
+    Gains,
+    SceneSummary,
+)
+from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.world.objects import CameraState, FogMedium
-from catoptra_server.world.world_description import srgb_from_linear
 
 # The change is largest at black or at the brightest radiance; the grid is for the kink of the sRGB
 # curve, beside which the change may exceed both by a hundredth of its small value there.
@@ -45,6 +52,7 @@ class Fog:
 
     name: ClassVar[str] = "Fog"
     changes_scene: ClassVar[bool] = True
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset(
         {"max_radiance", "max_distance_m", "background_radiance"}
     )
@@ -66,19 +74,20 @@ class Fog:
         medium = self.medium
         if medium is None:
             return EffectBound(0.0, "the air is clear")
-        brightest = min(summary.max_radiance, 1.0)
+        brightest = summary.max_radiance
         radiances = np.append(0.0, exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest)[
             :, None
         ]
         percent = 100.0 * float(medium.transmittance(np.array(summary.max_distance_m)))
         surfaces = EffectBound(
-            _max_change(medium, radiances, summary.max_distance_m),
+            _max_change(medium, radiances, summary.max_distance_m, summary.gains),
             f"{percent:.3g} % of light passes {summary.max_distance_m:.3g} m of fog",
         )
         # Without a known background the airlight stands for it, and changes nothing.
         behind = np.asarray(summary.background_radiance or self.airlight)
         background = EffectBound(
-            _max_change(medium, behind, math.inf), "the background, where visible, has the airlight"
+            _max_change(medium, behind, math.inf, summary.gains),
+            "the background, where visible, has the airlight",
         )
         return max(surfaces, background, key=lambda bound: bound.value)
 
@@ -94,10 +103,10 @@ class Fog:
         return replace(camera_state, fog=self.medium)
 
 
-def _max_change(medium: FogMedium, radiance: Floats, range_m: float) -> float:
+def _max_change(medium: FogMedium, radiance: Floats, range_m: float, gains: Gains) -> float:
     """Largest change of any of the radiances behind fog of a depth, grey levels."""
     fogged = medium.mix(radiance, np.array(range_m))
-    return 255.0 * float(np.abs(srgb_from_linear(fogged) - srgb_from_linear(radiance)).max())
+    return float(find_changes(fogged, radiance, gains).max())
 
 
 EFFECT_TYPE = EffectType(

@@ -18,7 +18,14 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.effects import (
+    AVERAGING,
+    EffectBound,
+    EffectParameter,
+    EffectType,
+    Gains,
+    SceneSummary,
+)
 from catoptra_server.effects.kernels.warp import MOTION_FIELDS, bound_motion
 from catoptra_server.world.objects import INSTANTANEOUS, CameraState
 
@@ -32,6 +39,7 @@ class MotionBlur:
 
     name: ClassVar[str] = "MotionBlur"
     changes_scene: ClassVar[bool] = True
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:

@@ -19,7 +19,14 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.effects import (
+    AVERAGING,
+    EffectBound,
+    EffectParameter,
+    EffectType,
+    Gains,
+    SceneSummary,
+)
 from catoptra_server.effects.kernels.warp import (
     MOTION_FIELDS,
     bound_motion,
@@ -37,6 +44,7 @@ class RollingShutter:
 
     name: ClassVar[str] = "RollingShutter"
     changes_scene: ClassVar[bool] = True
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:

@@ -16,7 +16,14 @@ from typing import ClassVar
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import NEEDS_MIRROR, EffectBound, EffectType, SceneSummary
+from catoptra_server.effects import (
+    NEEDS_MIRROR,
+    UNCHANGED,
+    EffectBound,
+    EffectType,
+    Gains,
+    SceneSummary,
+)
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.world.objects import CameraState
 
@@ -27,6 +34,7 @@ class SelfView:
 
     name: ClassVar[str] = "SelfView"
     changes_scene: ClassVar[bool] = True
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset(
         {"ego_body_max_angle_rad", "ego_body_max_radiance", "max_radiance"}
     )
@@ -39,7 +47,7 @@ class SelfView:
             return EffectBound(0.0, "no part of the robot is in view")
         # Any pixel may change from floor to robot, so all of its light is others'.
         reason = f"the robot is in view up to {math.degrees(angle_rad):.1f} degrees from the axis"
-        brightest = max(summary.max_radiance, summary.ego_body_max_radiance)
+        brightest = summary.gains[1] * max(summary.max_radiance, summary.ego_body_max_radiance)
         return EffectBound(max_change_by_exchange(1.0, brightest), reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

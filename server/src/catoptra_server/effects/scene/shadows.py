@@ -15,7 +15,7 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import EffectBound, EffectType, SceneSummary
+from catoptra_server.effects import UNCHANGED, EffectBound, EffectType, Gains, SceneSummary
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.world.objects import CameraState
 
@@ -26,6 +26,7 @@ class Shadows:
 
     name: ClassVar[str] = "Shadows"
     changes_scene: ClassVar[bool] = True
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset({"max_shadow_loss"})
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:

@@ -22,6 +22,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -49,12 +50,17 @@ class AutoExposure:
         gain = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
         return min(max(gain, self.min_gain), self.max_gain)
 
+    @property
+    def gains(self) -> Gains:
+        """The limits of the control."""
+        return self.min_gain, self.max_gain
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most, by the smallest or the largest gain."""
         # The mean lies between 0 and the maximum, and the change grows with the distance of the
         # gain from 1 on either side: both ends decide.
         gains = (self.gain(summary.max_radiance), self.max_gain)
-        value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
+        value = max(max_change_by_gain(gain, summary.picture_radiance) for gain in gains)
         return EffectBound(value, f"gains from {gains[0]:.3g} to {gains[1]:.3g} are possible")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -18,9 +18,11 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    AVERAGING,
     CaptureContext,
     EffectBound,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -35,13 +37,14 @@ class Bayer:
 
     name: ClassVar[str] = "Bayer"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Grey level of the brightest light."""
         # A single bright pixel on black loses two of its colours: no smaller bound holds.
-        value = grey_level(summary.max_radiance)
+        value = grey_level(summary.picture_radiance)
         return EffectBound(value, "a pixel may be between black and the brightest light")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -23,6 +23,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -43,13 +44,18 @@ class Blooming:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
+    @property
+    def gains(self) -> Gains:
+        """Light above the well reaches other pixels besides."""
+        return 1.0, 1.0 + self.overflow_fraction
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Gain of a black pixel with the brightest light above and below."""
         # Weights sum to 1 over both sides: a black pixel with saturated columns above and below
         # receives the whole fraction, and no pixel more.
         excess = max(summary.max_radiance - 1.0, 0.0)
         return EffectBound(
-            grey_level(self.overflow_fraction * excess),
+            grey_level(summary.gains[1] * self.overflow_fraction * excess),
             f"the brightest light is {summary.max_radiance:.3g} of the full well",
         )
 

@@ -19,6 +19,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -44,9 +45,14 @@ class Exposure:
         """Factor of the linear image."""
         return self.exposure_s / self.white_exposure_s
 
+    @property
+    def gains(self) -> Gains:
+        """The one gain of all pixels."""
+        return self.gain, self.gain
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most."""
-        value = max_change_by_gain(self.gain, summary.max_radiance)
+        value = max_change_by_gain(self.gain, summary.picture_radiance)
         return EffectBound(value, f"the exposure is {self.gain:.3g} times that of white")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -23,6 +23,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -51,13 +52,19 @@ class FixedPattern:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
+    @property
+    def gains(self) -> Gains:
+        """The least and the most sensitive pixel."""
+        spread = MAX_NORMAL_VARIATE * self.prnu
+        return max(0.0, 1.0 - spread), 1.0 + spread
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by the largest normal variate of the grey that changes most."""
         # Both variates at their maximum in one pixel: never exceeded, though hardly ever reached.
         dark = self.dsnu_e / self.full_well_e
         value = max_change_by_offset(
             lambda radiance: MAX_NORMAL_VARIATE * (self.prnu * radiance + dark),
-            summary.max_radiance,
+            summary,
         )
         reason = f"pixels differ by {100 * self.prnu:.3g} % of gain and {self.dsnu_e:.3g} electrons"
         return EffectBound(value, reason)

@@ -17,10 +17,12 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    UNCHANGED,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -36,6 +38,7 @@ class Quantisation:
 
     name: ClassVar[str] = "Quantisation"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -47,7 +50,7 @@ class Quantisation:
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by half a step of the grey that changes most."""
         value = max_change_by_offset(
-            lambda radiance: np.full_like(radiance, 0.5 / self.max_code), summary.max_radiance
+            lambda radiance: np.full_like(radiance, 0.5 / self.max_code), summary
         )
         return EffectBound(value, f"a converter of {int(self.adc_bits)} bits")
 

@@ -17,10 +17,12 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    UNCHANGED,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -43,6 +45,7 @@ class ReadNoise:
 
     name: ClassVar[str] = "ReadNoise"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -55,7 +58,7 @@ class ReadNoise:
         """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
             lambda radiance: np.full_like(radiance, MAX_NORMAL_VARIATE * self.standard_deviation),
-            summary.max_radiance,
+            summary,
         )
         return EffectBound(
             value, f"{self.read_noise_e:.3g} electrons, white has {self.full_well_e:.0f}"

@@ -18,10 +18,12 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
+    UNCHANGED,
     CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -42,6 +44,7 @@ class ShotNoise:
 
     name: ClassVar[str] = "ShotNoise"
     changes_scene: ClassVar[bool] = False
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
@@ -49,7 +52,7 @@ class ShotNoise:
         """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
             lambda radiance: MAX_NORMAL_VARIATE * np.sqrt(radiance / self.full_well_e),
-            summary.max_radiance,
+            summary,
         )
         electrons = self.full_well_e * min(summary.max_radiance, 1.0)
         # In electrons, since the signal-to-noise ratio is the square root of their number.

@@ -20,6 +20,7 @@ from catoptra_server.effects import (
     EffectBound,
     EffectParameter,
     EffectType,
+    Gains,
     Real,
     SceneSummary,
 )
@@ -38,10 +39,16 @@ class WhiteBalance:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
+    @property
+    def gains(self) -> Gains:
+        """Of the three colours."""
+        gains = (self.red_gain, 1.0, self.blue_gain)
+        return min(gains), max(gains)
+
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most."""
         gains = (self.red_gain, self.blue_gain)
-        value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
+        value = max(max_change_by_gain(gain, summary.picture_radiance) for gain in gains)
         return EffectBound(value, f"red times {self.red_gain:.3g}, blue times {self.blue_gain:.3g}")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

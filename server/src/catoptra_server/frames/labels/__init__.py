@@ -227,9 +227,9 @@ def _misaligned_rays(
 ) -> tuple[Floats | None, Floats, Bools]:
     """Rays of a grid of a displaced camera: of the points that the pixels look up."""
     # Loaded with the misalignment itself.
-    from catoptra_server.effects.medium.misalignment import lookup_offset_map
+    from catoptra_server.effects.medium.misalignment import lookup_maps
 
-    lookup = lookup_offset_map(misalignment, camera)
+    lookup = lookup_maps(misalignment, camera)[0]
     # Offsets vary by hundredths of a pixel from one pixel to the next: samples have their pixel's.
     # Tiles of the last row and column may reach beyond the image.
     rows = np.minimum(v.astype(np.intp), camera.height_px - 1)

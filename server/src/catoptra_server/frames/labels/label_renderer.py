@@ -44,7 +44,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_directio
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.medium.misalignment import lookup_offset_map
+from catoptra_server.effects.medium.misalignment import lookup_maps
 from catoptra_server.frames.labels import (
     LabelCamera,
     LabelledImage,
@@ -530,7 +530,7 @@ def _displace(source: RaySource, pixel: Floats) -> Floats:
     """Pixels of a displaced capture camera that look up (n, 2) pixels of the aligned one."""
     if source.misalignment is None or not isinstance(source.camera, OmniCamera):
         return pixel
-    lookup = lookup_offset_map(source.misalignment, source.camera)
+    lookup = lookup_maps(source.misalignment, source.camera)[0]
     last = np.array((source.camera.width_px, source.camera.height_px)) - 1
     displaced = pixel
     # Offsets change by hundredths from pixel to pixel: each step is a hundred times as near.

@@ -24,7 +24,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
@@ -101,7 +101,7 @@ class RasterView:
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...] = (),
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect
+from catoptra_server.effects import ImageEffect, Threshold
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
@@ -71,7 +71,7 @@ class TracedRays(Protocol):
         """A frame and all other outputs that are wanted."""
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
-        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        """(h, w, 3) sRGB, read-only; black off the mirror."""
 
     def render_linear(self, exposure: TracedExposure) -> LinearImage:
         """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
@@ -94,8 +94,8 @@ class TraceRequest:
     """Linear light instead of sRGB."""
     has_ranges: bool = False
     """Whether ranges are wanted, too."""
-    thresholds: Mapping[str, float] = field(default_factory=dict)
-    """Change that nobody sees, grey levels, by effect: see `View.render`."""
+    thresholds: Mapping[str, Threshold] = field(default_factory=dict)
+    """Change that nobody sees, by effect: see `View.render`."""
     labels: LabelRequest | None = None
     """Labels that are wanted, too, of an exposure at rest; an engine may leave out labels."""
 
@@ -105,7 +105,7 @@ class TracedFrame:
     """A frame with all that was requested of it."""
 
     image: npt.NDArray[Any]  # of the type that the request names
-    """(h, w, 3) sRGB, read-only, each sample clipped to [0, 1]; or linear light, not clipped."""
+    """(h, w, 3) sRGB, read-only; or linear light, not clipped."""
     changes: Mapping[str, float] = field(default_factory=dict)
     """Largest change by effect, grey levels: see `RenderedImage.changes`."""
     range_m: Float32s | None = None
@@ -147,7 +147,7 @@ class LabellingView(Protocol):
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
         labels: LabelRequest | None,
     ) -> tuple[RenderedImage, PixelLabels | None]:
         """Render one exposure at rest, as `View.render`, and find labels where the engine can."""

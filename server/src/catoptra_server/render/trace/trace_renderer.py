@@ -16,7 +16,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
 from catoptra_server.render.image_changer import ExposedImage
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
@@ -182,7 +182,7 @@ class TraceView:
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...] = (),
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects; each effect is a stage."""
         return self.render_with_labels(camera_state, effects, thresholds, None)[0]
@@ -191,7 +191,7 @@ class TraceView:
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
         labels: LabelRequest | None,
     ) -> tuple[RenderedImage, PixelLabels | None]:
         """Render one exposure, and find labels along its rays where the engine can."""
@@ -225,7 +225,7 @@ class TraceView:
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
         labels: LabelRequest | None,
         *,
         is_linear: bool,

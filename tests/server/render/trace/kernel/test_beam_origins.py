@@ -21,6 +21,7 @@ from catoptra_protocol.optics.mirrors import (
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import Threshold
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.world.objects import FogMedium, Shutter
@@ -213,7 +214,10 @@ def test_fog_and_ranges_when_filled_are_the_traced_ones(name: str) -> None:
     np.testing.assert_allclose(filled.range_m, traced.range_m, rtol=1e-4)
 
 
-LINEAR = TraceRequest(is_linear=True, thresholds={"MotionBlur": 0.5, "RollingShutter": 0.5})
+LINEAR = TraceRequest(
+    is_linear=True,
+    thresholds=dict.fromkeys(("MotionBlur", "RollingShutter"), Threshold(0.5)),
+)
 PASSING = driving_camera_state(CAMERA_STATE.world_from_mirror, 0.3, 60.0)
 DRIVING = driving_camera_state(
     START_POSES["four_legged_2006"], 0.7, 40.0, crossing_object(START_POSES["four_legged_2006"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects import CaptureContext, ImageEffect
+from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
 from catoptra_server.render.image_changer import ExposedImage, NumpyImageChanger, measure_change
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS, KernelImageChanger
@@ -122,7 +122,9 @@ def test_threshold_leaves_cells_plain_by_no_more_than_itself(
     context = make_context(camera)
     for image in make_images(camera):
         everywhere = changer.change(ExposedImage(image, camera, context), (effect,), {}).image
-        native = changer.change(ExposedImage(image, camera, context), (effect,), {name: threshold})
+        native = changer.change(
+            ExposedImage(image, camera, context), (effect,), {name: Threshold(threshold)}
+        )
         assert measure_change(everywhere, native.image) <= threshold
         # The change of what was drawn; plain cells count nothing.
         if name != "DefocusByDepth":
@@ -138,7 +140,7 @@ def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     context = make_context(camera)
     image = next(make_images(camera))
     native = changer.change(
-        ExposedImage(image, camera, context), (by_depth,), {"DefocusByDepth": 0.0}
+        ExposedImage(image, camera, context), (by_depth,), {"DefocusByDepth": Threshold(0.0)}
     )
     far = fixed.apply(image, camera, context)
     near = by_depth.apply(image, camera, context)
@@ -173,7 +175,7 @@ def test_effect_without_native_code_is_applied_in_its_place(changer: KernelImage
     camera = camera_of_size(33, 130)
     context, image = make_context(camera), next(make_images(camera))
     effects = (make_strong("Vignetting"), Darker(), make_strong("Blooming"))
-    thresholds = dict.fromkeys(("Vignetting", "Darker", "Blooming"), 0.0)
+    thresholds = dict.fromkeys(("Vignetting", "Darker", "Blooming"), Threshold(0.0))
     native = changer.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
     expected = NUMPY.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
     np.testing.assert_allclose(native.image, expected.image, rtol=1e-5, atol=1e-6)
@@ -185,7 +187,7 @@ def test_changes_and_images_do_not_depend_on_threads() -> None:
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))
     effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
-    thresholds = {effect.name: 0.5 for effect in effects}
+    thresholds = {effect.name: Threshold(0.5) for effect in effects}
     results = []
     for threads in (1, 2, 3):
         device = KernelDevice(choose_instruction_set(), threads)

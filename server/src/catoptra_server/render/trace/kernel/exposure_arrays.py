@@ -102,6 +102,7 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
     struct.readout = readout_fraction
     struct.max_instants = max_instants
     struct.blur_threshold = -1.0
+    struct.least_gain = struct.largest_gain = 1.0
     fog = states[0].fog
     if fog is not None:
         struct.fog_density = fog.density_per_m

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect
+from catoptra_server.effects import ImageEffect, Threshold
 from catoptra_server.effects.kernels.convolution import DiscKernelTable, table_row
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
@@ -44,7 +44,10 @@ from catoptra_server.effects.medium.diffraction import (
     kernel_half_width_px,
     kernel_weights,
 )
-from catoptra_server.effects.medium.misalignment import lookup_offset_map
+from catoptra_server.effects.medium.misalignment import (
+    Misalignment,
+    lookup_maps,
+)
 from catoptra_server.effects.medium.vignetting import vignetting_map
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance, reflectance_map
@@ -79,6 +82,8 @@ from catoptra_server.world.objects import NoiseSeed
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
+# Below zero the kernel draws everywhere.
+_EVERYWHERE = Threshold(-1.0)
 _Array = npt.NDArray[Any]
 _Float32s = npt.NDArray[np.float32]
 
@@ -115,7 +120,7 @@ class KernelImageChanger:
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[LinearImage]:
         """Change an image; cells that change by too little stay as they are."""
         run = _Run(exposed, thresholds)
@@ -127,7 +132,7 @@ class KernelImageChanger:
         self,
         exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
     ) -> ChangedImage[Image]:
         """Change an image and encode it."""
         run = _Run(exposed, thresholds)
@@ -145,8 +150,9 @@ class KernelImageChanger:
             exposed, make_stage = run.exposed, STAGE_MAKERS.get(effect.name)
             if make_stage is not None:
                 stage = make_stage(effect, exposed)
-                # Below zero the kernel draws everywhere.
-                stage.struct.threshold = run.thresholds.get(effect.name, -1.0)
+                threshold = run.thresholds.get(effect.name, _EVERYWHERE)
+                stage.struct.threshold = threshold.grey_levels
+                stage.struct.least_gain, stage.struct.largest_gain = threshold.gains
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.
@@ -207,7 +213,7 @@ class _Run:
     """One image on its way through its effects, and the results so far."""
 
     exposed: ExposedImage
-    thresholds: Mapping[str, float]
+    thresholds: Mapping[str, Threshold]
     stage_ms: dict[str, float] = field(default_factory=dict)
     changes: dict[str, float] = field(default_factory=dict)
     layout_ms: float = 0.0
@@ -333,12 +339,15 @@ def _make_noise(
     return _make(kind, numbers=(scale,), key=key)
 
 
+def _make_misalignment(effect: Misalignment, exposed: ExposedImage) -> _StageWithMaps:
+    camera = cast(OmniCamera, exposed.camera)
+    return _make(_WARP, *lookup_maps(effect, camera))
+
+
 STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Defocus": _make_defocus,
     "DefocusByDepth": _make_defocus_by_depth,
-    "Misalignment": lambda effect, exposed: _make(
-        _WARP, lookup_offset_map(effect, cast(OmniCamera, exposed.camera))
-    ),
+    "Misalignment": _make_misalignment,
     "ChromaticAberration": lambda effect, exposed: _make(
         _MAGNIFY, *channel_offsets_px(effect, exposed.camera)
     ),

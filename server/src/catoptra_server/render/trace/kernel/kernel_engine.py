@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_server.effects import Threshold
 from catoptra_server.render.image_changer import srgb_table
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import (
@@ -131,7 +132,7 @@ class KernelRays:
         )
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
-        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        """(h, w, 3) sRGB, read-only; black off the mirror."""
         return self.render(exposure, TraceRequest()).image
 
     def render_linear(self, exposure: TracedExposure) -> LinearImage:
@@ -197,7 +198,7 @@ class KernelRays:
         self,
         exposure: TracedExposure,
         output: int,
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
         **addresses: int | None,
     ) -> None:
         view = self._require_view()
@@ -218,8 +219,13 @@ class KernelRays:
         self._view = self._centres = None
 
 
+def _grey_levels(thresholds: Mapping[str, Threshold], effect: str, default: float) -> float:
+    found = thresholds.get(effect)
+    return default if found is None else found.grey_levels
+
+
 def _read_changes(
-    state: CameraState, counts: FrameCounts, thresholds: Mapping[str, float]
+    state: CameraState, counts: FrameCounts, thresholds: Mapping[str, Threshold]
 ) -> dict[str, float]:
     """Largest changes by the scene's effects that are drawn and have a threshold."""
     changes = {}
@@ -359,7 +365,7 @@ class KernelEngine:
         view: int,
         exposure: TracedExposure,
         output: int,
-        thresholds: Mapping[str, float],
+        thresholds: Mapping[str, Threshold],
         **members: int | None,
     ) -> FrameCounts:
         """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
@@ -369,11 +375,15 @@ class KernelEngine:
             self._prepare_shadows()
         struct.output = output
         struct.measures_shadows = "Shadows" in thresholds
-        struct.shadow_threshold = thresholds.get("Shadows", 0.0)
+        struct.shadow_threshold = _grey_levels(thresholds, "Shadows", 0.0)
         struct.measures_fog = "Fog" in thresholds
         if "SelfView" in thresholds:
             struct.watched_object = find_ego_body(exposure)
-        struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
+        struct.blur_threshold = _grey_levels(thresholds, "MotionBlur", -1.0)
+        # Those of the first effect include all others'.
+        for one in thresholds.values():
+            struct.least_gain = min(struct.least_gain, one.gains[0])
+            struct.largest_gain = max(struct.largest_gain, one.gains[1])
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)

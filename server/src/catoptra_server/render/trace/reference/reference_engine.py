@@ -6,7 +6,7 @@ of sharp frames; effects are drawn everywhere and measured against a second fram
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -17,6 +17,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import Gains, Threshold
+from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.image_changer import NumpyImageChanger, encode_srgb
 from catoptra_server.render.renderer import Image, LinearImage, advance, sample_shutter
 from catoptra_server.render.trace.ray_table import (
@@ -185,9 +187,9 @@ class _ReferenceRays:
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
         if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
-            changes["Shadows"] = self._measure_shadows(exposure, sharp, request)
+            changes["Shadows"] = self._measure_shadows(exposure, sharp, request.thresholds)
         if "Fog" in request.thresholds and first_state(exposure).fog is not None:
-            changes["Fog"] = self._measure(sharp, is_linear=request.is_linear, fog=None)
+            changes["Fog"] = self._measure(sharp, request.thresholds["Fog"].gains, fog=None)
         if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = np.inf if is_seen else 0.0
@@ -195,31 +197,28 @@ class _ReferenceRays:
         return TracedFrame(image, changes, ranges)
 
     def _measure_shadows(
-        self, exposure: TracedExposure, sharp: TracedExposure, request: TraceRequest
+        self,
+        exposure: TracedExposure,
+        sharp: TracedExposure,
+        thresholds: Mapping[str, Threshold],
     ) -> float:
         """Largest change by shadows; of all instants where the sharp frame shows none."""
-        change = self._measure(sharp, is_linear=request.is_linear, has_shadows=False)
-        if isinstance(exposure, MovingExposure) or change > request.thresholds["Shadows"]:
+        threshold = thresholds["Shadows"]
+        change = self._measure(sharp, threshold.gains, has_shadows=False)
+        if isinstance(exposure, MovingExposure) or change > threshold.grey_levels:
             return change
         instants = sample_shutter(exposure, self._table.height_px)
         return max(
             change,
-            *(
-                self._measure(state, is_linear=request.is_linear, has_shadows=False)
-                for state, _ in instants
-            ),
+            *(self._measure(state, threshold.gains, has_shadows=False) for state, _ in instants),
         )
 
-    def _measure(self, exposure: TracedExposure, *, is_linear: bool, **without: Any) -> float:
-        """Largest difference from frames without an effect, encoded grey levels."""
+    def _measure(self, exposure: TracedExposure, gains: Gains, **without: Any) -> float:
+        """Largest difference of the picture from frames without an effect, grey levels."""
         states = tuple(replace(state, **without) for state in camera_states(exposure))
         plain = states[0] if len(states) == 1 else MovingExposure(states)
-        develop = mean_pixels if is_linear else _mean_clipped_pixels
-        levels = [
-            255.0 * srgb_from_linear(np.clip(self._render(each, develop, 0.0), 0.0, 1.0))
-            for each in (exposure, plain)
-        ]
-        return float(np.abs(levels[0] - levels[1]).max(initial=0.0))
+        light = [self._render(each, mean_pixels, 0.0) for each in (exposure, plain)]
+        return float(find_changes(*light, gains).max(initial=0.0))
 
     def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
         """(h, w) inverses of the pixels' mean inverse ranges, metres."""
@@ -229,7 +228,7 @@ class _ReferenceRays:
         return invert_ranges(inverse_range.astype(np.float32))
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
-        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        """(h, w, 3) sRGB, read-only; black off the mirror."""
         if isinstance(exposure, CameraState) and exposure.shutter is not None:
             image = encode_srgb(self.render_linear(exposure))
         else:
@@ -384,11 +383,6 @@ def mean_pixels(values: Floats, samples: int) -> Floats:
 
 
 def encode_pixels(radiance: Floats, samples: int) -> npt.NDArray[np.uint8]:
-    """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, each clipped as on a sensor."""
-    means = _mean_clipped_pixels(radiance, samples)
+    """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, which a sensor clips."""
+    means = mean_pixels(radiance, samples)
     return np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
-
-
-def _mean_clipped_pixels(radiance: Floats, samples: int) -> Floats:
-    """Means of samples that are clipped one by one, as a sensor's."""
-    return mean_pixels(np.clip(radiance, 0.0, 1.0), samples)

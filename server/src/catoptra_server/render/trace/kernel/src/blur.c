@@ -5,7 +5,6 @@
 #include "blur.h"
 
 #include "blur_plan.h"
-#include "encoding.h"
 #include "measures.h"
 #include "pixels.h"
 
@@ -56,7 +55,7 @@ typedef struct {
     int differs;
 } Instant;
 
-/* Add what a block's samples show, before the sensor clips them, and what shadows take of it. */
+/* Add what a block's samples show, and what shadows take of it. */
 static void add_to_instant(const BlurTile *blur, uint32_t active,
                            float radiance[3][BLOCK_RAYS], const LostLight *lost, Instant *sums) {
     const FrameState *state = blur->state;
@@ -68,15 +67,15 @@ static void add_to_instant(const BlurTile *blur, uint32_t active,
             int pixel = blur->order->lane_pixel[lane];
             float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
             float bright = value + (rays >> lane & 1 ? lost->radiance[channel][lane] : 0.0f);
-            sums->shown[channel][pixel] += factor * as_sensed(state, value);
-            sums->unshadowed[channel][pixel] += factor * as_sensed(state, bright);
+            sums->shown[channel][pixel] += factor * value;
+            sums->unshadowed[channel][pixel] += factor * bright;
         }
 }
 
 static void note_instant(const BlurTile *blur, const Instant *sums) {
     _Atomic float *largest = &blur->state->measures->shadow_change;
     for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++)
-        note_change(largest, get_lane(sums->shown, pixel),
+        note_change(blur->state->frame, largest, get_lane(sums->shown, pixel),
                     get_lane(sums->unshadowed, pixel));
 }
 
@@ -97,10 +96,8 @@ static void sample_unit(BlurTile *blur, const FrameState *moved, const TileConte
         if (is_measured)
             add_to_instant(blur, active, radiance, &lost, &instant);
         for (int channel = 0; channel < 3; channel++)
-            for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-                float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
-                radiance[channel][lane] = factor * as_sensed(moved, value);
-            }
+            for (int lane = 0; lane < BLOCK_RAYS; lane++)
+                radiance[channel][lane] = active >> lane & 1 ? factor * radiance[channel][lane] : 0.0f;
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             for (int channel = 0; channel < 3; channel++)
                 sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
@@ -141,8 +138,7 @@ static float update_means(const BlurTile *blur, Unit *one, int steps) {
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
             float mean = (one->inner[channel][pixel] + 0.5f * one->ends[channel][pixel]) /
                          (float)steps;
-            float before = encode_level(one->mean[channel][pixel]);
-            change = fmaxf(change, fabsf(encode_level(mean) - before));
+            change = fmaxf(change, level_change(blur->state->frame, mean, one->mean[channel][pixel]));
             one->mean[channel][pixel] = mean;
         }
     return change;
@@ -215,9 +211,9 @@ static float measure_change(const BlurTile *blur, int unit) {
     float change = 0.0f;
     for (int channel = 0; channel < 3; channel++)
         for (int pixel = 0; pixel < blur->order->pixels; pixel++)
-            change = fmaxf(change,
-                           fabsf(encode_level(blur->units[unit].mean[channel][pixel]) -
-                                 encode_level(sharp_mean(blur, unit, channel, pixel))));
+            change = fmaxf(change, level_change(blur->state->frame,
+                                                blur->units[unit].mean[channel][pixel],
+                                                sharp_mean(blur, unit, channel, pixel)));
     return change;
 }
 
@@ -301,7 +297,7 @@ static void write_units(const BlurTile *blur) {
             for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
                 float mean = blur->units[unit].mean[channel][pixel];
                 float sharp = sharp_mean(blur, unit, channel, pixel);
-                float change = fabsf(encode_level(mean) - encode_level(sharp));
+                float change = level_change(state->frame, mean, sharp);
                 blur->result->change = fmaxf(blur->result->change, change);
                 sums.sum[channel][blur->order->pixel[unit][pixel]] = samples * mean;
             }

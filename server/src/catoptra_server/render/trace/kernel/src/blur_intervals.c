@@ -113,8 +113,7 @@ static void find_corners(const Box *box, Vec3 first, Vec3 normal, Vec3 corners[4
 static void light_background(const FrameState *state, MovingScene *scene) {
     const Scene *lit = state->scene;
     Vec3 light = vec3(lit->sharp_radiance + 3 * (size_t)lit->mesh->arrays.num_triangles);
-    scene->background = (Vec3){as_sensed(state, light.x), as_sensed(state, light.y),
-                               as_sensed(state, light.z)};
+    scene->background = light;
 }
 
 /* The instants between the parts of the exposure, and the edges of a tile's beam in the world. */
@@ -149,9 +148,7 @@ static void light_triangle(const FrameState *state, int tile, const Instants *in
     /* Rays measure what shadows take where the sharp frame shows none. */
     if (state->measures->blurs_unseen_shadows && max_abs(light.lost) > 0.0f)
         moving->is_constant = 0;
-    moving->radiance =
-        (Vec3){as_sensed(state, light.radiance.x), as_sensed(state, light.radiance.y),
-               as_sensed(state, light.radiance.z)};
+    moving->radiance = light.radiance;
     if (!moving->is_constant || !moving->is_occluded)
         return;
     moving->light = light.radiance;
@@ -443,8 +440,7 @@ static void add_occluded_times(const MovingScene *scene, const Visible *visible,
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
             radiance[channel][i] +=
-                weights[i] * as_sensed(scene->state,
-                                       light[channel] - (1.0f - factors[i]) * ambient[channel]);
+                weights[i] * (light[channel] - (1.0f - factors[i]) * ambient[channel]);
 }
 
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {

@@ -5,6 +5,7 @@
  * between the passes. */
 #include "blur_plan.h"
 
+#include "encoding.h"
 #include "facet_plane.h"
 #include "pixels.h"
 
@@ -219,6 +220,7 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
     memcpy(plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS, means,
            sizeof(float) * CHANNELS * BLOCK_RAYS);
     uint32_t whole = find_whole_pixels(state, tile);
+    float gain = state->frame->largest_gain;
     for (int cell = 0; cell < CELLS * CELLS; cell++) {
         int row = CELLS * (number / state->rays->tile_columns) + cell / CELLS;
         int column = CELLS * (number % state->rays->tile_columns) + cell % CELLS;
@@ -230,8 +232,8 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
             const float *m = means[channel] + first;
             float low = fminf(fminf(m[0], m[1]), fminf(m[TILE_PX], m[TILE_PX + 1]));
             float high = fmaxf(fmaxf(m[0], m[1]), fmaxf(m[TILE_PX], m[TILE_PX + 1]));
-            at[plane * (size_t)channel] = encode(state, low);
-            at[plane * (size_t)(CHANNELS + channel)] = encode(state, high);
+            at[plane * (size_t)channel] = code_of_light(gain * low);
+            at[plane * (size_t)(CHANNELS + channel)] = code_of_light(gain * high);
         }
     }
 }
@@ -315,22 +317,23 @@ static float *spread_speeds(const FrameState *state, float time) {
 }
 
 /* Greatest contrast within reach of a cell of a tile, grey levels. */
-static int find_contrast(const BlurPlan *plan, const uint8_t *cells, int row, int column, int cell) {
+static float find_contrast(const BlurPlan *plan, const uint8_t *cells, int row, int column, int cell) {
     size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
     const uint8_t *at = cells + (size_t)(CELLS * row + cell / CELLS) * (size_t)plan->cell_columns +
                         CELLS * column + cell % CELLS;
-    int contrast = 0;
+    float contrast = 0.0f;
     for (int channel = 0; channel < CHANNELS; channel++) {
-        int difference = at[plane * (size_t)(CHANNELS + channel)] - at[plane * (size_t)channel];
+        float difference = level_of_code(at[plane * (size_t)(CHANNELS + channel)]) -
+                           level_of_code(at[plane * (size_t)channel]);
         contrast = difference > contrast ? difference : contrast;
     }
     return contrast;
 }
 
-static int is_visible(const Frame *frame, int contrast, float displacement) {
+static int is_visible(const Frame *frame, float contrast, float displacement) {
     return displacement >= MIN_DISPLACEMENT_PX &&
            (frame->blur_threshold < 0.0f ||
-            (float)contrast * fminf(1.0f, displacement) > frame->blur_threshold);
+            contrast * fminf(1.0f, displacement) > frame->blur_threshold);
 }
 
 /* Least number of instants: nothing may pass a pixel unseen between two of them. */
@@ -354,8 +357,8 @@ static void want_cell(const FrameState *state, int row, int column, int cell, in
 }
 
 /* A row that is exposed later or earlier than the pose shows the scene displaced. */
-static void note_rolling(const FrameState *state, int contrast, float displacement) {
-    float change = (float)contrast * fminf(1.0f, displacement);
+static void note_rolling(const FrameState *state, float contrast, float displacement) {
+    float change = fminf(255.0f, contrast * fminf(1.0f, displacement));
     state->plan->rolling_change = fmaxf(state->plan->rolling_change, change);
 }
 
@@ -376,7 +379,7 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
                 continue;
             float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
             for (int cell = 0; cell < CELLS * CELLS; cell++) {
-                int contrast = find_contrast(state->plan, cells, row, column, cell);
+                float contrast = find_contrast(state->plan, cells, row, column, cell);
                 if (is_blurred && is_visible(state->frame, contrast, displacements[at]))
                     want_cell(state, row, column, cell,
                               count_instants(state->frame, displacements[at]));

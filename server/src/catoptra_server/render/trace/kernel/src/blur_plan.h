@@ -18,7 +18,7 @@ typedef struct BlurPlan {
     float *means;  /* (t, 3, 16) of the sharp frame's pixels, linear */
     float *speeds; /* (tile rows, tile columns) largest displacement in the poses' whole time, px */
     int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
-    uint8_t *cells; /* (6, rows, columns) least and greatest sRGB value of each channel */
+    uint8_t *cells; /* (6, rows, columns) codes of the picture's least and greatest light by channel */
     uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */

@@ -5,9 +5,9 @@
 
 #include <math.h>
 
-enum { STEPS = 4096, NEWTON_STEPS = 12 };
+enum { STEPS = 4096, NEWTON_STEPS = 12, CODES = 256, WHITE_CODE = 223, CODES_PER_OCTAVE = 4 };
 
-static float levels[STEPS + 2];
+static float levels[STEPS + 2], code_levels[CODES];
 
 /* x^(1 / 2.4) = q * cbrt(q^2) with q the fourth root of x, at least 0.2: the cube root by Newton's method, since
  * the last bits of a library's `pow` depend on the processor. */
@@ -22,10 +22,27 @@ void prepare_encoding(void) {
     /* The last entry says that all others are there; two threads write the same values. */
     if (levels[STEPS + 1] != 0.0f)
         return;
+    double light = 1.0, step = sqrt(sqrt(2.0));
+    for (int code = 0; code < CODES; code++) {
+        code_levels[code] = (float)(255.0 * (code > WHITE_CODE ? encode(light *= step)
+                                                               : (double)code / WHITE_CODE));
+    }
     for (int i = 0; i < STEPS + 2; i++) {
         levels[i] = (float)(255.0 * encode((double)i / STEPS));
     }
 }
+
+uint8_t code_of_light(float linear) {
+    if (!(linear > 1.0f))
+        return (uint8_t)(encode_level(linear) * ((float)WHITE_CODE / 255.0f) + 0.5f);
+    int octave, last = CODES - 1 - WHITE_CODE;
+    float mantissa = frexpf(linear, &octave); /* from 1/2 to 1 */
+    int step = CODES_PER_OCTAVE * (octave - 1) + (mantissa >= 0.59460356f) +
+               (mantissa >= 0.70710678f) + (mantissa >= 0.84089642f);
+    return (uint8_t)(WHITE_CODE + (linear < INFINITY && step < last ? step : last));
+}
+
+float level_of_code(uint8_t code) { return code_levels[code]; }
 
 float encode_level(float linear) {
     float position = (linear > 0.0f ? linear < 1.0f ? linear : 1.0f : 0.0f) * (float)STEPS;

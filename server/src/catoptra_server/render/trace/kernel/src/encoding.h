@@ -3,10 +3,18 @@
 #ifndef CATOPTRA_ENCODING_H
 #define CATOPTRA_ENCODING_H
 
+#include <stdint.h>
+
 /* Grey levels, 0 to 255, of linear light, which is clipped to [0, 1]. */
 float encode_level(float linear);
 
-/* Fill the table; before any other thread encodes. */
+/* Light in eight bits, for fast extremes: grey levels up to white, quarters of an octave beyond. */
+uint8_t code_of_light(float linear);
+
+/* The grey level of a code; beyond white the curve goes on. */
+float level_of_code(uint8_t code);
+
+/* Fill the tables; before any other thread encodes. */
 void prepare_encoding(void);
 
 #endif

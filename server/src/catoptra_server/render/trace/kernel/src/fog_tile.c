@@ -9,12 +9,9 @@
 #include "pixels.h"
 #include "ranges.h"
 
-int is_fogged_as_one(const FrameState *state, int tile, Vec3 radiance) {
+int is_fogged_as_one(const FrameState *state, int tile) {
     TilePixels pixels = find_pixels(state, tile);
-    /* A sensor clips each sample: no mean is that of what lies behind. */
-    int is_clipped = state->frame->output == OUTPUT_SRGB &&
-                     (max_abs(radiance) > 1.0f || max_abs(vec3(state->frame->airlight)) > 1.0f);
-    return !is_clipped && !state->is_rolling && pixels.rows == TILE_PX &&
+    return !state->is_rolling && pixels.rows == TILE_PX &&
            pixels.columns == TILE_PX;
 }
 
@@ -40,7 +37,7 @@ void fill_fogged_tile(const FrameState *state, int tile, int32_t triangle, Vec3 
         for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
             fogged[channel][pixel] = mix(clear[channel], airlight[channel], transmittance[pixel]);
         if (state->frame->measures_fog)
-            note_level_change(&state->measures->fog_change, clear[channel],
+            note_level_change(state->frame, &state->measures->fog_change, clear[channel],
                               mix(clear[channel], airlight[channel], least));
     }
     write_radiance(state, tile, (const float(*)[TILE_PX * TILE_PX])fogged);

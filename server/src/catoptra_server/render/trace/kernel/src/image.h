@@ -18,7 +18,7 @@ enum {
     STAGE_SHOT_NOISE = 6,  /* numbers[0] radiance of one electron;  key */
     STAGE_READ_NOISE = 7,  /* numbers[0] standard deviation;  key */
     STAGE_BLUR = 8,      /* see image_blur.c */
-    STAGE_WARP = 9,      /* maps[0] offsets and validity (h, w, 3) */
+    STAGE_WARP = 9,      /* maps[0] offsets (h, w, 3), the third unused, maps[1] fraction kept (h, w) */
     STAGE_MAGNIFY = 10,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
     STAGE_BLOOM = 11,    /* numbers[0] overflowing fraction;  size: rows */
     STAGE_BAYER = 12
@@ -29,6 +29,7 @@ typedef struct {
     int32_t size;       /* of a blur's or an overflow's reach, px */
     int32_t num_rows;   /* of a blur's table */
     float threshold;    /* change in grey levels that nobody sees; negative: nothing is measured */
+    float least_gain, largest_gain; /* from the stage's light to that of the finished picture */
     float numbers[4];
     uint32_t key[4];
     const void *maps[4];

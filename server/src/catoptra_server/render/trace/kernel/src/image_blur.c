@@ -246,7 +246,8 @@ static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *
     find_reach(pass->stage, high, &far_kernels);
     float exchange = kernels->exchange > far_kernels.exchange ? kernels->exchange
                                                               : far_kernels.exchange;
-    if (bound_change(range.low, exchange * (range.high - range.low)) <= read_maximum(&pass->change))
+    if (bound_change(pass->stage, range.low, exchange * (range.high - range.low)) <=
+        read_maximum(&pass->change))
         return;
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)
@@ -257,7 +258,7 @@ static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *
     for (int channel = 0; channel < 3; channel++) {
         Versions versions = {row_at(&pass->to, channel, cell->top) + cell->left,
                              near_values[channel][0], pass->to.stride, CELL_COLUMNS};
-        measure_versions(&pass->change, &versions, cell);
+        measure_versions(pass->stage, &pass->change, &versions, cell);
         for (int row = 0; row < cell->rows; row++)
             memcpy(row_at(&pass->to, channel, cell->top + row) + cell->left,
                    near_values[channel][row], sizeof near_values[channel][row]);
@@ -276,7 +277,7 @@ static void measure_blur(Pass *pass, const Cell *cell, CellKernels *kernels, Cel
         Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
                              row_at(&pass->to, channel, cell->top) + cell->left,
                              pass->from.stride, pass->to.stride};
-        measure_versions(&pass->other_change, &versions, cell);
+        measure_versions(pass->stage, &pass->other_change, &versions, cell);
     }
     measure_against_infinity(pass, cell, kernels, range, masked);
 }

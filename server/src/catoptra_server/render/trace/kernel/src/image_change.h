@@ -1,4 +1,6 @@
-/* The change of pixels in encoded grey levels, and bounds of it that cost little.
+/* The change of the finished picture's pixels in encoded grey levels, and bounds of it that cost
+ * little. On its way to the picture light is multiplied by any of the stage's gains: a difference
+ * shows most where the larger value just reaches white.
  *
  * The maximum over an image is exact: only where a bound says that nothing larger can be found are
  * pixels left out, so that the result depends neither on threads nor on the order of cells.
@@ -33,17 +35,24 @@ static inline Floats16 grey_levels(Floats16 light) {
     return select16(is_curved, curved, clipped * (12.92f * 255.0f));
 }
 
-static inline float grey_level(float light) {
-    Floats16 lights = {light};
-    return grey_levels(lights)[0];
+/* Largest change of light of at least `low` that changes by at most `difference`: the curve is
+ * concave, so the darkest changes most; of what reaches beyond white, below white. */
+static inline float bound_change(const ImageStage *stage, float low, float difference) {
+    float change = stage->largest_gain * difference, base = stage->largest_gain * low;
+    change = change < 1.0f ? change : 1.0f;
+    base = base < 1.0f - change ? base : 1.0f - change;
+    base = base > 0.0f ? base : 0.0f;
+    Floats16 levels = grey_levels((Floats16){base, base + change});
+    return levels[1] - levels[0] + 1e-2f;
 }
 
-/* Largest change of light of at least `low` that changes by at most `difference`: the curve is
- * concave, so the darkest changes most. */
-static inline float bound_change(float low, float difference) {
-    float base = low > 0.0f ? low : 0.0f;
-    Floats16 levels = grey_levels((Floats16){base, base + difference});
-    return levels[1] - levels[0] + 1e-2f;
+static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
+    const Floats16 zero = {0}, least = zero + stage->least_gain, largest = zero + stage->largest_gain;
+    Floats16 top = most16(before, after);
+    Floats16 gains = select16(largest * top > 1.0f, 1.0f / top, largest);
+    gains = most16(gains, least);
+    Floats16 change = grey_levels(gains * after) - grey_levels(gains * before);
+    return most16(change, -change);
 }
 
 /* Two versions of a cell, row by row. */
@@ -61,7 +70,8 @@ static inline void load_row(const Versions *versions, const Cell *cell, int row,
 }
 
 /* Bound of the change between two versions of a cell. */
-static inline float bound_versions(const Versions *versions, const Cell *cell) {
+static inline float bound_versions(const ImageStage *stage, const Versions *versions,
+                                   const Cell *cell) {
     Floats16 lows = (Floats16){0} + versions->before[0], differences = {0};
     for (int row = 0; row < cell->rows; row++) {
         Floats16 before, after;
@@ -71,20 +81,19 @@ static inline float bound_versions(const Versions *versions, const Cell *cell) {
         differences = most16(most - least, differences);
     }
     float difference = largest_of(differences);
-    return difference == 0.0f ? 0.0f : bound_change(smallest_of(lows), difference);
+    return difference == 0.0f ? 0.0f : bound_change(stage, smallest_of(lows), difference);
 }
 
 /* Raise a maximum by the change between two versions of a cell in one colour. */
-static inline void measure_versions(_Atomic uint32_t *maximum, const Versions *versions,
-                                    const Cell *cell) {
-    if (bound_versions(versions, cell) <= read_maximum(maximum))
+static inline void measure_versions(const ImageStage *stage, _Atomic uint32_t *maximum,
+                                    const Versions *versions, const Cell *cell) {
+    if (bound_versions(stage, versions, cell) <= read_maximum(maximum))
         return;
     Floats16 largest = {0};
     for (int row = 0; row < cell->rows; row++) {
         Floats16 before, after;
         load_row(versions, cell, row, &before, &after);
-        Floats16 change = grey_levels(after) - grey_levels(before);
-        largest = most16(most16(change, -change), largest);
+        largest = most16(level_changes(stage, before, after), largest);
     }
     raise_maximum(maximum, largest_of(largest));
 }
@@ -97,7 +106,7 @@ static inline void measure_cell(Pass *pass, const Cell *cell) {
         Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
                              row_at(&pass->to, channel, cell->top) + cell->left,
                              pass->from.stride, pass->to.stride};
-        measure_versions(&pass->change, &versions, cell);
+        measure_versions(pass->stage, &pass->change, &versions, cell);
     }
 }
 
@@ -106,7 +115,7 @@ static inline void measure_cell(Pass *pass, const Cell *cell) {
 static inline int is_plain(const Pass *pass, CellRange range, float fraction) {
     float contrast = range.high - range.low;
     return pass->stage->threshold >= 0.0f &&
-           bound_change(range.low, fraction * contrast) <= pass->stage->threshold;
+           bound_change(pass->stage, range.low, fraction * contrast) <= pass->stage->threshold;
 }
 
 #endif

@@ -164,12 +164,12 @@ static int is_dark(const CellValues *cells, const Cell *cell) {
     return largest_of(high) == 0.0f;
 }
 
-static void measure_values(_Atomic uint32_t *change, const CellValues *before,
-                           const CellValues *after, const Cell *cell) {
+static void measure_values(const ImageStage *stage, _Atomic uint32_t *change,
+                           const CellValues *before, const CellValues *after, const Cell *cell) {
     for (int channel = 0; channel < 3; channel++) {
         Versions versions = {before->values[channel][0], after->values[channel][0], CELL_COLUMNS,
                              CELL_COLUMNS};
-        measure_versions(change, &versions, cell);
+        measure_versions(stage, change, &versions, cell);
     }
 }
 
@@ -191,7 +191,7 @@ void change_points(Pass *pass, const Cell *cell) {
             before = after;
         change_cell(pass, stage, cell, &after);
         if (stage->threshold >= 0.0f)
-            measure_values(pass->changes + i, &before, &after, cell);
+            measure_values(stage, pass->changes + i, &before, &after, cell);
     }
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)

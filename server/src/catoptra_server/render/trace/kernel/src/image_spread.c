@@ -29,9 +29,9 @@ static void warp_pixel(const Pass *pass, int x, int y, const float *offset, floa
     }
 }
 
-/* Largest offsets of a cell; 0 if one of its pixels turns black. */
+/* Largest offsets of a cell; 0 if one of its pixels turns darker. */
 static int find_offsets(const Pass *pass, const Cell *cell, float *reach) {
-    int is_valid = 1;
+    int is_whole = 1;
     *reach = 0.0f;
     for (int row = 0; row < cell->rows; row++)
         for (int x = 0; x < cell->columns; x++) {
@@ -39,9 +39,9 @@ static int find_offsets(const Pass *pass, const Cell *cell, float *reach) {
                         (size_t)(cell->left + x);
             const float *offset = (const float *)pass->stage->maps[0] + 3 * at;
             *reach = fmaxf(*reach, fmaxf(fabsf(offset[0]), fabsf(offset[1])));
-            is_valid &= offset[2] != 0.0f;
+            is_whole &= ((const float *)pass->stage->maps[1])[at] == 1.0f;
         }
-    return is_valid;
+    return is_whole;
 }
 
 /* Light that a bilinear shift by up to (d, d) takes from other pixels. */
@@ -54,10 +54,10 @@ static int is_shift_plain(const Pass *pass, const Cell *cell, float reach) {
 
 void warp(Pass *pass, const Cell *cell) {
     float reach;
-    int is_valid = find_offsets(pass, cell, &reach);
+    int is_whole = find_offsets(pass, cell, &reach);
     CellRange own = pass->ranges[cell->row * pass->cell_columns + cell->column];
     int is_black = own.low == 0.0f && own.high == 0.0f;
-    if ((is_valid || is_black) && is_shift_plain(pass, cell, reach)) {
+    if ((is_whole || is_black) && is_shift_plain(pass, cell, reach)) {
         copy_cell(pass, cell);
         return;
     }
@@ -66,11 +66,11 @@ void warp(Pass *pass, const Cell *cell) {
             size_t at = (size_t)(cell->top + row) * (size_t)pass->job->width +
                         (size_t)(cell->left + x);
             const float *offset = (const float *)pass->stage->maps[0] + 3 * at;
-            float light[3] = {0.0f, 0.0f, 0.0f};
-            if (offset[2] != 0.0f)
+            float light[3] = {0.0f, 0.0f, 0.0f}, kept = ((const float *)pass->stage->maps[1])[at];
+            if (kept != 0.0f)
                 warp_pixel(pass, cell->left + x, cell->top + row, offset, light);
             for (int channel = 0; channel < 3; channel++)
-                row_at(&pass->to, channel, cell->top + row)[cell->left + x] = light[channel];
+                row_at(&pass->to, channel, cell->top + row)[cell->left + x] = kept * light[channel];
         }
     measure_cell(pass, cell);
 }

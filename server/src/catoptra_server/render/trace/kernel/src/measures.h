@@ -1,4 +1,5 @@
-/* Largest changes that effects make in a frame, in encoded grey levels (0 to 255, not rounded).
+/* Largest changes that effects make in the finished picture, in encoded grey levels (0 to 255, not
+ * rounded).
  *
  * Maxima over all pixels: independent of the order in which threads find them. Tiles whose
  * extremes show that they change by at most the largest change so far are skipped.
@@ -16,11 +17,14 @@ struct Measures {
     atomic_int shows_watched; /* some ray meets the watched object first */
 };
 
-/* Note the change between two values of a channel, linear light. */
-void note_level_change(_Atomic float *largest, float one, float other);
+/* Change of the picture, grey levels, between two values of a channel, linear light. */
+float level_change(const Frame *frame, float one, float other);
+
+/* Note the change between two values of a channel. */
+void note_level_change(const Frame *frame, _Atomic float *largest, float one, float other);
 
 /* Note the change between two linear colours. */
-void note_change(_Atomic float *largest, Vec3 one, Vec3 other);
+void note_change(const Frame *frame, _Atomic float *largest, Vec3 one, Vec3 other);
 
 /* Note the changes between the pixels of two sums of samples. */
 void note_changes(const FrameState *state, int tile, _Atomic float *largest,

@@ -106,9 +106,6 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
         fill_ranges(state, tile, triangle);
     if (!state->plan)
         return;
-    for (int channel = 0; channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] = as_sensed(state, radiance[channel][i]);
     note_plane(state, tile, triangle);
     note_means(state, tile, (const float(*)[BLOCK_RAYS])radiance);
 }

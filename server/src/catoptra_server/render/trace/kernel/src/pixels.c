@@ -64,10 +64,9 @@ void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums) {
     int samples = state->rays->samples;
     for (int channel = 0; channel < 3; channel++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-            float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
-            radiance[channel][lane] = as_sensed(state, value);
-        }
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            if (!(active >> lane & 1))
+                radiance[channel][lane] = 0.0f;
     if (samples == 1) {
         memcpy(sums->sum, radiance, sizeof sums->sum);
         return;
@@ -78,13 +77,12 @@ void add_samples(const FrameState *state, int block, uint32_t active,
         add_lanes(samples, block, radiance[channel], sums->sum[channel]);
 }
 
-void add_row(const FrameState *state, int row, uint32_t active,
-             float radiance[3][BLOCK_RAYS], PixelSums *sums) {
+void add_row(int row, uint32_t active, float radiance[3][BLOCK_RAYS], PixelSums *sums) {
     for (int channel = 0; channel < 3; channel++) {
         float *pixels = sums->sum[channel] + row * TILE_PX;
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             if (active >> lane & 1)
-                pixels[lane % TILE_PX] += as_sensed(state, radiance[channel][lane]);
+                pixels[lane % TILE_PX] += radiance[channel][lane];
     }
 }
 

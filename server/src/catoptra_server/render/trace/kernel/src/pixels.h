@@ -34,8 +34,7 @@ void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums);
 
 /* The same of a block of a row of pixels, whose lane l is of column l % 4. */
-void add_row(const FrameState *state, int row, uint32_t active,
-             float radiance[3][BLOCK_RAYS], PixelSums *sums);
+void add_row(int row, uint32_t active, float radiance[3][BLOCK_RAYS], PixelSums *sums);
 
 /* Means of the samples into the image. */
 void write_pixels(const FrameState *state, int tile, const PixelSums *sums);
@@ -43,13 +42,8 @@ void write_pixels(const FrameState *state, int tile, const PixelSums *sums);
 /* One radiance for each of the tile's pixels, (3, 16), into the image. */
 void write_radiance(const FrameState *state, int tile, const float radiance[3][TILE_PX * TILE_PX]);
 
-/* Values between 0 and 1; what is not a number is black. */
+/* A sensor's: the means of its pixels are clipped, once. What is not a number is black. */
 static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
-
-/* A sensor clips each sample, linear light does not. */
-static inline float as_sensed(const FrameState *state, float value) {
-    return state->frame->output == OUTPUT_SRGB ? clip(value) : value;
-}
 
 /* Row of the sRGB table. */
 static inline int32_t level_of(float linear) { return (int32_t)(clip(linear) * 65535.0f + 0.5f); }

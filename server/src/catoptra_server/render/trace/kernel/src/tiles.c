@@ -157,7 +157,7 @@ static void note_colour(const FrameState *state, int tile, Vec3 colour) {
     float channels[3] = {colour.x, colour.y, colour.z}, means[3][TILE_PX * TILE_PX];
     for (int channel = 0; channel < 3; channel++)
         for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
-            means[channel][pixel] = as_sensed(state, channels[channel]);
+            means[channel][pixel] = channels[channel];
     note_means(state, tile, (const float(*)[TILE_PX * TILE_PX])means);
 }
 
@@ -180,10 +180,10 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
         memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
                (size_t)pixels.columns * pixels.pixel_bytes);
     if (state->frame->measures_shadows && !light->is_table)
-        note_change(&state->measures->shadow_change, light->radiance,
+        note_change(state->frame, &state->measures->shadow_change, light->radiance,
                     add(light->radiance, light->lost));
     if (state->frame->measures_fog && has_fog(state))
-        note_change(&state->measures->fog_change, light->radiance,
+        note_change(state->frame, &state->measures->fog_change, light->radiance,
                     vec3(scene->sharp_radiance + 3 * entry));
     if (state->frame->inverse_range)
         fill_ranges(state, tile, content->triangle);
@@ -345,15 +345,15 @@ static void add_row_block(const FrameState *state, int row, const RayBlock *rays
     shade_in_fog(state, rays, hits, content, radiance, is_measured ? &lost : NULL,
                      measures_fog(state) ? clear : NULL);
     if (measures_fog(state))
-        add_row(state, row, rays->active, clear, &result->clear);
-    add_row(state, row, rays->active, radiance, &result->sums);
+        add_row(row, rays->active, clear, &result->clear);
+    add_row(row, rays->active, radiance, &result->sums);
     result->differs |= lost.rays != 0;
     for (int lane = 0; is_measured && lane < BLOCK_RAYS; lane++)
         if (lost.rays >> lane & 1)
             add_lane(radiance, lane,
                      get_lane((const float(*)[BLOCK_RAYS])lost.radiance, lane));
     if (is_measured)
-        add_row(state, row, rays->active, radiance, &result->unshadowed);
+        add_row(row, rays->active, radiance, &result->unshadowed);
     if (!state->frame->inverse_range)
         return;
     float inverse[BLOCK_RAYS];
@@ -469,7 +469,7 @@ static int fill_single_tile(const FrameState *state, int tile, const TileContent
         fill_tile(state, tile, content, entry, &light);
         return 1;
     }
-    if (!is_fogged_as_one(state, tile, light.radiance) ||
+    if (!is_fogged_as_one(state, tile) ||
         (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
         return 0;
     fill_fogged_tile(state, tile, content->triangle, light.radiance);

@@ -1,0 +1,136 @@
+"""The shipped real camera in more or less light, with the exposure that makes daylight of it: the
+picture with effects by their criteria beside the picture with all effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_server.commands.explain import PlanarVelocity, build_camera_state
+from catoptra_server.config.startup import StartupConfig, read_startup_config
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings, widest_gains
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.sensor.auto_exposure import AutoExposure
+from catoptra_server.effects.sensor.exposure import Exposure
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import RenderedView, ViewCache
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.world.world_description import (
+    HemisphereLight,
+    Light,
+    PointLight,
+    World,
+)
+
+_CONFIGS = Path(__file__).parents[2] / "configs"
+DRIVING = PlanarVelocity(0.5, 0.0, 0.5)
+_RANDOM = frozenset({"ShotNoise", "ReadNoise", "FixedPattern"})
+
+
+@cache
+def real_camera_in(world: str) -> StartupConfig:
+    """The shipped real camera in a shipped world."""
+    robot = _CONFIGS / "robots" / "p2at_omni_real.ini"
+    return read_startup_config([robot], _CONFIGS / "worlds" / f"{world}.ini")
+
+
+def dim(world: World, factor: float) -> World:
+    """The world with all of its light, the background's included, times a factor."""
+    red, green, blue = world.background
+    background = (factor * red, factor * green, factor * blue)
+    lights = tuple(_dim_light(light, factor) for light in world.lights)
+    return replace(world, lights=lights, background=background)
+
+
+def _dim_light(light: Light, factor: float) -> Light:
+    def times(colour: tuple[float, float, float]) -> tuple[float, float, float]:
+        return factor * colour[0], factor * colour[1], factor * colour[2]
+
+    if isinstance(light, HemisphereLight):
+        return HemisphereLight(times(light.up_irradiance), times(light.down_irradiance))
+    if isinstance(light, PointLight):
+        return replace(light, intensity=times(light.intensity))
+    return replace(light, irradiance=times(light.irradiance))
+
+
+def draw_pair(
+    world: str,
+    factor: float,
+    *,
+    width_px: int = 120,
+    max_gain: float | None = None,
+    renderer: str = "trace",
+    velocity: PlanarVelocity = DRIVING,
+    pose: PlanarPose | None = None,
+) -> tuple[RenderedView, RenderedView]:
+    """Pictures with effects by their criteria, and with all of them; without noise.
+
+    Args:
+        world: Name of a shipped world.
+        factor: Factor of all light.
+        width_px: Side of the image.
+        max_gain: Largest gain of an automatic exposure; None for the exposure time alone.
+        renderer: `trace` or `raster`.
+        velocity: Motion of the robot.
+        pose: Place of the robot; None for the first start.
+    """
+    startup = real_camera_in(world)
+    dimmed = dim(startup.world, factor)
+    robot = startup.robots[0]
+    omni = robot.omni_camera
+    assert omni is not None
+    camera = camera_with_inscribed_rim(
+        omni.camera.mirror, width_px=width_px, height_px=width_px, rim_rad=omni.camera.rim_rad
+    )
+    named = tuple(_expose(one, factor, max_gain) for one in omni.effects.settings)
+    by_criteria = replace(omni.effects, settings=named)
+    everything = replace(
+        by_criteria,
+        settings=tuple(
+            one if one.mode is EffectMode.NEVER else replace(one, mode=EffectMode.ALWAYS)
+            for one in named
+        ),
+    )
+    start = startup.world.starts[0] if startup.world.starts else None
+    place = PlanarPose(*start.location_m[:2], start.rotation_rad[2]) if start else None
+    state = build_camera_state(robot, omni, pose or place or PlanarPose(0.0, 0.0, 0.0), velocity)
+    gains = widest_gains((by_criteria,))
+    choice = choose_renderer(renderer, startup.scene, dimmed, threads=2, gains=gains)
+    views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, dimmed))
+
+    def draw(effects: EffectSettings) -> RenderedView:
+        spec = OmniCameraSpec(camera, omni.render_settings, effects)
+        return views.render(ViewRequest(spec, state))
+
+    try:
+        return draw(by_criteria), draw(everything)
+    finally:
+        views.close()
+
+
+def _expose(setting: EffectSetting, factor: float, max_gain: float | None) -> EffectSetting:
+    effect = setting.effect
+    if effect.name in _RANDOM:
+        return replace(setting, mode=EffectMode.NEVER)
+    if isinstance(effect, AutoExposure) and max_gain is not None:
+        effect = replace(effect, max_gain=max_gain, min_gain=1.0 / max_gain)
+        return EffectSetting(effect, EffectMode.AUTO)
+    if isinstance(effect, Exposure) and max_gain is None:
+        brighter = replace(effect, white_exposure_s=factor * effect.exposure_s)
+        return EffectSetting(brighter, setting.mode)
+    return setting
+
+
+def find_differences(pair: tuple[RenderedView, RenderedView]) -> Floats:
+    """(h, w) largest difference of each pixel, grey levels."""
+    one, other = (view.image.rgb.astype(np.float64) for view in pair)
+    differences: Floats = np.abs(one - other).max(axis=-1)
+    return differences

@@ -1,0 +1,37 @@
+"""Differences of the pictures with effects by their criteria from those with all effects, in all
+light: .venv/bin/python tests/measurements/finished_picture.py [SIDE_PX]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from helpers.finished_pictures import draw_pair, find_differences
+
+WORLDS = ("corridor", "four_legged_2006", "incidence_rings", "legacy", "rescue", "warehouse")
+SITUATIONS = (
+    *((factor, None) for factor in (1e-4, 1e-3, 0.1, 1.0, 8.0)),
+    *((factor, gain) for factor in (1e-3, 0.1, 1.0) for gain in (10.0, 1000.0)),
+)
+
+
+def main(side_px: int = 240) -> None:
+    """Print a line for each world and light."""
+    for world in WORLDS:
+        for factor, max_gain in SITUATIONS:
+            pair = draw_pair(world, factor, width_px=side_px, max_gain=max_gain)
+            differences = find_differences(pair)
+            control = "exposure" if max_gain is None else f"automatic to {max_gain:g}"
+            off = [one.effect for one in pair[0].effect_decisions if not one.enabled]
+            print(
+                f"{world:18} light x {factor:<7g} {control:18} worst {differences.max():5.0f}, "
+                f"above 2: {int((differences > 2).sum()):6d} px; off: {len(off)}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
