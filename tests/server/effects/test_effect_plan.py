@@ -235,7 +235,9 @@ def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
 
 @pytest.mark.parametrize("mode", [EffectMode.ALWAYS, EffectMode.NEVER])
 def test_threshold_of_an_effect_that_a_setting_decides_is_not_the_frames(mode: EffectMode) -> None:
-    assert not decide((COARSE, mode)).thresholds
+    thresholds = decide((COARSE, mode)).thresholds
+    assert len(thresholds) == (mode is EffectMode.ALWAYS)
+    assert not any(one.is_measured for one in thresholds.values())
 
 
 def test_threshold_of_an_effect_that_is_proved_off_is_not_the_frames() -> None:
@@ -244,7 +246,8 @@ def test_threshold_of_an_effect_that_is_proved_off_is_not_the_frames() -> None:
 
 def test_thresholds_when_only_proofs_count_are_none() -> None:
     settings = replace(make_settings((COARSE, EffectMode.AUTO)), basis=DecisionBasis.PROVED)
-    assert not plan_effects(settings, DAYLIGHT, CAMERA).thresholds
+    thresholds = plan_effects(settings, DAYLIGHT, CAMERA).thresholds
+    assert [one.is_measured for one in thresholds.values()] == [False]
 
 
 @pytest.mark.parametrize(("depth_change", "expected"), [(3.0, [True, False]), (0.1, [False, True])])

@@ -275,8 +275,14 @@ class Threshold:
     """Change of the finished picture that nobody sees."""
 
     grey_levels: float
+    """Negative: the effect is drawn everywhere, and not measured."""
     gains: Gains = UNCHANGED
     """Factors from the light at the effect to that of the finished picture."""
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the frame decides on the effect."""
+        return self.grey_levels >= 0.0
 
 
 @dataclass(frozen=True, slots=True)

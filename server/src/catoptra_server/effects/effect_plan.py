@@ -79,8 +79,7 @@ class EffectPlan:
     image_effects: tuple[ImageEffect, ...] = ()
     """Enabled effects that change the image."""
     thresholds: Mapping[str, Threshold] = field(default_factory=dict, compare=False)
-    """Changes that nobody sees of the enabled effects that the frame itself decides on:
-    `renderer.View.render`."""
+    """Changes that nobody sees of the enabled effects: `renderer.View.render`."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:
@@ -225,20 +224,23 @@ def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectD
 def _thresholds(
     settings: EffectSettings, decisions: Sequence[EffectDecision]
 ) -> Mapping[str, Threshold]:
-    """Thresholds of the effects that the frame decides on: the enabled ones in mode auto."""
-    if settings.basis is DecisionBasis.PROVED:
-        return {}
+    """Thresholds of the enabled effects; the frame decides on those in mode auto."""
     decided = [
         setting.effect.gains if decision.enabled else UNCHANGED
         for setting, decision in zip(settings.settings, decisions, strict=True)
     ]
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
-        decision.effect: Threshold(settings.threshold_grey_levels, gains)
+        decision.effect: Threshold(
+            settings.threshold_grey_levels
+            if setting.mode is EffectMode.AUTO and settings.basis is DecisionBasis.MEASURED
+            else -1.0,
+            gains,
+        )
         for setting, decision, gains in zip(
             settings.settings, decisions, chain_gains(decided), strict=True
         )
-        if setting.mode is EffectMode.AUTO and decision.enabled
+        if decision.enabled
     }
 
 

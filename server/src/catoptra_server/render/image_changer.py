@@ -98,7 +98,7 @@ class NumpyImageChanger:
             begin_s = time.perf_counter()
             before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
-            if effect.name in thresholds:
+            if effect.name in thresholds and thresholds[effect.name].is_measured:
                 changes[effect.name] = measure_change(before, light, thresholds[effect.name].gains)
         return ChangedImage(light, stage_ms, changes)
 

@@ -3,7 +3,7 @@
 Pattern RGGB: row 0 is R G R G, row 1 is G B G B. The noise of a pixel's three colours is
 independent, so keeping one of them here equals measuring only that one. Demosaicing is bilinear:
 the mean of the nearest pixels of a colour; at the border the image is mirrored about its last
-pixel, which keeps the pattern. Source: Bayer 1976, US patent 3 971 065. Domain: images of at least
+pixel, which keeps the pattern. A pixel measures at most its full well. Source: Bayer 1976, US patent 3 971 065. Domain: images of at least
 2 x 2 px. Criterion: a mean lies between its parts, so no pixel changes by more than the difference
 between the brightest light and black.
 """
@@ -55,7 +55,8 @@ class Bayer:
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Measure one colour per pixel and interpolate the others."""
-        raw = _measure(image)
+        # Of a full well, where no effect before has said so.
+        raw = _measure(np.minimum(image, image.dtype.type(1.0)))
         # "reflect" repeats no pixel: the neighbour outside has the colour that the pattern expects.
         padded = np.pad(raw, 1, mode="reflect")
         horizontal = image.dtype.type(0.5) * (padded[1:-1, :-2] + padded[1:-1, 2:])

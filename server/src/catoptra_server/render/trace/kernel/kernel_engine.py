@@ -219,9 +219,9 @@ class KernelRays:
         self._view = self._centres = None
 
 
-def _grey_levels(thresholds: Mapping[str, Threshold], effect: str, default: float) -> float:
-    found = thresholds.get(effect)
-    return default if found is None else found.grey_levels
+def _grey_levels(thresholds: Mapping[str, Threshold], effect: str) -> float:
+    """Threshold of an effect; negative without one."""
+    return thresholds[effect].grey_levels if effect in thresholds else -1.0
 
 
 def _read_changes(
@@ -239,7 +239,7 @@ def _read_changes(
         changes["RollingShutter"] = counts.rolling_change
     if state.shutter is not None and state.shutter.exposure_s > 0.0:
         changes["MotionBlur"] = counts.blur_change
-    return {name: change for name, change in changes.items() if name in thresholds}
+    return {name: one for name, one in changes.items() if _grey_levels(thresholds, name) >= 0.0}
 
 
 class KernelEngine:
@@ -374,12 +374,12 @@ class KernelEngine:
         if struct.has_shadows:
             self._prepare_shadows()
         struct.output = output
-        struct.measures_shadows = "Shadows" in thresholds
-        struct.shadow_threshold = _grey_levels(thresholds, "Shadows", 0.0)
-        struct.measures_fog = "Fog" in thresholds
-        if "SelfView" in thresholds:
+        struct.shadow_threshold = _grey_levels(thresholds, "Shadows")
+        struct.measures_shadows = struct.shadow_threshold >= 0.0
+        struct.measures_fog = _grey_levels(thresholds, "Fog") >= 0.0
+        if _grey_levels(thresholds, "SelfView") >= 0.0:
             struct.watched_object = find_ego_body(exposure)
-        struct.blur_threshold = _grey_levels(thresholds, "MotionBlur", -1.0)
+        struct.blur_threshold = _grey_levels(thresholds, "MotionBlur")
         # Those of the first effect include all others'.
         for one in thresholds.values():
             struct.least_gain = min(struct.least_gain, one.gains[0])

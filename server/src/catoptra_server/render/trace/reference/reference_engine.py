@@ -186,11 +186,12 @@ class _ReferenceRays:
         # Changes and ranges are of the middle of the exposure, as the kernel's.
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
-        if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
+        measured = {name for name, one in request.thresholds.items() if one.is_measured}
+        if "Shadows" in measured and first_state(exposure).has_shadows:
             changes["Shadows"] = self._measure_shadows(exposure, sharp, request.thresholds)
-        if "Fog" in request.thresholds and first_state(exposure).fog is not None:
+        if "Fog" in measured and first_state(exposure).fog is not None:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"].gains, fog=None)
-        if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
+        if "SelfView" in measured and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = np.inf if is_seen else 0.0
         ranges = self._measure_ranges(sharp) if request.has_ranges else None

@@ -147,11 +147,12 @@ static int reflect(int value, int last) {
     return last == 0 ? 0 : value < 0 ? -value : value > last ? 2 * last - value : value;
 }
 
-/* Radiance that a pixel measures through its filter: RGGB. */
+/* Radiance that a pixel measures through its filter, at most a full well: RGGB. */
 static float measure_raw(const Pass *pass, int x, int y) {
     int column = reflect(x, pass->job->width - 1), row = reflect(y, pass->job->height - 1);
     int channel = (column & 1) == (row & 1) ? (row & 1 ? 2 : 0) : 1;
-    return row_at(&pass->from, channel, row)[column];
+    float light = row_at(&pass->from, channel, row)[column];
+    return light < 1.0f ? light : 1.0f;
 }
 
 static void demosaic_pixel(const Pass *pass, int x, int y) {
@@ -182,8 +183,10 @@ static void demosaic_row(const Pass *pass, const Cell *cell, int y) {
         const float *greens = row_at(&pass->from, green, y + row - 1) + cell->left - 1;
         const float *others = row_at(&pass->from, other, y + row - 1) + cell->left - 1;
         /* Cells begin at even columns: the first value is an odd column's. */
-        for (int x = 0; x < CELL_COLUMNS + 2; x++)
-            raw[row][x] = ((x + 1) & 1) == parity ? others[x] : greens[x];
+        for (int x = 0; x < CELL_COLUMNS + 2; x++) {
+            float light = ((x + 1) & 1) == parity ? others[x] : greens[x];
+            raw[row][x] = light < 1.0f ? light : 1.0f;
+        }
     }
     float *red = row_at(&pass->to, 0, y) + cell->left, *green = row_at(&pass->to, 1, y) + cell->left;
     float *blue = row_at(&pass->to, 2, y) + cell->left;
