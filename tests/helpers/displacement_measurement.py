@@ -28,7 +28,7 @@ def add_margin(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
 def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
     """Displacement, (h, w, 3) px, of each pixel of the mirror from the origin of its light.
 
-    0 in pixels that the effect leaves black, and outside the mirror.
+    0 in pixels whose light the effect takes or lessens, and outside the mirror.
     """
     pixels = pixel_sample_positions(camera)[:, :, 0]
     on_mirror = direction_from_pixel(camera, pixels)[1]
@@ -37,7 +37,7 @@ def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
     for axis in (0, 1):
         ramp = np.repeat(pixels[..., axis, None], 3, axis=-1)
         moved = np.hypot(moved, effect.apply(ramp, camera, CAPTURE_CONTEXT) - ramp)
-    return np.where((image > 0.0) & on_mirror[..., None], moved, 0.0)
+    return np.where((image == 1.0) & on_mirror[..., None], moved, 0.0)
 
 
 def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> None:

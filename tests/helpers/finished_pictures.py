@@ -13,7 +13,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.commands.explain import PlanarVelocity, build_camera_state
 from catoptra_server.config.startup import StartupConfig, read_startup_config
-from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings, widest_gains
+from catoptra_server.effects import EffectMode, EffectSetting, widest_gains
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure
 from catoptra_server.effects.sensor.exposure import Exposure
@@ -69,9 +69,9 @@ def draw_pair(
     max_gain: float | None = None,
     renderer: str = "trace",
     velocity: PlanarVelocity = DRIVING,
-    pose: PlanarPose | None = None,
+    without: str = "",
 ) -> tuple[RenderedView, RenderedView]:
-    """Pictures with effects by their criteria, and with all of them; without noise.
+    """Pictures with effects by their criteria, and with all of them or without one; no noise.
 
     Args:
         world: Name of a shipped world.
@@ -80,7 +80,7 @@ def draw_pair(
         max_gain: Largest gain of an automatic exposure; None for the exposure time alone.
         renderer: `trace` or `raster`.
         velocity: Motion of the robot.
-        pose: Place of the robot; None for the first start.
+        without: Effect that the second picture has not, all others as in the first.
     """
     startup = real_camera_in(world)
     dimmed = dim(startup.world, factor)
@@ -92,28 +92,37 @@ def draw_pair(
     )
     named = tuple(_expose(one, factor, max_gain) for one in omni.effects.settings)
     by_criteria = replace(omni.effects, settings=named)
-    everything = replace(
-        by_criteria,
-        settings=tuple(
-            one if one.mode is EffectMode.NEVER else replace(one, mode=EffectMode.ALWAYS)
-            for one in named
-        ),
-    )
     start = startup.world.starts[0] if startup.world.starts else None
-    place = PlanarPose(*start.location_m[:2], start.rotation_rad[2]) if start else None
-    state = build_camera_state(robot, omni, pose or place or PlanarPose(0.0, 0.0, 0.0), velocity)
-    gains = widest_gains((by_criteria,))
-    choice = choose_renderer(renderer, startup.scene, dimmed, threads=2, gains=gains)
+    pose = PlanarPose(*start.location_m[:2], start.rotation_rad[2]) if start else None
+    state = build_camera_state(robot, omni, pose or PlanarPose(0.0, 0.0, 0.0), velocity)
+    choice = choose_renderer(
+        renderer, startup.scene, dimmed, threads=2, gains=widest_gains((by_criteria,))
+    )
     views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, dimmed))
 
-    def draw(effects: EffectSettings) -> RenderedView:
-        spec = OmniCameraSpec(camera, omni.render_settings, effects)
-        return views.render(ViewRequest(spec, state))
+    def draw(settings: tuple[EffectSetting, ...]) -> RenderedView:
+        effects = replace(by_criteria, settings=settings)
+        return views.render(
+            ViewRequest(OmniCameraSpec(camera, omni.render_settings, effects), state)
+        )
 
     try:
-        return draw(by_criteria), draw(everything)
+        first = draw(named)
+        if not without:
+            others = (_force(one, EffectMode.ALWAYS) for one in named)
+        else:
+            on = {one.effect for one in first.effect_decisions if one.enabled} - {without}
+            others = (
+                _force(one, EffectMode.ALWAYS if one.effect.name in on else EffectMode.NEVER)
+                for one in named
+            )
+        return first, draw(tuple(others))
     finally:
         views.close()
+
+
+def _force(setting: EffectSetting, mode: EffectMode) -> EffectSetting:
+    return setting if setting.mode is EffectMode.NEVER else replace(setting, mode=mode)
 
 
 def _expose(setting: EffectSetting, factor: float, max_gain: float | None) -> EffectSetting:

@@ -97,7 +97,11 @@ class FakeScene:
         return 1e-6
 
     def summarize(
-        self, camera_state: CameraState, camera: OmniCamera, fields: frozenset[str]
+        self,
+        camera_state: CameraState,
+        camera: OmniCamera,
+        fields: frozenset[str],
+        gains: tuple[float, float],
     ) -> SceneSummary:
         is_radiance = fields <= {"max_radiance"}
         self._log.append("radiance" if is_radiance else f"summary of {sorted(fields)}")

@@ -48,11 +48,9 @@ class StartupConfig:
     @property
     def effect_settings(self) -> tuple[EffectSettings, ...]:
         """Effects of all cameras."""
-        return tuple(
-            camera.effects
-            for robot in self.robots
-            for camera in (*robot.omni_cameras, *robot.perspective_cameras)
-        )
+        of_omnis = [one.effects for robot in self.robots for one in robot.omni_cameras]
+        of_lenses = [one.effects for robot in self.robots for one in robot.perspective_cameras]
+        return (*of_omnis, *of_lenses)
 
 
 def read_startup_config(

@@ -44,8 +44,6 @@ from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
 _DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"
-# Of these a frame tells a bound: there is no picture of all rows at one time to compare with.
-_BOUNDED = frozenset({"RollingShutter"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,9 @@ class EffectDecision:
     """Upper bound of the displacement of light; None for an effect that displaces none."""
     basis: DecisionBasis = DecisionBasis.PROVED
     change: float | None = None
-    """Largest change of any pixel of the frame, grey levels; None if nobody measured it."""
+    """Upper bound of the change of any pixel of this frame, grey levels, from its own pixels: the
+    largest change where it arises, times the largest gain of what follows. None if nobody
+    measured it."""
     included_in: str = ""
     """Name of the enabled effect that does the work of this one; empty for none."""
 
@@ -214,11 +214,7 @@ def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectD
     )
     if change == math.inf:
         return replace(measured, reason=f"seen in this frame; {reason}")
-    if decision.effect in _BOUNDED:
-        reason = f"at most {change:.3g} in this frame; {reason}"
-        return replace(measured, bound=min(change, decision.bound), reason=reason)
-    reason = f"this frame changes by {change:.3g}; {reason}"
-    return replace(measured, change=change, reason=reason)
+    return replace(measured, change=change, reason=f"at most {change:.3g} in this frame; {reason}")
 
 
 def _thresholds(

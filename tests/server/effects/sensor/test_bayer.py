@@ -19,8 +19,15 @@ def test_light_when_it_is_the_same_everywhere_stays_what_it_is(shape: tuple[int,
 
 def test_ramp_when_interpolated_is_exact_inside() -> None:
     rows, columns = np.mgrid[:9, :9]
-    light = np.stack([0.1 * rows + 0.02 * columns + c for c in (0.0, 0.3, 0.5)], axis=-1)
+    light = np.stack([0.05 * rows + 0.01 * columns + c for c in (0.0, 0.3, 0.5)], axis=-1)
     np.testing.assert_allclose(demosaic(light)[1:-1, 1:-1], light[1:-1, 1:-1], rtol=1e-12)
+
+
+def test_light_above_the_full_well_is_measured_as_a_full_well() -> None:
+    light = np.zeros((6, 6, 3))
+    light[2, 3, 1] = 40.0  # a green filter, beside red ones
+    assert demosaic(light).max() == 1.0
+    assert demosaic(light)[2, 2, 1] == 0.25
 
 
 def test_border_when_interpolated_is_mirrored_about_the_last_pixel() -> None:

@@ -105,11 +105,11 @@ def find_changes(
     Light on its way to the picture is multiplied by any of the gains, and clipped there: a
     difference shows most where the larger value just reaches white.
     """
-    one, other = (light.astype(np.float64) for light in (one, other))
+    before, after = one.astype(np.float64), other.astype(np.float64)
     with np.errstate(divide="ignore"):
-        to_white = 1.0 / np.maximum(np.maximum(one, other), 0.0)
+        to_white = 1.0 / np.maximum(np.maximum(before, after), 0.0)
     gain = np.clip(to_white, *gains)
-    levels = srgb_from_linear(gain * one) - srgb_from_linear(gain * other)
+    levels = srgb_from_linear(gain * before) - srgb_from_linear(gain * after)
     return np.asarray(255.0 * np.abs(levels))
 
 

@@ -75,9 +75,10 @@ class Fog:
         if medium is None:
             return EffectBound(0.0, "the air is clear")
         brightest = summary.max_radiance
-        radiances = np.append(0.0, exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest)[
-            :, None
-        ]
+        # With those that just reach white, behind which the change ends.
+        white = [min(brightest, 1.0 / gain) for gain in summary.gains if gain > 0.0]
+        spaced = exp(np.linspace(ln(1e-7), 0.0, _NUM_RADIANCES)) * brightest
+        radiances = np.concatenate(((0.0, *white), spaced))[:, None]
         percent = 100.0 * float(medium.transmittance(np.array(summary.max_distance_m)))
         surfaces = EffectBound(
             _max_change(medium, radiances, summary.max_distance_m, summary.gains),

@@ -3,9 +3,9 @@
 Pattern RGGB: row 0 is R G R G, row 1 is G B G B. The noise of a pixel's three colours is
 independent, so keeping one of them here equals measuring only that one. Demosaicing is bilinear:
 the mean of the nearest pixels of a colour; at the border the image is mirrored about its last
-pixel, which keeps the pattern. A pixel measures at most its full well. Source: Bayer 1976, US patent 3 971 065. Domain: images of at least
-2 x 2 px. Criterion: a mean lies between its parts, so no pixel changes by more than the difference
-between the brightest light and black.
+pixel, which keeps the pattern. A pixel measures at most its full well. Source: Bayer 1976, US
+patent 3 971 065. Domain: images of at least 2 x 2 px. Criterion: a mean lies between its parts, so
+no pixel changes by more than the difference between the brightest light and black.
 """
 
 from __future__ import annotations

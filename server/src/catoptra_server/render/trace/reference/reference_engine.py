@@ -218,8 +218,8 @@ class _ReferenceRays:
         """Largest difference of the picture from frames without an effect, grey levels."""
         states = tuple(replace(state, **without) for state in camera_states(exposure))
         plain = states[0] if len(states) == 1 else MovingExposure(states)
-        light = [self._render(each, mean_pixels, 0.0) for each in (exposure, plain)]
-        return float(find_changes(*light, gains).max(initial=0.0))
+        light, without_it = (self._render(each, mean_pixels, 0.0) for each in (exposure, plain))
+        return float(find_changes(light, without_it, gains).max(initial=0.0))
 
     def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
         """(h, w) inverses of the pixels' mean inverse ranges, metres."""

@@ -356,9 +356,10 @@ static void want_cell(const FrameState *state, int row, int column, int cell, in
                             (column >> level)] = 1;
 }
 
-/* A row that is exposed later or earlier than the pose shows the scene displaced. */
+/* A row that is exposed later or earlier than the pose shows the scene displaced: however little,
+ * an edge may pass a sample. */
 static void note_rolling(const FrameState *state, float contrast, float displacement) {
-    float change = fminf(255.0f, contrast * fminf(1.0f, displacement));
+    float change = displacement >= MIN_DISPLACEMENT_PX ? fminf(255.0f, contrast) : 0.0f;
     state->plan->rolling_change = fmaxf(state->plan->rolling_change, change);
 }
 
