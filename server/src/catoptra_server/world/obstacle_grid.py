@@ -3,7 +3,7 @@
 A robot is a rectangle on the floor. By the separating axis theorem two convex shapes are disjoint
 exactly if the normal of some edge separates them. Near triangles are found in the scene's hierarchy
 and kept for all poses within the same cells of a square grid: nothing is sorted at the start, and a
-robot that drives through a million triangles searches them for 0.4 ms every half metre.
+robot that drives over a million triangles of 2.5 cm searches them for 8 ms every half metre.
 """
 
 from __future__ import annotations
