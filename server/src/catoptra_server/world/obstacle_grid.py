@@ -96,7 +96,7 @@ def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> Obs
         within = (lows[2] < -low_m) & (highs[2] > -high_m)
         within &= ((lows[:2] <= high[:2, None]) & (highs[:2] >= low[:2, None])).all(axis=0)
         # From above many triangles of a scene are one: a third of the football field's remain.
-        outlines = corners[within][..., :2]
+        outlines: Floats = corners[within][..., :2]
         return outlines[first_occurrences(outlines)]
 
     return ObstacleGrid(find_outlines)
