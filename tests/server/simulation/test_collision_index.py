@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +31,11 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
-from catoptra_server.simulation import collision_index, spawning
+from catoptra_server.simulation import spawning
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot_description import STANDARD_PACKAGES
-from catoptra_server.world.obstacle_grid import ObstacleGrid, build_obstacle_grid
-from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import ROBOTS
 from helpers.robots import BASE, GROUND_TRUTH, SCANNER, FakeClient, make_p2at, make_walled_world
 
@@ -273,19 +271,3 @@ def test_init_lines_of_old_clients_spawn_in_every_bundled_world(file: Path) -> N
         client = spawn(fleet, "P2AT", x_m, y_m)
         assert not client.rejections
         assert client.reports
-
-
-def test_obstacles_are_sorted_beside_other_work_until_the_first_use(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    may_begin = threading.Event()
-
-    def build_late(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
-        assert may_begin.wait(WAIT_S), "nobody allowed the grid to be built"
-        return build_obstacle_grid(scene, low_m=low_m, high_m=high_m)
-
-    monkeypatch.setattr(collision_index, "build_obstacle_grid", build_late)
-    fleet = make_fleet()  # returns while nothing is sorted yet
-    may_begin.set()
-    client = spawn(fleet, "USARBot.P2AT", 0.0)
-    assert client.spawns, "a robot has its place once the obstacles are sorted"

@@ -18,6 +18,7 @@ from catoptra_server.world.obstacle_grid import (
     rectangles_intersect,
 )
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
 
 GREY = Material((0.5, 0.5, 0.5))
@@ -182,16 +183,33 @@ def test_triangles_that_are_one_from_above_are_kept_once() -> None:
     assert len(sill.triangles_near((2.0, 0.0), 9.0)) == 2 + 4 * 2
 
 
-def test_grid_holds_no_outlines_of_its_own() -> None:
-    scene = build_scene(
-        World("block", (Item("block", Box((1.0, 1.0, 1.0)), Pose.identity(), GREY),))
-    )
+@pytest.mark.parametrize("is_shuffled", [False, True])
+def test_triangles_near_are_those_found_one_by_one(is_shuffled: bool) -> None:
+    boxes = [
+        (Box((0.3, 0.3, 0.2)), (0.5 * column - 4.0, 0.5 * row - 4.0, 0.1 * (row - column)))
+        for column, row in np.ndindex(16, 16)
+    ]
+    if is_shuffled:
+        np.random.default_rng(4).shuffle(boxes)
+    items = [Item("box", box, Pose.from_rpy(place), GREY) for box, place in boxes]
+    scene = build_scene(World("boxes", tuple(items)))
     grid = build_obstacle_grid(scene, low_m=0.03, high_m=0.7)
-    assert np.shares_memory(grid.static_triangles, scene.corners)
+    heights = -scene.corners[..., 2]
+    within = (heights.max(axis=1) > 0.03) & (heights.min(axis=1) < 0.7)
+    outlines = scene.corners[within][..., :2]
+    low, high = outlines.min(axis=1), outlines.max(axis=1)
+    for centre in np.random.default_rng(5).uniform(-6.0, 6.0, (40, 2)):
+        near = ((low <= centre + 0.4) & (high >= centre - 0.4)).all(axis=1)
+        expected = {outline.tobytes() for outline in outlines[near]}
+        found = grid.triangles_near(tuple(centre.tolist()), 0.4)
+        assert len(found) == len(expected)
+        assert {outline.tobytes() for outline in found} == expected
 
 
-def test_many_triangles_as_large_as_the_world_share_few_cells() -> None:
-    plates = tuple((Box((100.0, 100.0, 0.1)), (0.001 * row, 0.0, -0.3)) for row in range(400))
-    large = make_obstacle_grid(*plates)
-    assert sum(map(len, large.cells.values())) <= 2**20
-    assert intersects(large, 0.0)
+def test_triangles_within_the_same_cells_are_searched_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    grid = make_obstacle_grid((Box((1.0, 1.0, 0.2)), (2.0, 0.0, -0.1)))
+    assert len(grid.triangles_near((2.1, 0.1), 0.3))
+    monkeypatch.setattr(TriangleHierarchy, "find_near", None)
+    assert len(grid.triangles_near((2.15, 0.12), 0.3))

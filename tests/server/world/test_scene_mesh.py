@@ -182,6 +182,13 @@ def test_large_mesh_is_moved_to_its_position_without_a_copy(tmp_path: Path, yaw_
     kept = scene.corners.nbytes + scene.normals.nbytes
     # 1.5: beside the triangles the file's own arrays and masks. With copies it was 2.2.
     assert peak_bytes(lambda: build_scene(world)) < 1.7 * kept
+    # Everywhere on the sphere, however many blocks the triangles are.
+    np.testing.assert_allclose(np.linalg.norm(scene.corners - (1.0, 2.0, 3.0), axis=-1), 1.0)
+
+
+def test_hierarchy_of_a_scene_is_made_once() -> None:
+    scene = build_scene(World("w", (make_item(BOX),)))
+    assert scene.hierarchy() is scene.hierarchy()
 
 
 def test_box_of_a_scene_touches_its_extreme_corners() -> None:

@@ -315,15 +315,22 @@ class ServerThreads:
             for robot in startup.robots
             for omni in robot.omni_cameras
         }
-        # Bounds of effects keep maps of the camera, which are most of its first frame otherwise:
-        # made beside the rays, since NumPy works on both without Python's lock.
+        summarizer = SceneSummarizer(startup.scene, startup.world)
+        # Bounds of the scene and maps of cameras, most of a first frame otherwise: made beside
+        # hierarchy and rays, since NumPy works on both without Python's lock.
         with ThreadPoolExecutor(max_workers=1, thread_name_prefix="effects") as pool:
+            # An error is not lost: the frame that needs the result fails, too.
+            pool.submit(startup.scene.hierarchy)
+            pool.submit(lambda: summarizer.max_radiance)
             for omni in omnis.values():
-                # An error is not lost: the frame that needs the map fails, too.
                 pool.submit(plan_effects, omni.effects, SceneSummary(1.0), omni.camera)
-            return self._prepare_views(omnis)
+            return self._prepare_views(omnis, summarizer)
 
-    def _prepare_views(self, omnis: Mapping[tuple[str, str], OmniCameraDescription]) -> ViewCache:
+    def _prepare_views(
+        self,
+        omnis: Mapping[tuple[str, str], OmniCameraDescription],
+        summarizer: SceneSummarizer,
+    ) -> ViewCache:
         startup, options = self.startup, self.options
         is_realtime = options.clock is ClockMode.REALTIME
         choice = choose_renderer(
@@ -342,7 +349,7 @@ class ServerThreads:
                 RendererPool(choice, may_replace=is_realtime),
                 CostCache(default_cache_folder(), startup.scene),
             ),
-            SceneSummarizer(startup.scene, startup.world),
+            summarizer,
             calibration_states=make_start_states(startup),
             error_bounds=self.error_bounds,
         )

@@ -1,13 +1,8 @@
-"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots.
-
-The obstacles of the scene are sorted in a thread of their own, while the renderer is prepared.
-"""
+"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -49,23 +44,11 @@ class _Footprint(NamedTuple):
 
 
 class CollisionIndex:
-    """Obstacles of all robots; the footprint of a robot is kept until the robot moves.
-
-    The scene's obstacles are sorted by a thread of their own, beside the renderer's preparation of
-    the same scene: 0.2 s for a million triangles. The first use waits for the end.
-    """
+    """Obstacles of all robots; the footprint of a robot is kept until the robot moves."""
 
     def __init__(self, scene: SceneMesh, classes: Sequence[RobotDescription]) -> None:
-        """Begin to sort the scene's obstacles."""
-        executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="obstacles")
-        self._sorted_obstacles = executor.submit(_build_grids, scene, classes)
-        executor.shutdown(wait=False)  # the thread ends with its work
+        self._static_obstacles = _build_grids(scene, classes)
         self._footprints: dict[Robot, _Footprint] = {}
-
-    @cached_property
-    def _static_obstacles(self) -> dict[str, ObstacleGrid]:
-        """Obstacles in the scene by class."""
-        return self._sorted_obstacles.result()
 
     def bounding_box(self, robot: Robot) -> OrientedBox:
         """Bounding box of a robot at its present pose."""
@@ -138,7 +121,7 @@ class CollisionIndex:
 def _build_grids(scene: SceneMesh, classes: Sequence[RobotDescription]) -> dict[str, ObstacleGrid]:
     """Obstacles in a scene by class."""
     heights = {description.class_name: _collision_height_m(description) for description in classes}
-    # Classes of one height share a grid: building one sorts all triangles of the scene.
+    # Classes of one height share a grid, and what is found in it.
     grids = {
         height: build_obstacle_grid(scene, low_m=GROUND_CLEARANCE_M, high_m=height)
         for height in set(heights.values())

@@ -15,8 +15,9 @@ have one source.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ from catoptra_server.world.textures import (
     load_texture,
     no_texture_coordinates,
 )
-from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.triangles import TriangleHierarchy, row_blocks, tile_over_block
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -94,6 +95,8 @@ class SceneMesh:
     renderers' float32 coordinates: precise in a world far from its origin."""
     is_large: bool = field(init=False)
     """Whether float32 relative to the centre is too coarse for what is near a camera."""
+    hierarchy: Callable[[], TriangleHierarchy] = field(init=False)
+    """Triangles in groups of neighbours; made at the first call."""
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
@@ -104,6 +107,7 @@ class SceneMesh:
         object.__setattr__(self, "centre", centre)
         is_large = bool(len(self)) and float((high - low).max()) > 2.0 * MAX_FLOAT_REACH_M
         object.__setattr__(self, "is_large", is_large)
+        object.__setattr__(self, "hierarchy", cache(partial(TriangleHierarchy, self.corners)))
         for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit):
             array.setflags(write=False)
         for array in (low, high, centre):
@@ -335,7 +339,10 @@ def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose)
     rotation, translation = world_from_item.rotation, world_from_item.translation
     if np.array_equal(rotation, np.eye(3)):
         if translation.any():
-            corners += translation
+            offset = tile_over_block(translation)
+            for block in row_blocks(len(corners)):
+                points = corners[block].reshape(-1)
+                points += offset[: len(points)]
         return
     for block in row_blocks(len(corners)):
         # Rows of points: a product of n small matrices takes five times as long.

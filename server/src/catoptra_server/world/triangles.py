@@ -1,20 +1,17 @@
-"""Long arrays of triangles: blocks of rows, equal rows, cells, clusters, boxes, exact distances.
+"""Long arrays of triangles: blocks of rows, equal rows, clusters, boxes, exact distances.
 
 Rows: an expression over a million triangles writes and reads every intermediate result in memory.
 In blocks the intermediate results stay in the processor's cache: normals of a million triangles
 take 42 ms in place of 300, bounds of their radiance a quarter of the time.
-
-Cells: a million boxes are sorted into the cells of a square grid in 0.1 s. Nearly all lie in one
-cell, the others are repeated for each cell within their reach, and one sort puts the members of a
-cell side by side.
 
 Clusters: neighbouring triangles with a box around them, for culling. Raster sends a face no cluster
 outside the face's view: without culling, five faces send five times the scene, and a frame of
 60 thousand or a million triangles takes a fifth longer on llvmpipe
 (tests/measurements/raster_faces.py).
 
-Boxes: all bounds of a static scene (`effects/bounds`) descend one hierarchy of boxes, so that their
-time follows from what is near, not from the number of triangles of a scene.
+Boxes: all bounds of a static scene (`effects/bounds`) and the obstacles of robots descend one
+hierarchy of boxes, so that their time follows from what is near, not from the number of triangles
+of a scene.
 """
 
 from __future__ import annotations
@@ -41,14 +38,12 @@ def row_blocks(num_rows: int) -> Iterator[slice]:
         yield slice(first, min(first + ROWS_PER_BLOCK, num_rows))
 
 
-def sorted_rows(values: Floats, rows: npt.NDArray[np.integer]) -> Floats:
-    """Rows of (n, ...) values by ascending indices; a view where the indices have no gap.
+def tile_over_block(point: Floats) -> Floats:
+    """A (3,) point for each corner of a block of triangles, flat.
 
-    Most often all rows of a block are meant, and a slice takes a third of the time.
+    NumPy's operations on rows of three take twice as long as on flat arrays.
     """
-    is_range = len(rows) and rows[-1] - rows[0] == len(rows) - 1
-    selected: Floats = values[rows[0] : rows[-1] + 1] if is_range else values[rows]
-    return selected
+    return np.tile(point, 3 * ROWS_PER_BLOCK)
 
 
 def gather_rows(values: Floats, indices: npt.NDArray[np.integer]) -> Floats:
@@ -72,94 +67,31 @@ def select_rows(values: Floats, mask: Bools) -> Floats:
 _HASH_FACTORS = np.uint64(0x9E3779B97F4A7C15) ** np.arange(1, 17, dtype=np.uint64)
 
 
-def first_occurrences(values: Floats, rows: Indices) -> Indices:
-    """Rows, of some, that equal no earlier one.
+def first_occurrences(values: Floats) -> Indices:
+    """Rows of (n, ...) finite numbers, at most 16 a row, that equal no earlier one.
 
     Rows are compared by a hash of 64 bits, and in full where two hashes agree. Two equal rows with
     a different row of the same hash between them would both count.
-
-    Args:
-        values: (n, ...) finite numbers, at most 16 a row.
-        rows: Indices of the rows that are compared, ascending.
     """
-    hashes = np.zeros(len(rows), dtype=np.uint64)
-    for block in row_blocks(len(rows)):
-        hashes[block] = _hash_rows(sorted_rows(values, rows[block]))
-    # Sorting values takes a third of the time of sorting indices: most scenes end here.
-    if not _has_equal_neighbours(np.sort(hashes)).any():
-        return rows
+    hashes = _hash_rows(values)
     order = np.argsort(hashes, kind="stable")
-    same_hash = np.flatnonzero(_has_equal_neighbours(hashes[order]))
-    earlier, later = rows[order[same_hash]], order[same_hash + 1]
-    is_equal = values[earlier] == values[rows[later]]
-    is_first = np.ones(len(rows), dtype=bool)
-    is_first[later[is_equal.reshape(len(later), -1).all(axis=1)]] = False
-    return rows[is_first]
+    same_hash = np.flatnonzero(hashes[order][1:] == hashes[order][:-1])
+    earlier, later = order[same_hash], order[same_hash + 1]
+    is_equal = (values[earlier] == values[later]).all(axis=tuple(range(1, values.ndim)))
+    is_first = np.ones(len(values), dtype=bool)
+    is_first[later[is_equal]] = False
+    return np.flatnonzero(is_first)
 
 
 def _hash_rows(values: Floats) -> npt.NDArray[np.uint64]:
     """(n,) hashes of (n, ...) numbers; equal rows have equal hashes."""
-    columns = np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(-1, len(values))
+    columns = np.moveaxis(values, 0, -1).reshape(math.prod(values.shape[1:]), len(values))
     hashes = np.zeros(len(values), dtype=np.uint64)
     # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
     for column, factor in zip((columns + 0.0).view(np.uint64), _HASH_FACTORS, strict=False):
         # Low bits of round numbers are zeros, which a product alone would keep.
         hashes = (hashes ^ column ^ (column >> np.uint64(31))) * factor
     return hashes
-
-
-def _has_equal_neighbours(values: npt.NDArray[np.uint64]) -> Bools:
-    """(n - 1,) whether each value equals the next one."""
-    is_equal: Bools = values[1:] == values[:-1]
-    return is_equal
-
-
-_Cell = tuple[int, int]
-
-
-def cell_members(low: Floats, high: Floats, cell_m: float) -> dict[_Cell, Indices]:
-    """Boxes that reach into each cell of a grid.
-
-    Args:
-        low: (2, n) smallest coordinates of each box, n at least 1.
-        high: (2, n) largest coordinates.
-        cell_m: side of a cell; cell (0, 0) begins at the origin.
-
-    Returns:
-        Indices of the boxes by cell; no entry for a cell without any.
-    """
-    first, last = (np.floor(edge / cell_m).astype(np.int32) for edge in (low, high))
-    origin = first.min(axis=1)
-    num_rows = int(last[1].max() - origin[1]) + 1
-    keys = (first[0] - origin[0]) * num_rows + (first[1] - origin[1])
-    boxes, offsets = _further_cells(first, last, num_rows)
-    keys = np.concatenate((keys, keys[boxes] + offsets))
-    # Whole numbers of 16 bits are sorted by counting, five times as fast.
-    order = np.argsort(keys.astype(np.int16) if keys.max() < 2**15 else keys, kind="stable")
-    sorted_keys = keys[order]
-    starts = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
-    members = np.split(np.concatenate((np.arange(len(low.T)), boxes))[order], starts[1:])
-    columns, rows = np.divmod(sorted_keys[starts], num_rows) + origin[:, None]
-    return dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), members, strict=True))
-
-
-def _further_cells(
-    first: npt.NDArray[np.int32], last: npt.NDArray[np.int32], num_rows: int
-) -> tuple[Indices, Indices]:
-    """Index of the box, and distance of keys from its first cell, for each further cell of a box.
-
-    Args:
-        first: (2, n) first column and row of each box.
-        last: (2, n) last column and row.
-        num_rows: Distance of the keys of two columns.
-    """
-    several = np.flatnonzero((first != last).any(axis=0))
-    columns, rows = last[:, several] - first[:, several] + 1
-    counts = columns.astype(np.intp) * rows - 1
-    # 1 to `counts` for each box: positions among its cells, column by column.
-    position = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
-    column, row = np.divmod(position, np.repeat(rows, counts))
-    return np.repeat(several, counts), column * num_rows + row
 
 
 # Between 32 and 1024 the time of a frame differs by 5 % (tests/measurements/raster_faces.py); a
@@ -236,6 +168,13 @@ def make_clusters(
         box_max=high.reshape(-1, 3, 3).max(axis=1),
         groups=groups[order][first],
     )
+
+
+def triangle_boxes(corners: Floats) -> tuple[Floats, Floats]:
+    """(3, n) smallest and largest coordinates of (n, 3, 3) triangles."""
+    # Coordinates first: reductions over three numbers take ten times as long.
+    by_corner = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    return by_corner.min(axis=0), by_corner.max(axis=0)
 
 
 def visible_runs(visible: Bools, offsets: Indices) -> list[tuple[int, int]]:
@@ -329,6 +268,18 @@ class TriangleHierarchy:
         parent, part = np.nonzero(parts < self.levels[level - 1].shape[1])
         return parent, parts[parent, part]
 
+    def find_near(self, low: Floats, high: Floats) -> Indices:
+        """Triangles in groups whose boxes meet a box of (3,) corners, ascending."""
+        boxes = np.arange(self.levels[-1].shape[1])
+        for level in reversed(range(len(self.levels))):
+            near = self.levels[level].take(boxes, axis=1)
+            meets = (near[:3] <= high[:, None]) & (-near[3:6] >= low[:, None])
+            boxes = boxes[meets.all(axis=0)]
+            if level:
+                _, boxes = self.children(level, boxes)
+        rows = np.unique(self.rows(boxes))
+        return rows if self.order is None else np.sort(self.order[rows])
+
     def rows(self, groups: Indices) -> Indices:
         """(k, GROUP_SIZE) rows of groups; a shorter one has its last row several times."""
         rows: Indices = self._numbers[groups, None] * GROUP_SIZE + np.arange(GROUP_SIZE)
@@ -344,13 +295,20 @@ def _group_triangles(corners: Floats) -> tuple[Floats, Floats]:
     """
     sizes, boxes = np.zeros(len(corners)), [np.zeros((7, 0))]
     for block in row_blocks(len(corners)):
-        a, b, c = np.ascontiguousarray(corners[block].transpose(1, 2, 0))
+        a, b, c = by_corner = np.ascontiguousarray(corners[block].transpose(1, 2, 0))
         squares = [np.square(edge).sum(axis=0) for edge in (b - a, c - b, a - c)]
-        sizes[block] = np.sqrt(np.maximum(np.maximum(*squares[:2]), squares[2]))
-        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        first = np.arange(0, len(sizes[block]), GROUP_SIZE)
-        whole = np.concatenate((low, -high, -sizes[None, block]))
-        boxes.append(np.minimum.reduceat(whole, first, axis=1))
+        np.sqrt(np.maximum(np.maximum(*squares[:2]), squares[2]), out=sizes[block])
+        # The last group is filled up with the last row.
+        count = len(sizes[block])
+        whole = np.zeros((7, -(-count // GROUP_SIZE) * GROUP_SIZE))
+        by_corner.min(axis=0, out=whole[:3, :count])
+        np.negative(by_corner.max(axis=0), out=whole[3:6, :count])
+        np.negative(sizes[block], out=whole[6, :count])
+        whole[:, count:] = whole[:, count - 1 : count]
+        # By halves: a seventh of the time of `reduceat`.
+        for _ in range(GROUP_SIZE.bit_length() - 1):
+            whole = np.minimum(whole[:, ::2], whole[:, 1::2])
+        boxes.append(whole)
     return sizes, np.concatenate(boxes, axis=1)
 
 

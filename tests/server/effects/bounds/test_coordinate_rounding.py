@@ -17,7 +17,7 @@ from catoptra_server.effects.bounds.coordinate_rounding import (
     CoordinateRounding,
 )
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh, build_scene
-from catoptra_server.world.triangles import TriangleHierarchy, triangle_distances
+from catoptra_server.world.triangles import triangle_distances
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import place_cube
 
@@ -26,7 +26,7 @@ GREY = Material((0.5, 0.5, 0.5))
 
 
 def make_rounding(scene: SceneMesh) -> CoordinateRounding:
-    return CoordinateRounding(scene, TriangleHierarchy(scene.corners))
+    return CoordinateRounding(scene)
 
 
 def floor_rounding(side_m: float, *, centre_m: float = 0.0) -> CoordinateRounding:

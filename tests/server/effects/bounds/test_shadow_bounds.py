@@ -23,7 +23,6 @@ from catoptra_server.world.shading import (
     unshadowed_irradiance,
 )
 from catoptra_server.world.shapes import box, facet_normals
-from catoptra_server.world.triangles import TriangleHierarchy
 from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
@@ -98,14 +97,14 @@ def find_hidden(world: World, scene: SceneMesh, light: Light, rng: np.random.Gen
 
 def suspect(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     """(n,) triangles that are hidden by planes."""
-    shafts = LightShafts(scene, light, TriangleHierarchy(scene.corners))
+    shafts = LightShafts(scene, light)
     hidden, pairs_left = shafts.find_hidden(np.arange(len(scene)), 10**9)
     assert pairs_left > 0
     return hidden
 
 
 def bound_scene(scene: SceneMesh, world: World, *bodies: DynamicObject) -> ShadowLoss:
-    bounds = ShadowBounds(scene, world, TriangleHierarchy(scene.corners))
+    bounds = ShadowBounds(scene, world)
     return bounds.darkest_shadow(bodies)
 
 
@@ -196,7 +195,7 @@ def repeat_floor(corners: Floats) -> SceneMesh:
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
 def test_hierarchy_finds_what_all_pairs_of_triangles_find(light: ShadowCastingLight) -> None:
     scene = make_bumps(30, height_m=0.3)
-    shafts = LightShafts(scene, light, TriangleHierarchy(scene.corners))
+    shafts = LightShafts(scene, light)
     towards = shafts._towards(scene.corners[:, 0])
     receivers = np.flatnonzero(np.einsum("ni,ni->n", scene.normals, towards) > 0.0)[::7]
     receiver, rows = np.indices((len(receivers), len(scene))).reshape(2, -1)

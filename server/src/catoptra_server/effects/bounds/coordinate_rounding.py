@@ -172,9 +172,9 @@ class CoordinateErrors:
 class CoordinateRounding:
     """Displacements in one scene with its dynamic objects."""
 
-    def __init__(self, scene: SceneMesh, triangles: TriangleHierarchy) -> None:
+    def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
-        self._triangles = _NearTriangles(triangles)
+        self._triangles = _NearTriangles(scene.hierarchy())
         self._objects: dict[ObjectMesh, _NearTriangles] = {}
 
     def max_angle_rad(

@@ -60,7 +60,7 @@ from catoptra_server.world.objects import (
     scene_twist_in_mirror,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.triangles import TriangleHierarchy, make_clusters
+from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
@@ -80,20 +80,16 @@ class SceneSummarizer:
 
     # On demand: many cameras need no bounds of many triangles.
     @cached_property
-    def _triangles(self) -> TriangleHierarchy:
-        return TriangleHierarchy(self.scene.corners)
-
-    @cached_property
     def _distance_bounds(self) -> DistanceBoundCache:
-        return DistanceBoundCache(self._triangles)
+        return DistanceBoundCache(self.scene.hierarchy())
 
     @cached_property
     def _shadows(self) -> ShadowBounds:
-        return ShadowBounds(self.scene, self._world, self._triangles)
+        return ShadowBounds(self.scene, self._world)
 
     @cached_property
     def _rounding(self) -> CoordinateRounding:
-        return CoordinateRounding(self.scene, self._triangles)
+        return CoordinateRounding(self.scene)
 
     @cached_property
     def max_radiance(self) -> float:

@@ -50,7 +50,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
 )
 from catoptra_server.world.shapes import bounding_box
-from catoptra_server.world.triangles import Indices, TriangleHierarchy, row_blocks
+from catoptra_server.world.triangles import Indices, row_blocks
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 
 # Triangles tested at once: the first, and at most. Most often the first ones are hidden.
@@ -65,9 +65,8 @@ _CACHE_SIZE = 256
 class ShadowBounds:
     """Shadow losses of one world."""
 
-    def __init__(self, scene: SceneMesh, world: World, triangles: TriangleHierarchy) -> None:
+    def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
-        self._triangles = triangles
         self._lights = shadow_casting_lights(world.lights)
         self._point_lights = point_lights(world.lights)
         self._hemisphere_lights = hemisphere_lights(world.lights)
@@ -99,7 +98,7 @@ class ShadowBounds:
         # Triangles in order of what each could lose at most.
         potential = self._max_losses(candidates, gains)
         order = np.argsort(-potential, kind="stable")
-        shafts = [LightShafts(self._scene, light, self._triangles) for light in self._lights]
+        shafts = [LightShafts(self._scene, light) for light in self._lights]
         pairs_left, worst, count = _MAX_PAIRS, NO_SHADOW_LOSS, _FIRST_CHUNK
         while len(order) and potential[order[0]] > grey_level_change(worst):
             rows, order, count = order[:count], order[count:], min(2 * count, _MAX_CHUNK)
@@ -270,12 +269,10 @@ _MIN_LIGHT_DISTANCE = 1e-9
 class LightShafts:
     """The casters of a scene in one light."""
 
-    def __init__(
-        self, scene: SceneMesh, light: ShadowCastingLight, triangles: TriangleHierarchy
-    ) -> None:
+    def __init__(self, scene: SceneMesh, light: ShadowCastingLight) -> None:
         self._scene = scene
         self._light = light
-        self._triangles = triangles
+        self._triangles = scene.hierarchy()
 
     def find_hidden(self, receivers: Indices, max_pairs: int) -> tuple[Bools, int]:
         """Triangles that are hidden anywhere.

@@ -31,6 +31,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     FlatSurfaces,
     OwningStruct,
     caster_arrays,
+    corner_arrays,
     encoded_table,
     find_flat_surfaces,
     hemisphere_struct,
@@ -43,6 +44,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 )
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_radiance
+from catoptra_server.world.triangles import ROWS_PER_BLOCK
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -109,6 +111,13 @@ def test_scene_s_flags_name_unlit_textured_and_coloured_triangles(textured: Scen
     assert np.flatnonzero(flags & FACET_CORNER_COLOURS).tolist() == [5]
     found = read_array(arrays.corner_albedo, (len(scene), 3, 3))
     np.testing.assert_allclose(found, colours, atol=1e-7)
+
+
+def test_corners_of_more_than_a_block_are_relative_to_the_centre() -> None:
+    corners = np.random.default_rng(6).uniform(90.0, 110.0, (ROWS_PER_BLOCK + 5, 3, 3))
+    centre = np.array([100.0, 99.0, 101.0])
+    relative = corner_arrays(corners, centre).owners[0]
+    np.testing.assert_array_equal(relative, (corners - centre).astype(np.float32))
 
 
 def test_scene_s_texture_coordinates_are_a_corner_and_two_edges(textured: SceneMesh) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -298,14 +299,17 @@ class KernelEngine:
 
     def _make_scene(self) -> SceneStruct:
         """Scene without what only shadows need."""
-        radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
-        encoded = encoded_table(radiance)
-        textures = self._keep(texture_array(self.scene))
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            # Beside the tables: one thread alone builds the top of the hierarchy.
+            mesh = pool.submit(self._commit, scene_arrays(self.scene, self.scene.centre))
+            radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
+            encoded = encoded_table(radiance)
+            textures = self._keep(texture_array(self.scene))
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
         scene = SceneStruct(
-            mesh=self._commit(scene_arrays(self.scene, self.scene.centre)),
+            mesh=mesh.result(),
             sharp_radiance=radiance.ctypes.data,
             # Read for shadows and hidden sky alone; until then the same table stands in.
             ambient_radiance=radiance.ctypes.data,

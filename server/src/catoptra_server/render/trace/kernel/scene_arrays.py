@@ -48,7 +48,7 @@ from catoptra_server.world.shading import (
     write_facet_radiance,
 )
 from catoptra_server.world.textures import Levels, build_levels
-from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.triangles import row_blocks, tile_over_block
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
 _MAX_TEXEL = 65535
@@ -131,8 +131,14 @@ def _mesh_arrays(
 def _corner_members(corners: Floats, centre: Floats) -> dict[str, npt.NDArray[Any] | None]:
     """(n, 3, 3) corners relative to a centre, in double precision besides where they are far."""
     relative = np.zeros(corners.shape, dtype=np.float32)
-    np.subtract(corners, centre, out=relative, casting="same_kind")
-    is_large = np.abs(relative).max(initial=0.0) > MAX_FLOAT_REACH_M
+    offset = tile_over_block(centre)
+    for block in row_blocks(len(corners)):
+        points = np.ascontiguousarray(corners[block]).reshape(-1)
+        out = relative[block].reshape(-1)
+        np.subtract(points, offset[: len(points)], out=out, casting="same_kind")
+    # Not of absolute values, which take new memory.
+    reach_m = max(relative.max(initial=0.0), -relative.min(initial=0.0))
+    is_large = reach_m > MAX_FLOAT_REACH_M
     return {"corners": relative, "fine_corners": corners - centre if is_large else None}
 
 

@@ -20,6 +20,7 @@ from catoptra_server import __version__
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
+from catoptra_server.world.triangles import row_blocks, triangle_boxes
 from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
@@ -50,7 +51,10 @@ def wants_occlusion(scene: SceneMesh, world: World) -> bool:
 
 def _has_large_triangles(scene: SceneMesh) -> bool:
     """Whether some triangle may have a grid."""
-    return len(scene) <= MANY_TRIANGLES or float(np.ptp(scene.corners, axis=1).max()) >= MIN_SIDE_M
+    return len(scene) <= MANY_TRIANGLES or any(
+        float(np.subtract(*triangle_boxes(scene.corners[block])).min()) <= -MIN_SIDE_M
+        for block in row_blocks(len(scene))
+    )
 
 
 def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None:

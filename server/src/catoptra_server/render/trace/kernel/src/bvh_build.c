@@ -8,13 +8,15 @@
 
 #include <math.h>
 #include <pthread.h>
-#include <sched.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
 typedef float Floats4 __attribute__((vector_size(16)));
 typedef int32_t Ints4 __attribute__((vector_size(16)));
+/* Least x, y, z and, negative, most x, y, z, each with a number that is not used: a box is widened
+ * by one minimum. */
+typedef Floats8 Bounds;
 
 enum { MAX_BINS = 16, FEW_BINS = 8, FEW_BOXES = 64 };
 /* Subtrees from this size on are handed to whichever thread is free. */
@@ -24,10 +26,6 @@ enum { SHARED_BOXES = 4096, LEAVES_AT_ONCE = 1024 };
 enum { DEEPEST_HEURISTIC = MAX_DEPTH - 12 };
 /* Centres that lie closer are one: the bins of a shorter range have no finite number to a metre. */
 #define LEAST_SIZE 1e-36f
-
-typedef struct {
-    Floats4 least, most; /* the fourth is not used */
-} Bounds;
 
 /* Boxes that lie together, in an order that is still open. */
 typedef struct {
@@ -50,10 +48,11 @@ typedef struct {
     BvhNode *nodes;
     LeafRange *leaves; /* NULL: leaves are single boxes, named by their items */
     int32_t leaf_size;
-    atomic_int num_nodes, num_leaves, unfinished;
+    atomic_int num_nodes, num_leaves;
     pthread_mutex_t lock; /* guards the list of subtrees that wait for a thread */
-    Subtree *waiting;     /* NULL: one thread builds */
-    int num_waiting;
+    pthread_cond_t changed;
+    Subtree *waiting; /* NULL: one thread builds */
+    int num_waiting, unfinished;
     float padding; /* of the boxes, to all sides */
     const float *corners;
     const double *fine_corners; /* NULL without */
@@ -62,36 +61,38 @@ typedef struct {
     atomic_int next_leaf;
 } Build;
 
-static inline Floats4 least4(Floats4 a, Floats4 b) {
-    Ints4 mask = a < b;
-    return (Floats4)((mask & (Ints4)a) | (~mask & (Ints4)b));
-}
-
-static inline Floats4 most4(Floats4 a, Floats4 b) {
-    Ints4 mask = a > b;
-    return (Floats4)((mask & (Ints4)a) | (~mask & (Ints4)b));
-}
-
 static inline Floats4 load4(const float *values) {
     Floats4 loaded;
     memcpy(&loaded, values, sizeof loaded);
     return loaded;
 }
 
-static inline Bounds no_bounds(void) {
-    return (Bounds){(Floats4){0} + INFINITY, (Floats4){0} - INFINITY};
+static inline Bounds no_bounds(void) { return splat8(INFINITY); }
+
+static inline Bounds box_bounds(const ItemBox *box) {
+    return (Floats8)((Ints8)load8(box->least) ^ (Ints8){0, 0, 0, 0, INT32_MIN, INT32_MIN, INT32_MIN});
 }
 
-static inline void widen(Bounds *bounds, Floats4 least, Floats4 most) {
-    bounds->least = least4(bounds->least, least);
-    bounds->most = most4(bounds->most, most);
+static inline void widen(Bounds *bounds, Bounds other) {
+#if defined(__AVX__)
+    /* By name: a masked store, which compilers make of a selection, delays the next load. */
+    *bounds = (Bounds)_mm256_min_ps((__m256)other, (__m256)*bounds);
+#else
+    *bounds = least8(other, *bounds);
+#endif
 }
 
 static inline Floats4 twice_centre(const ItemBox *box) { return load4(box->least) + load4(box->most); }
 
+static inline Bounds point_bounds(Floats4 point) {
+    return __builtin_shufflevector(point, -point, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+static inline float bounds_size(Bounds bounds, int axis) { return -bounds[4 + axis] - bounds[axis]; }
+
 static float half_area(const Bounds *bounds) {
-    Floats4 size = bounds->most - bounds->least;
-    return size[0] < 0.0f ? 0.0f : size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+    float x = bounds_size(*bounds, 0), y = bounds_size(*bounds, 1), z = bounds_size(*bounds, 2);
+    return x < 0.0f ? 0.0f : x * y + y * z + z * x;
 }
 
 static int compare_corners(const Build *build, int32_t a, int32_t b) {
@@ -109,10 +110,11 @@ static int compare_triangles(const void *first, const void *second, void *build)
 
 /* Triangles in one place cannot be divided, and a ray meets all: the first of equal ones stays. */
 static void drop_copies(const Build *build, Range *range) {
-    Floats4 size = range->centres.most - range->centres.least;
-    if (range->has_no_copies || !build->corners || range->count <= build->leaf_size ||
-        size[0] > LEAST_SIZE || size[1] > LEAST_SIZE || size[2] > LEAST_SIZE)
+    if (range->has_no_copies || !build->corners || range->count <= build->leaf_size)
         return;
+    for (int axis = 0; axis < 3; axis++)
+        if (bounds_size(range->centres, axis) > LEAST_SIZE)
+            return;
     ItemBox *boxes = build->boxes + range->first;
     qsort_r(boxes, (size_t)range->count, sizeof *boxes, compare_triangles, (void *)build);
     int32_t kept = 1;
@@ -123,15 +125,15 @@ static void drop_copies(const Build *build, Range *range) {
     range->has_no_copies = 1;
 }
 
-static void measure_range(const Build *build, Range *range) {
-    const ItemBox *boxes = build->boxes;
+static inline void widen_range(Range *range, const ItemBox *box) {
+    widen(&range->bounds, box_bounds(box));
+    widen(&range->centres, point_bounds(twice_centre(box)));
+}
+
+static void measure_range(const ItemBox *boxes, Range *range) {
     range->bounds = range->centres = no_bounds();
-    for (int32_t i = range->first; i < range->first + range->count; i++) {
-        Floats4 centre = twice_centre(&boxes[i]);
-        widen(&range->bounds, load4(boxes[i].least), load4(boxes[i].most));
-        widen(&range->centres, centre, centre);
-    }
-    drop_copies(build, range);
+    for (int32_t i = range->first; i < range->first + range->count; i++)
+        widen_range(range, &boxes[i]);
 }
 
 /* Where a range is divided: boxes up to a bin of an axis. */
@@ -158,10 +160,10 @@ static void fill_bins(const ItemBox *boxes, const Range *range, const Division *
             bins->count[axis][bin] = 0;
         }
     for (int32_t i = range->first; i < range->first + range->count; i++) {
-        Floats4 least = load4(boxes[i].least), most = load4(boxes[i].most);
+        Bounds bounds = box_bounds(&boxes[i]);
         Ints4 bin = find_bins(division, &boxes[i]);
         for (int axis = 0; axis < 3; axis++) {
-            widen(&bins->bounds[axis][bin[axis]], least, most);
+            widen(&bins->bounds[axis][bin[axis]], bounds);
             bins->count[axis][bin[axis]]++;
         }
     }
@@ -169,8 +171,8 @@ static void fill_bins(const ItemBox *boxes, const Range *range, const Division *
 
 /* Rays that meet a half, times the leaves that they meet there: half full, as they come out. */
 static float half_cost(const Bounds *bounds, int32_t count, int32_t leaf_size) {
-    int32_t half = leaf_size > 1 ? leaf_size / 2 : 1;
-    return half_area(bounds) * (float)((count + half - 1) / half);
+    enum { HALF = LEAF_TRIANGLES / 2 }; /* known here: a division in one step */
+    return half_area(bounds) * (float)(leaf_size > 1 ? (count + HALF - 1) / HALF : count);
 }
 
 static void sweep_axis(const Bins *bins, int axis, int num_bins, int32_t leaf_size,
@@ -179,14 +181,14 @@ static void sweep_axis(const Bins *bins, int axis, int num_bins, int32_t leaf_si
     Bounds bounds = no_bounds();
     int32_t count = 0;
     for (int bin = num_bins - 1; bin > 0; bin--) {
-        widen(&bounds, bins->bounds[axis][bin].least, bins->bounds[axis][bin].most);
+        widen(&bounds, bins->bounds[axis][bin]);
         count += bins->count[axis][bin];
         after[bin] = count ? half_cost(&bounds, count, leaf_size) : INFINITY;
     }
     bounds = no_bounds();
     count = 0;
     for (int bin = 0; bin < num_bins - 1; bin++) {
-        widen(&bounds, bins->bounds[axis][bin].least, bins->bounds[axis][bin].most);
+        widen(&bounds, bins->bounds[axis][bin]);
         count += bins->count[axis][bin];
         float cost = half_cost(&bounds, count, leaf_size) + after[bin + 1];
         if (count && cost < best->cost) {
@@ -199,51 +201,61 @@ static void sweep_axis(const Bins *bins, int axis, int num_bins, int32_t leaf_si
 
 static Division choose_division(const Build *build, const Range *range) {
     int num_bins = range->count < FEW_BOXES ? FEW_BINS : MAX_BINS;
-    Floats4 size = range->centres.most - range->centres.least;
-    Division best = {.cost = INFINITY, .origin = range->centres.least};
-    for (int axis = 0; axis < 3; axis++)
+    Division best = {.cost = INFINITY};
+    for (int axis = 0; axis < 3; axis++) {
+        float size = bounds_size(range->centres, axis);
+        best.origin[axis] = range->centres[axis];
         /* A little less than all bins: the last centre belongs to the last bin. */
-        best.scale[axis] = size[axis] > LEAST_SIZE ? (float)num_bins * 0.9999f / size[axis] : 0.0f;
+        best.scale[axis] = size > LEAST_SIZE ? (float)num_bins * 0.9999f / size : 0.0f;
+    }
     Bins bins;
     fill_bins(build->boxes, range, &best, num_bins, &bins);
     for (int axis = 0; axis < 3; axis++)
-        if (size[axis] > LEAST_SIZE)
+        if (best.scale[axis] > 0.0f)
             sweep_axis(&bins, axis, num_bins, build->leaf_size, &best);
     return best;
 }
 
-/* Bring the boxes before a division to the front; their number. */
-static int32_t partition(ItemBox *boxes, const Range *range, const Division *division) {
-    int32_t front = range->first, back = range->first + range->count - 1;
-    while (front <= back) {
-        if (find_bins(division, &boxes[front])[division->axis] <= division->bin) {
+/* Bring the boxes before a division to the front, and measure both parts. */
+static void partition(ItemBox *boxes, const Division *division, Range *range, Range *rest) {
+    int32_t front = range->first, back = front + range->count, end = back;
+    Range before = *range, behind = *rest;
+    before.bounds = before.centres = behind.bounds = behind.centres = no_bounds();
+    while (front < back) {
+        ItemBox box = boxes[front];
+        if (find_bins(division, &box)[division->axis] <= division->bin) {
+            widen_range(&before, &box);
             front++;
         } else {
-            ItemBox swapped = boxes[front];
-            boxes[front] = boxes[back];
-            boxes[back--] = swapped;
+            widen_range(&behind, &box);
+            boxes[front] = boxes[--back];
+            boxes[back] = box;
         }
     }
-    return front - range->first;
+    before.count = front - before.first;
+    behind.first = front;
+    behind.count = end - front;
+    *range = before;
+    *rest = behind;
 }
 
 static void divide_range(const Build *build, Range *range, Range *rest) {
-    int32_t count = 0;
-    if (range->depth < DEEPEST_HEURISTIC) {
-        Division division = choose_division(build, range);
-        if (division.cost < INFINITY)
-            count = partition(build->boxes, range, &division);
+    Division division = {.cost = INFINITY};
+    if (range->depth < DEEPEST_HEURISTIC)
+        division = choose_division(build, range);
+    *rest = *range;
+    if (division.cost < INFINITY) {
+        partition(build->boxes, &division, range, rest);
+    } else {
+        /* Boxes with one centre: no division is better than another. */
+        range->count /= 2;
+        rest->first += range->count;
+        rest->count -= range->count;
+        measure_range(build->boxes, range);
+        measure_range(build->boxes, rest);
     }
-    /* Boxes with one centre: no division is better than another. */
-    if (count == 0 || count == range->count)
-        count = range->count / 2;
-    *rest = (Range){.first = range->first + count,
-                    .count = range->count - count,
-                    .depth = range->depth,
-                    .has_no_copies = range->has_no_copies};
-    range->count = count;
-    measure_range(build, range);
-    measure_range(build, rest);
+    drop_copies(build, range);
+    drop_copies(build, rest);
 }
 
 /* The largest part that is no leaf yet; -1 without. Where halves are taken, the fullest. */
@@ -271,15 +283,17 @@ static int32_t make_leaf(Build *build, const Range *range) {
 
 static void set_child(const Build *build, BvhNode *node, int slot, const Range *range) {
     for (int axis = 0; axis < 3; axis++) {
-        node->bounds[axis][slot] = range ? range->bounds.least[axis] - build->padding : INFINITY;
+        node->bounds[axis][slot] = range ? range->bounds[axis] - build->padding : INFINITY;
         node->bounds[3 + axis][slot] =
-            range ? range->bounds.most[axis] + build->padding : -INFINITY;
+            range ? -range->bounds[4 + axis] + build->padding : -INFINITY;
     }
 }
 
 static void hand_over(Build *build, const Subtree *subtree) {
     pthread_mutex_lock(&build->lock);
     build->waiting[build->num_waiting++] = *subtree;
+    build->unfinished++;
+    pthread_cond_signal(&build->changed);
     pthread_mutex_unlock(&build->lock);
 }
 
@@ -306,35 +320,30 @@ static void build_subtree(Build *build, const Subtree *subtree) {
         if (parts[i].count <= build->leaf_size)
             continue;
         Subtree part = {parts[i], node->child[i]};
-        if (build->waiting && part.range.count >= SHARED_BOXES) {
-            atomic_fetch_add(&build->unfinished, 1);
+        if (build->waiting && part.range.count >= SHARED_BOXES)
             hand_over(build, &part);
-        } else {
+        else
             build_subtree(build, &part);
-        }
     }
 }
 
-static int take_subtree(Build *build, Subtree *subtree) {
-    pthread_mutex_lock(&build->lock);
-    int is_taken = build->num_waiting > 0;
-    if (is_taken)
-        *subtree = build->waiting[--build->num_waiting];
-    pthread_mutex_unlock(&build->lock);
-    return is_taken;
-}
-
+/* Threads without work sleep: others of the process prepare the same scene. */
 static void build_subtrees(void *argument) {
     Build *build = argument;
-    Subtree subtree;
-    while (atomic_load(&build->unfinished) > 0) {
-        if (take_subtree(build, &subtree)) {
-            build_subtree(build, &subtree);
-            atomic_fetch_sub(&build->unfinished, 1);
-        } else {
-            sched_yield();
+    pthread_mutex_lock(&build->lock);
+    while (build->unfinished > 0) {
+        if (build->num_waiting == 0) {
+            pthread_cond_wait(&build->changed, &build->lock);
+            continue;
         }
+        Subtree subtree = build->waiting[--build->num_waiting];
+        pthread_mutex_unlock(&build->lock);
+        build_subtree(build, &subtree);
+        pthread_mutex_lock(&build->lock);
+        if (--build->unfinished == 0)
+            pthread_cond_broadcast(&build->changed);
     }
+    pthread_mutex_unlock(&build->lock);
 }
 
 static float squared_length(const float *from, const float *to) {
@@ -415,7 +424,8 @@ int32_t max_nodes(int32_t count, int32_t leaf_size) {
 
 static Range whole_range(const Build *build, int32_t count) {
     Range range = {.count = count};
-    measure_range(build, &range);
+    measure_range(build->boxes, &range);
+    drop_copies(build, &range);
     return range;
 }
 
@@ -423,7 +433,7 @@ static Range whole_range(const Build *build, int32_t count) {
 static float find_padding(const Bounds *bounds) {
     float largest = 0.0f;
     for (int axis = 0; axis < 3; axis++)
-        largest = fmaxf(largest, fmaxf(fabsf(bounds->least[axis]), fabsf(bounds->most[axis])));
+        largest = fmaxf(largest, fmaxf(fabsf((*bounds)[axis]), fabsf((*bounds)[4 + axis])));
     return 0x1p-22f * largest + 1e-30f;
 }
 
@@ -434,18 +444,23 @@ void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes) {
     build_subtree(&build, &root);
 }
 
+/* Memory for vectors. */
+static void *allocate_aligned(size_t size) { return aligned_alloc(64, (size + 63) / 64 * 64); }
+
 static int allocate(Build *build, int32_t count) {
     build->boxes = malloc(sizeof *build->boxes * (size_t)count);
     build->leaves = malloc(sizeof *build->leaves * (size_t)count);
-    build->nodes = aligned_alloc(64, (sizeof *build->nodes * (size_t)max_nodes(count, LEAF_TRIANGLES) + 63) / 64 * 64);
-    build->waiting = malloc(sizeof *build->waiting * (size_t)(count / SHARED_BOXES + 1));
+    build->nodes =
+        allocate_aligned(sizeof *build->nodes * (size_t)max_nodes(count, LEAF_TRIANGLES));
+    build->waiting =
+        allocate_aligned(sizeof *build->waiting * (size_t)(count / SHARED_BOXES + 1));
     return build->boxes && build->leaves && build->nodes && build->waiting;
 }
 
 static void store_box(const Range *range, float padding, ItemBox *box) {
     for (int axis = 0; axis < 3; axis++) {
-        box->least[axis] = range->bounds.least[axis] - padding;
-        box->most[axis] = range->bounds.most[axis] + padding;
+        box->least[axis] = range->bounds[axis] - padding;
+        box->most[axis] = -range->bounds[4 + axis] + padding;
     }
 }
 
@@ -457,7 +472,6 @@ static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
     if (!used)
         return 1;
     build->num_nodes = 1;
-    build->unfinished = 1;
     hand_over(build, &root);
     if (used < SHARED_BOXES)
         workers_run_alone(build_subtrees, build);
@@ -467,9 +481,9 @@ static int run_build(Build *build, Bvh *bvh, Workers *workers, int32_t count) {
     bvh->num_leaves = atomic_load(&build->num_leaves);
     size_t num_leaves = (size_t)bvh->num_leaves;
     if (build->fine_corners)
-        bvh->fine_leaves = aligned_alloc(64, sizeof *bvh->fine_leaves * num_leaves);
+        bvh->fine_leaves = allocate_aligned(sizeof *bvh->fine_leaves * num_leaves);
     else
-        bvh->leaves = aligned_alloc(64, sizeof *bvh->leaves * num_leaves);
+        bvh->leaves = allocate_aligned(sizeof *bvh->leaves * num_leaves);
     build->filled = bvh->leaves;
     build->finely_filled = bvh->fine_leaves;
     if (!bvh->leaves && !bvh->fine_leaves)
@@ -491,7 +505,9 @@ int build_bvh(Bvh *bvh, Workers *workers, const float *corners, const double *fi
         return 1;
     }
     pthread_mutex_init(&build.lock, NULL);
+    pthread_cond_init(&build.changed, NULL);
     int is_built = allocate(&build, count) && run_build(&build, bvh, workers, count);
+    pthread_cond_destroy(&build.changed);
     pthread_mutex_destroy(&build.lock);
     free(build.boxes);
     free(build.leaves);

@@ -12,7 +12,7 @@
 
 enum { BUCKETS = 512, TRIANGLES_AT_ONCE = 512 };
 /* Of a bucket, in its sort; up to so many edges are sorted by insertion. */
-enum { PARTS = 256, FEW_EDGES = 64 };
+enum { PARTS = 1024, FEW_EDGES = 64 };
 
 /* Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad. */
 #define SAME_NORMAL (1.0 - 5e-11)
@@ -31,7 +31,8 @@ typedef struct {
 typedef struct {
     const FacetSource *facets;
     Edge *edges;       /* (3 n,) bucket by bucket; NULL while they are counted */
-    int32_t *neighbours; /* (3 n,) triangle beyond each side; -1: the side bounds its surface */
+    int32_t *neighbours; /* (3 n,) side beyond each side, then its triangle; -1: the side bounds its
+                          * surface */
     int32_t begin[BUCKETS + 1];
     atomic_int filled[BUCKETS];
     atomic_int next;
@@ -66,7 +67,7 @@ static void list_edges(const FacetSource *facets, int32_t triangle, Edge edges[3
 
 static int find_bucket(const Edge *edge) { return (int)(edge->hash >> 40) & (BUCKETS - 1); }
 
-static int find_part(const Edge *edge) { return (int)(edge->hash >> 56) & (PARTS - 1); }
+static int find_part(const Edge *edge) { return (int)(edge->hash >> 54) & (PARTS - 1); }
 
 /* Count the edges of each bucket, or put them there. */
 static void deal_edges(void *argument) {
@@ -199,12 +200,26 @@ static void join_sides(void *argument) {
         for (int32_t i = 0; i < count; i = end) {
             for (end = i + 1; end < count && edges[end].hash == edges[i].hash;)
                 end++;
-            int32_t a = edges[i].side, b = edges[end - 1].side;
             /* One edge, two sides: at others it is not said what continues what. */
-            int is_inner = end - i == 2 && are_alike(sort->facets, a / 3, b / 3) &&
-                           pass_oppositely(sort->facets, a, b);
             for (int32_t at = i; at < end; at++)
-                sort->neighbours[edges[at].side] = is_inner ? (at == i ? b : a) / 3 : -1;
+                sort->neighbours[edges[at].side] = end - i == 2 ? edges[i + end - 1 - at].side : -1;
+        }
+    }
+}
+
+/* In the order of the triangles, whose neighbours are mostly near in memory, each pair twice. */
+static void part_unlike(void *argument) {
+    EdgeSort *sort = argument;
+    int32_t first, sides = 3 * sort->facets->num_triangles;
+    while ((first = 3 * atomic_fetch_add(&sort->next, TRIANGLES_AT_ONCE)) < sides) {
+        for (int32_t a = first; a < first + 3 * TRIANGLES_AT_ONCE && a < sides; a++) {
+            int32_t b = sort->neighbours[a];
+            if (b < 0)
+                continue;
+            int32_t low = a < b ? a : b, high = a < b ? b : a;
+            int is_inner = are_alike(sort->facets, low / 3, high / 3) &&
+                           pass_oppositely(sort->facets, low, high);
+            sort->neighbours[a] = is_inner ? b / 3 : -1;
         }
     }
 }
@@ -279,6 +294,7 @@ int32_t catoptra_find_surfaces(Device *device, const FacetSource *facets, int32_
     if (sort.edges && sort.neighbours) {
         run(&sort, device, deal_edges);
         run(&sort, device, join_sides);
+        run(&sort, device, part_unlike);
         num_surfaces = number_surfaces(&sort, surface, outer_edges);
         choose_largest(facets, surface, representative);
     }
