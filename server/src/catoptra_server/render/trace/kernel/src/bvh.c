@@ -286,8 +286,8 @@ typedef struct {
         return bits16(is_nearer);                                                                  \
     }                                                                                              \
     /* Triangles that are not wholly beyond a side of a beam, wherever its rays begin, nor the     \
-     * beam beyond an edge; `enclosing`: those that have all rays inside of their edges. The side on\
-     * which a ray passes an edge is linear in its slopes: between those at the beam's corners. */ \
+     * beam beyond an edge; `enclosing`: those that have all rays inside of their edges. The side  \
+     * on which a ray passes an edge is linear in its slopes: between those at the corners. */     \
     static uint32_t meet_triangles##S(const Beam *beam, const LEAF *leaf, uint32_t *enclosing) {   \
         /* Across the beam's least slopes, and by the other sign across its most. */               \
         Floats16 sign = join_halves(splat8(1.0f), splat8(-1.0f)), across[2][3], others[3];         \
