@@ -4,10 +4,9 @@
 #include "bvh.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Up to so many rays of a block go on one by one. */
-enum { SINGLE_RAYS = 4 };
+enum { SINGLE_RAYS = 3 };
 /* The smallest component of a direction: products of a reciprocal with a coordinate are finite. */
 #define LEAST_COMPONENT 1e-20f
 /* Distances to the sides of a box are differences, reciprocals and products of floats: off by
@@ -19,6 +18,15 @@ enum { SINGLE_RAYS = 4 };
 #define BEAM_RESERVE 1e-6f
 /* Rays that go less far along a beam's axis are traced one by one. */
 #define LEAST_COSINE 0.2f
+
+/* The sides on which rays pass an edge are products of coordinates across a beam: a ray's and those
+ * at the beam's corners are each off by less than 22 2^-24 times the farthest coordinate across
+ * times the farthest of all, and for what is rounded to zero by less than LEAST_LENGTH squared. */
+#define EDGE_RESERVE 0x1p-18f
+#define LEAST_LENGTH 1e-15f
+
+/* Two axes across a ray, and the one in which it goes farthest. */
+static const int AXES[3][3] = {{1, 2, 0}, {0, 2, 1}, {0, 1, 2}};
 
 static const double NOWHERE[3];
 
@@ -41,36 +49,41 @@ typedef struct {
     /* The ray's own frame: a point is sheared along the axis in which the ray goes farthest, so
      * that the ray is this axis. */
     float shear8[2][BLOCK_RAYS];
-    float along8[BLOCK_RAYS];    /* distance per depth along this axis */
-    int32_t axis[3][BLOCK_RAYS]; /* the two others, and this one */
-    int has_one_axis;            /* of all active rays */
-    int first;                   /* active ray */
+    float along8[BLOCK_RAYS]; /* distance per depth along this axis */
+    uint32_t lanes_along[3]; /* bit masks of the rays by this axis */
+    int has_one_axis;        /* of all active rays */
+    int first;               /* active ray */
+    float largest;           /* coordinate of the mesh */
     /* The same for fine leaves: starts in the rays' coordinates. Only these read them. */
     float placed[3][BLOCK_RAYS];
     double start8d[3][BLOCK_RAYS], shear8d[2][BLOCK_RAYS], along8d[BLOCK_RAYS];
 } Query;
 
 static void place_query(Query *query, const Bvh *bvh, const double place[3]) {
-    float largest = 0.0f;
-    for (int axis = 0; axis < 3; axis++) {
-        largest = fmaxf(largest, fmaxf(fabsf(bvh->box.least[axis]), fabsf(bvh->box.most[axis])));
+    float largest = bvh->largest;
+    for (int axis = 0; axis < 3; axis++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
             double start = place[axis] + (double)query->rays->origin[axis][lane];
             query->placed[axis][lane] = (float)start;
             largest = fmaxf(largest, fabsf((float)start));
         }
-    }
     query->start8 = (const float(*)[BLOCK_RAYS])query->placed;
     query->reserve = PLACE_RESERVE * largest;
 }
 
+/* The axes of a ray's own frame. */
+static inline const int *find_axes(const Query *query, int lane) {
+    return AXES[query->lanes_along[0] >> lane & 1 ? 0 : query->lanes_along[1] >> lane & 1 ? 1 : 2];
+}
+
 static void aim_finely(Query *query) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        double along = 1.0 / (double)query->rays->direction[query->axis[2][lane]][lane];
+        const int *axes = find_axes(query, lane);
+        double along = 1.0 / (double)query->rays->direction[axes[2]][lane];
         query->along8d[lane] = along;
         for (int i = 0; i < 2; i++)
             query->shear8d[i][lane] =
-                (double)query->rays->direction[query->axis[i][lane]][lane] * along;
+                (double)query->rays->direction[axes[i]][lane] * along;
         for (int axis = 0; axis < 3; axis++)
             query->start8d[axis][lane] = (double)query->rays->origin[axis][lane];
     }
@@ -88,9 +101,10 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     query->reserve = 0.0f;
     if (place)
         place_query(query, bvh, place);
+    query->largest = bvh->largest;
     query->active = rays->active;
-    memcpy(query->limit, rays->limit, sizeof query->limit);
-    memset(query->triangle, 0xff, sizeof query->triangle);
+    store16(load16(rays->limit), query->limit);
+    store_ints16((Ints16){0} + NO_TRIANGLE, query->triangle);
     Floats16 direction[3], size[3], inverse[3];
     for (int i = 0; i < 3; i++) {
         direction[i] = load16(rays->direction[i]);
@@ -103,14 +117,12 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     store16(along, query->along8);
     store16(select16(is_x, direction[1], direction[0]) * along, query->shear8[0]);
     store16(select16(is_x | is_y, direction[2], direction[1]) * along, query->shear8[1]);
-    /* x: 1, 2, 0; y: 0, 2, 1; z: 0, 1, 2. */
-    Ints16 axis = (~is_x & 2) + is_y;
-    store_ints16(is_x & 1, query->axis[0]);
-    store_ints16(((is_x | is_y) & 1) + 1, query->axis[1]);
-    store_ints16(axis, query->axis[2]);
+    query->lanes_along[0] = bits16(is_x);
+    query->lanes_along[1] = bits16(is_y);
+    query->lanes_along[2] = bits16(~(is_x | is_y));
     query->first = __builtin_ctz(rays->active);
     query->has_one_axis =
-        !(bits16(axis != query->axis[2][query->first]) & rays->active);
+        !(rays->active & ~query->lanes_along[find_axes(query, query->first)[2]]);
     if (bvh->fine_leaves)
         aim_finely(query);
 }
@@ -206,13 +218,13 @@ DEFINE_TEST(16d, Doubles16, Longs16)
 /* A frustum around all active rays, along the coordinate in which the first goes farthest: where a
  * ray is at a depth along it, its two other coordinates are slope times depth. */
 typedef struct {
-    int axis[3]; /* two across, and the one along */
-    float sign;  /* of the rays' way along it */
+    const int *axis; /* two across, and the one along */
+    float sign;      /* of the rays' way along it */
     float first[3], last[3]; /* least and largest coordinates of the origins */
     float least[2], most[2]; /* slopes */
     float width[2]; /* a narrower box, per depth, is missed by some of the rays */
     float inverse_least[2], inverse_most[2]; /* of slopes that are not 0 */
-    _Alignas(64) float along[BLOCK_RAYS]; /* depth per distance */
+    float edge_reserve; /* per distance across; infinite unless viewpoint and axis are all rays' */
 } Beam;
 
 /* Coordinates of a leaf in those of the rays' starts. */
@@ -224,11 +236,11 @@ typedef struct {
 #define DEFINE_LEAF(LEAF, AT, S, VECTOR, ALL, VECTORS)                                             \
     /* A ray against all triangles; whether one is nearer than all so far. */                      \
     static inline __attribute__((always_inline)) int test_leaf##S(Query *query, const LEAF *leaf,  \
-                                                                  int lane) {                      \
+                                                                  const int axes[3], int lane) {   \
         VECTOR start[3], corner[3][3];                                                             \
         VECTOR shear[2] = {splat##S(query->shear##S[0][lane]), splat##S(query->shear##S[1][lane])};\
         for (int i = 0; i < 3; i++) {                                                              \
-            int axis = query->axis[i][lane];                                                       \
+            int axis = axes[i];                                                                    \
             start[i] = splat##S(query->start##S[axis][lane]);                                      \
             for (int number = 0; number < 3; number++)                                             \
                 corner[number][i] = AT(query, leaf->corner[3 * number + axis], axis);              \
@@ -240,24 +252,27 @@ typedef struct {
         return note_hits(query, leaf->triangle, lane, hits,                                        \
                          __builtin_convertvector(depth * query->along##S[lane], Floats8));         \
     }                                                                                              \
-    /* Rays that go farthest along the same axis against one triangle; those for which it is       \
-     * nearer than all so far. */                                                                  \
-    static inline uint32_t test_rays##S(Query *query, const LEAF *leaf, int slot,                  \
-                                        uint32_t lanes) {                                          \
+    /* Rays that go farthest along the same axis against one triangle, which may be known to       \
+     * enclose all; those for which it is nearer than all so far. */                               \
+    static inline uint32_t test_rays##S(Query *query, const LEAF *leaf, int slot, uint32_t lanes,  \
+                                        int encloses) {                                            \
         VECTORS start[3], corner[3][3];                                                            \
         VECTORS shear[2] = {load##ALL(query->shear##S[0]), load##ALL(query->shear##S[1])};         \
+        const int *axes = find_axes(query, query->first);                                          \
         for (int i = 0; i < 3; i++) {                                                              \
-            int axis = query->axis[i][query->first];                                               \
+            int axis = axes[i];                                                                    \
             start[i] = load##ALL(query->start##S[axis]);                                           \
             for (int number = 0; number < 3; number++)                                             \
                 corner[number][i] =                                                                \
                     splat##ALL(AT(query, leaf->corner[3 * number + axis][slot], axis));            \
         }                                                                                          \
-        Ints16 is_inside = mask16(lanes) &                                                         \
-                           __builtin_convertvector(pass_inside##ALL(start, shear, corner), Ints16);\
-        if (!bits16(is_inside))                                                                    \
-            return 0;                                                                              \
-        is_inside &= __builtin_convertvector(pass_box##ALL(start, shear, corner), Ints16);         \
+        Ints16 is_inside = mask16(lanes);                                                          \
+        if (!encloses) {                                                                           \
+            is_inside &= __builtin_convertvector(pass_inside##ALL(start, shear, corner), Ints16);  \
+            if (!bits16(is_inside))                                                                \
+                return 0;                                                                          \
+            is_inside &= __builtin_convertvector(pass_box##ALL(start, shear, corner), Ints16);     \
+        }                                                                                          \
         VECTORS depth = find_depth##ALL(start, shear, corner);                                     \
         Floats16 distance =                                                                        \
             __builtin_convertvector(depth * load##ALL(query->along##S), Floats16);                 \
@@ -270,35 +285,58 @@ typedef struct {
         store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);             \
         return bits16(is_nearer);                                                                  \
     }                                                                                              \
-    /* Triangles that are not wholly beyond a side of a beam, wherever its rays begin. */          \
-    static uint32_t meet_triangles##S(const Beam *beam, const LEAF *leaf) {                        \
-        Ints8 is_outside = (Ints8){0};                                                             \
+    /* Triangles that are not wholly beyond a side of a beam, wherever its rays begin, nor the     \
+     * beam beyond an edge; `enclosing`: those that have all rays inside of their edges. The side  \
+     * on which a ray passes an edge is linear in its slopes: between those at the corners. */     \
+    static uint32_t meet_triangles##S(const Beam *beam, const LEAF *leaf, uint32_t *enclosing) {   \
+        /* Across the beam's least slopes, and by the other sign across its most. */               \
+        Floats16 sign = join_halves(splat8(1.0f), splat8(-1.0f)), across[2][3], others[3];         \
+        Floats16 farthest = splat16(LEAST_LENGTH);                                                 \
+        uint32_t met = bits8(load_ints8(leaf->triangle) != NO_TRIANGLE);                           \
         for (int i = 0; i < 2; i++) {                                                              \
             float least = beam->least[i] * beam->sign, most = beam->most[i] * beam->sign;          \
-            float least_start = least > 0.0f ? beam->last[2] : beam->first[2];                     \
-            float most_start = most > 0.0f ? beam->first[2] : beam->last[2];                       \
-            Floats8 above_least = splat8(-INFINITY), above_most = splat8(INFINITY);                \
+            Floats16 slope = join_halves(splat8(least), splat8(-most));                            \
+            Floats16 start = join_halves(splat8(beam->first[i]), splat8(beam->last[i]));           \
+            Floats16 begin = join_halves(splat8(least > 0.0f ? beam->last[2] : beam->first[2]),    \
+                                         splat8(most > 0.0f ? beam->first[2] : beam->last[2]));    \
+            Floats16 *x = across[i];                                                               \
             for (int corner = 0; corner < 3; corner++) {                                           \
-                VECTOR x = leaf->corner[3 * corner + beam->axis[i]];                               \
-                VECTOR z = leaf->corner[3 * corner + beam->axis[2]];                               \
-                Floats8 across = __builtin_convertvector(x, Floats8);                              \
-                Floats8 along = __builtin_convertvector(z, Floats8);                               \
-                above_least =                                                                      \
-                    most8(above_least, across - beam->first[i] - least * (along - least_start));   \
-                above_most =                                                                       \
-                    least8(above_most, across - beam->last[i] - most * (along - most_start));      \
+                VECTOR coordinate = leaf->corner[3 * corner + beam->axis[i]];                      \
+                VECTOR depth = leaf->corner[3 * corner + beam->axis[2]];                           \
+                Floats8 at = __builtin_convertvector(coordinate, Floats8);                         \
+                Floats8 along = __builtin_convertvector(depth, Floats8);                           \
+                x[corner] = (join_halves(at, at) - start) * sign -                                 \
+                            slope * (join_halves(along, along) - begin);                           \
+                farthest = most16(farthest, absolute16(x[corner]));                                \
+                others[corner] = exchange_halves(x[corner]);                                       \
             }                                                                                      \
-            is_outside |= (above_least < 0.0f) | (above_most > 0.0f);                              \
+            met &= in_both_halves(most16(most16(x[0], x[1]), x[2]) >= 0.0f);                       \
         }                                                                                          \
-        return bits8(~is_outside & (load_ints8(leaf->triangle) != NO_TRIANGLE));                   \
+        Floats16 reserve = most16(farthest, exchange_halves(farthest)) * beam->edge_reserve;       \
+        uint32_t left = 0, right = 0, all_left = ~0u, all_right = ~0u;                             \
+        for (int edge = 0; edge < 3; edge++) {                                                     \
+            int from = (edge + 2) % 3, to = (edge + 1) % 3;                                        \
+            const Floats16 *x = across[0], *y = across[1];                                         \
+            Floats16 same = x[from] * y[to] - y[from] * x[to];                                     \
+            Floats16 other = others[from] * x[to] - x[from] * others[to];                          \
+            uint32_t is_left = in_both_halves(least16(same, other) > reserve);                     \
+            uint32_t is_right = in_both_halves(most16(same, other) < -reserve);                    \
+            left |= is_left;                                                                       \
+            right |= is_right;                                                                     \
+            all_left &= is_left;                                                                   \
+            all_right &= is_right;                                                                 \
+        }                                                                                          \
+        *enclosing = all_left | all_right;                                                         \
+        return met & ~(left & right);                                                              \
     }
 
 DEFINE_LEAF(BvhLeaf, AS_STORED, 8, Floats8, 16, Floats16)
 DEFINE_LEAF(FineLeaf, FROM_PLACE, 8d, Doubles8, 16d, Doubles16)
 
-static inline __attribute__((always_inline)) int test_leaf(Query *query, int32_t leaf, int lane) {
-    return query->fine_leaves ? test_leaf8d(query, query->fine_leaves + leaf, lane)
-                              : test_leaf8(query, query->leaves + leaf, lane);
+static inline __attribute__((always_inline)) int test_leaf(Query *query, int32_t leaf,
+                                                           const int axes[3], int lane) {
+    return query->fine_leaves ? test_leaf8d(query, query->fine_leaves + leaf, axes, lane)
+                              : test_leaf8(query, query->leaves + leaf, axes, lane);
 }
 
 static inline void prefetch(const Query *query, int32_t child) {
@@ -377,6 +415,7 @@ static inline __attribute__((always_inline)) int descend_ray(Query *query, int l
     Visit stack[MAX_STACK];
     int height = 1, has_hit = 0;
     Slabs slabs = make_slabs(query, lane);
+    const int *axes = find_axes(query, lane);
     float limit = query->limit[lane] * LIMIT_RESERVE;
     stack[0] = (Visit){0.0f, child};
     while (height) {
@@ -394,7 +433,7 @@ static inline __attribute__((always_inline)) int descend_ray(Query *query, int l
             else if (met)
                 at = node->child[__builtin_ctz(met)];
         }
-        if (at != NO_CHILD && test_leaf(query, ~at, lane)) {
+        if (at != NO_CHILD && test_leaf(query, ~at, axes, lane)) {
             has_hit = 1;
             if (ends_at_first)
                 break;
@@ -432,30 +471,41 @@ static void aim_origins(const Query *query, Beam *beam) {
 static int aim_beam(const Query *query, Beam *beam) {
     const RayBlock *rays = query->rays;
     Ints16 is_active = mask16(query->active);
-    for (int i = 0; i < 3; i++)
-        beam->axis[i] = query->axis[i][query->first];
+    beam->axis = find_axes(query, query->first);
     beam->sign = query->inverse[beam->axis[2]][query->first] < 0.0f ? -1.0f : 1.0f;
     Floats16 along = load16(rays->direction[beam->axis[2]]) * beam->sign;
     if (bits16(is_active & (along < LEAST_COSINE)))
         return 0;
-    store16(along, beam->along);
-    Floats16 inverse = load16(query->inverse[beam->axis[2]]) * beam->sign;
+    Floats16 inverse = load16(query->inverse[beam->axis[2]]) * beam->sign, slopes[4];
     for (int i = 0; i < 2; i++) {
         Floats16 slope = load16(rays->direction[beam->axis[i]]) * inverse;
-        slope = select16(is_active, slope, splat16(slope[query->first]));
-        beam->least[i] = least_of16(slope) - BEAM_RESERVE;
-        beam->most[i] = most_of16(slope) + BEAM_RESERVE;
+        slopes[2 * i] = select16(is_active, slope, splat16(INFINITY));
+        slopes[2 * i + 1] = select16(is_active, -slope, splat16(INFINITY));
+    }
+    /* Least, most, least, most. */
+    Floats4 bounds = (least_of_each16(slopes) - BEAM_RESERVE) * (Floats4){1.0f, -1.0f, 1.0f, -1.0f};
+    Floats4 inverses = 1.0f / bounds;
+    for (int i = 0; i < 2; i++) {
+        beam->least[i] = bounds[2 * i];
+        beam->most[i] = bounds[2 * i + 1];
         beam->width[i] = 2.0f * (beam->most[i] - beam->least[i]);
-        beam->inverse_least[i] = 1.0f / beam->least[i];
-        beam->inverse_most[i] = 1.0f / beam->most[i];
+        beam->inverse_least[i] = inverses[2 * i];
+        beam->inverse_most[i] = inverses[2 * i + 1];
     }
     aim_origins(query, beam);
+    float farthest =
+        query->largest + fabsf(beam->first[0]) + fabsf(beam->first[1]) + fabsf(beam->first[2]);
+    int is_one_frame = !query->rays->has_origins && !query->place && query->has_one_axis;
+    beam->edge_reserve = is_one_frame ? EDGE_RESERVE * farthest + LEAST_LENGTH : INFINITY;
     return 1;
 }
 
 /* Depth of the farthest active ray's limit. */
 static float find_depth(const Query *query, const Beam *beam) {
-    Floats16 end = load16(beam->along) * load16(query->limit);
+    Floats16 limit = load16(query->limit);
+    if (bits16(limit == INFINITY) & query->active)
+        return INFINITY;
+    Floats16 end = load16(query->rays->direction[beam->axis[2]]) * beam->sign * limit;
     return most_of16(select16(mask16(query->active), end, (Floats16){0})) * LIMIT_RESERVE;
 }
 
@@ -496,7 +546,7 @@ static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float de
             far = least8(far, most8(least * beam->inverse_least[i], least * beam->inverse_most[i]));
     }
     *narrow = bits8((size[0] < *near * beam->width[0]) | (size[1] < *near * beam->width[1]));
-    return bits8((load_ints8(node->child) != NO_CHILD) & (*near <= far * BOX_RESERVE) & (*near <= depth));
+    return bits8((*near <= far * BOX_RESERVE) & (*near <= depth));
 }
 
 /* Rays that meet a box before their limits. */
@@ -554,7 +604,7 @@ static int test_leaf_singly(Query *query, uint32_t lanes, int32_t leaf, int ends
     int has_hit = 0;
     for (; lanes; lanes &= lanes - 1) {
         int lane = __builtin_ctz(lanes);
-        int is_met = test_leaf(query, leaf, lane);
+        int is_met = test_leaf(query, leaf, find_axes(query, lane), lane);
         if (is_met && ends_at_first)
             query->active &= ~(1u << lane);
         has_hit |= is_met;
@@ -566,13 +616,15 @@ static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, int32_
                           int ends_at_first) {
     if (!query->has_one_axis || __builtin_popcount(lanes) <= SINGLE_RAYS)
         return test_leaf_singly(query, lanes, leaf, ends_at_first);
-    uint32_t met = 0;
+    uint32_t met = 0, enclosing;
     const BvhLeaf *plain = query->leaves + leaf;
     const FineLeaf *fine = query->fine_leaves ? query->fine_leaves + leaf : NULL;
-    uint32_t slots = fine ? meet_triangles8d(beam, fine) : meet_triangles8(beam, plain);
+    uint32_t slots = fine ? meet_triangles8d(beam, fine, &enclosing)
+                          : meet_triangles8(beam, plain, &enclosing);
     for (; slots; slots &= slots - 1) {
-        int slot = __builtin_ctz(slots);
-        met |= fine ? test_rays8d(query, fine, slot, lanes) : test_rays8(query, plain, slot, lanes);
+        int slot = __builtin_ctz(slots), encloses = enclosing >> slot & 1;
+        met |= fine ? test_rays8d(query, fine, slot, lanes, encloses)
+                    : test_rays8(query, plain, slot, lanes, encloses);
     }
     if (ends_at_first)
         query->active &= ~met;
@@ -580,36 +632,41 @@ static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, int32_
 }
 
 static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
-    BeamVisit stack[MAX_STACK];
-    int height = 1;
+    BeamVisit stack[MAX_STACK], visit = {0.0f, 0, -1, -1};
+    int height = 0;
     float depth = find_depth(query, beam);
-    stack[0] = (BeamVisit){0.0f, 0, -1, -1};
-    while (height) {
-        BeamVisit visit = stack[--height];
-        if (visit.near > depth)
-            continue;
+    for (;;) {
         uint32_t lanes = visit.slot < 0
                              ? query->active
                              : meet_child(query, query->nodes + visit.parent, visit.slot);
-        if (!lanes)
-            continue;
         int has_hit = 0;
-        if (visit.child < 0) {
+        if (lanes && visit.child < 0) {
             has_hit = test_leaf_rays(query, beam, lanes, ~visit.child, ends_at_first);
         } else if (__builtin_popcount(lanes) <= SINGLE_RAYS) {
             has_hit = descend_rays(query, lanes, visit.child, ends_at_first);
         } else {
+            const BvhNode *node = query->nodes + visit.child;
             Floats8 near;
             uint32_t narrow;
-            uint32_t met = meet_beam(beam, query->nodes + visit.child, depth, &near, &narrow);
-            if (met)
+            uint32_t met = meet_beam(beam, node, depth, &near, &narrow);
+            if (met & (met - 1)) {
                 height = push_parts(query, visit.child, met, narrow, near, stack, height);
+            } else if (met) {
+                int slot = __builtin_ctz(met);
+                visit = (BeamVisit){0.0f, node->child[slot], visit.child, narrow & met ? slot : -1};
+                prefetch(query, visit.child);
+                continue;
+            }
         }
-        if (has_hit) {
-            if (!query->active)
-                return;
+        if (!height || !query->active)
+            return;
+        if (has_hit)
             depth = find_depth(query, beam);
-        }
+        do {
+            if (!height)
+                return;
+            visit = stack[--height];
+        } while (visit.near > depth);
     }
 }
 

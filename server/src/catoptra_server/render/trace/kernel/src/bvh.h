@@ -42,7 +42,7 @@ typedef struct {
 
 /* Children lie at the front. Boxes of missing ones are turned inside out: nothing meets them. */
 typedef struct {
-    Floats8 bounds[6]; /* least x, y, z, most x, y, z */
+    _Alignas(64) Floats8 bounds[6]; /* least x, y, z, most x, y, z */
     int32_t child[LANES]; /* a node, ~leaf, or NO_CHILD */
 } BvhNode;
 
@@ -63,6 +63,7 @@ typedef struct {
     BvhLeaf *leaves;       /* NULL for a large mesh */
     FineLeaf *fine_leaves; /* of a large mesh; else NULL */
     int32_t num_nodes, num_leaves;
+    float largest; /* coordinate of the box, 0 without */
 } Bvh;
 
 /* The triangles of a leaf, NO_TRIANGLE for unused lanes. */

@@ -4,8 +4,9 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "camera_rays.h"
 
+#include "lanes.h"
+
 #include <math.h>
-#include <string.h>
 
 /* World directions and origins of rays with times of their own. */
 static void place_rays_singly(const FrameState *state, const RayTable *table, size_t block,
@@ -87,16 +88,12 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
 static void turn_rays(const FrameState *state, const float *from, RayBlock *rays) {
     const Pose *pose = &state->camera;
     const float *r = pose->rotation;
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->direction[axis][lane] = r[3 * axis] * from[lane] +
-                                          r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
-                                          r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane];
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->origin[axis][lane] = pose->translation[axis];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        rays->time[lane] = state->time;
+    Floats16 x = load16(from), y = load16(from + BLOCK_RAYS), z = load16(from + 2 * BLOCK_RAYS);
+    for (int axis = 0; axis < 3; axis++) {
+        store16(r[3 * axis] * x + r[3 * axis + 1] * y + r[3 * axis + 2] * z, rays->direction[axis]);
+        store16(splat16(pose->translation[axis]), rays->origin[axis]);
+    }
+    store16(splat16(state->time), rays->time);
     rays->has_origins = 0;
 }
 
@@ -133,8 +130,7 @@ void load_ordered(const FrameState *state, int tile, const uint16_t *source, Ray
         place_origins(state, origins[0], rays);
     /* The block of the table whose steps between neighbours are nearest. */
     rays->index = first + source[0] / BLOCK_RAYS;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        rays->limit[lane] = INFINITY;
+    store16(splat16(INFINITY), rays->limit);
     rays->active = active;
 }
 
@@ -146,8 +142,7 @@ void load_rays(const FrameState *state, const RayTable *table, size_t block, Ray
         turn_rays(state, table->directions + first, rays);
     if (table->origins && !table->times)
         place_origins(state, table->origins + first, rays);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        rays->limit[lane] = INFINITY;
+    store16(splat16(INFINITY), rays->limit);
     rays->active = table->valid[block];
     rays->index = block;
 }

@@ -1,4 +1,4 @@
-/* Vectors of 8 and of 16 floats, in as many registers as the processor needs for them. The same
+/* Vectors of 4, 8 and 16 floats, in as many registers as the processor needs for them. The same
  * operations in the same order on each, so the same bits: sums of lanes have an order, too. */
 #ifndef CATOPTRA_LANES_H
 #define CATOPTRA_LANES_H
@@ -13,7 +13,7 @@
 #define DEFINE_LANES(S, N, VECTOR, MASK, REAL, INT)                                                \
     typedef REAL VECTOR __attribute__((vector_size(sizeof(REAL) * N)));                            \
     typedef INT MASK __attribute__((vector_size(sizeof(INT) * N)));                                \
-    static inline VECTOR splat##S(REAL value) { return (VECTOR){0} + value; }                      \
+    static inline VECTOR splat##S(REAL value) { return value - (VECTOR){0}; }                      \
     static inline VECTOR load##S(const REAL *values) {                                             \
         VECTOR loaded;                                                                             \
         __builtin_memcpy(&loaded, values, sizeof loaded);                                          \
@@ -36,6 +36,7 @@
     static inline VECTOR least##S(VECTOR a, VECTOR b) { return select##S(a < b, a, b); }           \
     static inline VECTOR most##S(VECTOR a, VECTOR b) { return select##S(a > b, a, b); }
 
+DEFINE_LANES(4, 4, Floats4, Ints4, float, int32_t)
 DEFINE_LANES(8, 8, Floats8, Ints8, float, int32_t)
 DEFINE_LANES(16, 16, Floats16, Ints16, float, int32_t)
 DEFINE_LANES(8d, 8, Doubles8, Longs8, double, int64_t)
@@ -80,6 +81,20 @@ static inline Ints16 mask16(uint32_t bits) {
             (int32_t)bits) != 0;
 }
 
+static inline Floats16 join_halves(Floats8 a, Floats8 b) {
+    return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+static inline Floats16 exchange_halves(Floats16 a) {
+    return __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/* Bit mask of the lanes that both halves of a mask have. */
+static inline uint32_t in_both_halves(Ints16 mask) {
+    uint32_t bits = bits16(mask);
+    return bits & bits >> 8;
+}
+
 static inline float most_of16(Floats16 a) {
     Floats8 b = most8(__builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7),
                       __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15));
@@ -90,5 +105,21 @@ static inline float most_of16(Floats16 a) {
 }
 
 static inline float least_of16(Floats16 a) { return -most_of16(-a); }
+
+/* The least lanes of four vectors. */
+static inline Floats4 least_of_each16(const Floats16 a[4]) {
+    Floats4 b[4], c[2];
+    for (int i = 0; i < 4; i++) {
+        Floats8 half = least8(__builtin_shufflevector(a[i], a[i], 0, 1, 2, 3, 4, 5, 6, 7),
+                              __builtin_shufflevector(a[i], a[i], 8, 9, 10, 11, 12, 13, 14, 15));
+        b[i] = least4(__builtin_shufflevector(half, half, 0, 1, 2, 3),
+                      __builtin_shufflevector(half, half, 4, 5, 6, 7));
+    }
+    for (int i = 0; i < 2; i++)
+        c[i] = least4(__builtin_shufflevector(b[2 * i], b[2 * i + 1], 0, 1, 4, 5),
+                      __builtin_shufflevector(b[2 * i], b[2 * i + 1], 2, 3, 6, 7));
+    return least4(__builtin_shufflevector(c[0], c[1], 0, 2, 4, 6),
+                  __builtin_shufflevector(c[0], c[1], 1, 3, 5, 7));
+}
 
 #endif
