@@ -5,7 +5,8 @@ lights of every point. Radiance = albedo (E_sky + sum of E_l V_l), with V_l = 1 
 visible and 0 elsewhere: lights are points and directions, so shadows have no penumbra. Domain: lit
 surfaces; unlit ones only cast shadows. Criterion: the radiance from occludable lights on the
 surface whose encoded value changes most, in grey levels; 0 if nothing can occlude a light (a
-necessary condition on planes, `bounds`).
+necessary condition on planes, `bounds`). In mode auto the native kernel casts no rays to lamps
+whose light, together, changes the finished pixel by at most the threshold.
 """
 
 from __future__ import annotations

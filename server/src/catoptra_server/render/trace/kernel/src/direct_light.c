@@ -18,6 +18,10 @@
 #define MIN_SQUARED_DISTANCE 1e-6f
 #define UNLIMITED INFINITY
 
+/* The steepest part of the sRGB curve, and the factor of x^(-7/12) in the slope of the rest. */
+#define STEEPEST 12.92f
+#define SLOPE 0.4396f
+
 /* A light as 16 points see it. */
 typedef struct {
     _Alignas(64) float direction[3][BLOCK_RAYS];
@@ -117,9 +121,49 @@ static Uncertainty look_up_light(const FrameState *state, int light, const HitBl
     return found;
 }
 
+/* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
+ * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
+ * smaller gain, and behind any texture. */
+void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
+    const Frame *frame = state->frame;
+    int is_any = frame->has_shadows && frame->measures_shadows && frame->shadow_threshold > 0.0f;
+    float gain = frame->largest_gain, share = frame->shadow_threshold / (255.0f * gain);
+    memset(surface->unseen, 0, sizeof surface->unseen);
+    for (int channel = 0; is_any && channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            float x = gain * radiance[channel][i];
+            x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+            float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
+            float curved = root * eighth * (1.0f / SLOPE);
+            surface->unseen[channel][i] =
+                share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
+        }
+}
+
+/* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
+static uint32_t skip_unseen(const Light *light, const float factor[BLOCK_RAYS], uint32_t among,
+                            SurfaceBlock *surface) {
+    _Alignas(64) float left[3][BLOCK_RAYS];
+    int32_t is_skipped[BLOCK_RAYS];
+    for (int channel = 0; channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            left[channel][i] = surface->unseen[channel][i] -
+                               factor[i] * surface->albedo[channel][i] * light->intensity[channel];
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        is_skipped[i] = (left[0][i] >= 0.0f) & (left[1][i] >= 0.0f) & (left[2][i] >= 0.0f);
+    uint32_t skipped = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        skipped |= (uint32_t)is_skipped[lane] << lane;
+    skipped &= among;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (skipped >> lane & 1)
+            set_lane(surface->unseen, lane, get_lane((const float(*)[BLOCK_RAYS])left, lane));
+    return skipped;
+}
+
 /* Rays from whose points the light is occluded. */
 static uint32_t find_occluded(const FrameState *state, int light, const RayBlock *rays,
-                              const HitBlock *hits, const SurfaceBlock *surface,
+                              const HitBlock *hits, SurfaceBlock *surface,
                               const Incidence *incidence, uint32_t facing) {
     const Scene *scene = state->scene;
     const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
@@ -127,6 +171,9 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
         return 0;
     if (light < 32 && surface->proof.hidden >> light & 1)
         return facing;
+    facing &= ~skip_unseen(&scene->lights[light], incidence->factor, facing, surface);
+    if (!facing)
+        return 0;
     Uncertainty found = look_up_light(state, light, hits, surface, facing);
     uint32_t occluded = found.hidden;
     if (!(found.unknown | found.behind_objects))
@@ -154,7 +201,7 @@ static void add_reflected(const Light *light, const SurfaceBlock *surface, const
 }
 
 void add_light(const FrameState *state, int number, const RayBlock *rays, const HitBlock *hits,
-               const SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost) {
+               SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost) {
     const Light *light = &state->scene->lights[number];
     uint32_t added = find_added(state, light, hits, surface->lit);
     if (!added)

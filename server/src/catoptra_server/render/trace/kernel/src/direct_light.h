@@ -14,6 +14,7 @@ typedef struct {
     uint32_t textured; /* those with a texture */
     uint32_t dim;      /* rays whose hits lack a part of the sky; computed or not */
     LightProof proof;  /* of all computed rays */
+    _Alignas(64) float unseen[3][BLOCK_RAYS]; /* light, before textures, that nobody misses */
 } SurfaceBlock;
 
 /* Radiance that rays lose by shadows. */
@@ -22,9 +23,13 @@ typedef struct {
     uint32_t rays;                              /* bit mask of those that lose any */
 } LostLight;
 
+/* How much light of lamps nobody misses in the radiance of other light, (3, 16); of it, `add_light`
+ * takes that of lamps for which it casts no ray. */
+void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface);
+
 /* Add the light of one directional or point light to the lit rays, and what is occluded to `lost`,
  * which may be NULL. */
 void add_light(const FrameState *state, int light, const RayBlock *rays, const HitBlock *hits,
-               const SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost);
+               SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost);
 
 #endif

@@ -192,7 +192,9 @@ typedef struct {
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
     int32_t measures_shadows; /* shadow_change of the counts is wanted */
-    float shadow_threshold;   /* grey levels: other instants are measured up to it */
+    /* Grey levels: lamps whose light changes less, together, cast no shadow rays where shadows are
+     * measured; and other instants are measured up to it. */
+    float shadow_threshold;
     int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
     int32_t has_few_rays; /* they take less time than proofs of what fills parts of the image */
     int32_t output;
@@ -217,7 +219,7 @@ typedef struct {
 typedef struct {
     int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
     int32_t num_tiles;
-    /* Largest change of a pixel by shadows, encoded grey levels: of the sharp frame, and at any
+    /* Largest change of a pixel by the shadows drawn, encoded grey levels: of the sharp frame, and at any
      * instant that its blur traces where the sharp frame's is at most the threshold. */
     float shadow_change;
     int32_t shows_watched; /* whether the watched object is seen */

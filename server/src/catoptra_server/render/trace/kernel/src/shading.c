@@ -266,6 +266,8 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     }
     /* Before any other light is added. */
     hide_sky(state, surface.dim, rays, hits, radiance);
+    if (surface.lit)
+        allow_unseen(state, radiance, &surface);
     for (int light = 0; surface.lit && light < state->scene->num_lights; light++)
         add_light(state, light, rays, hits, &surface, radiance, lost);
     if (!surface.textured)
