@@ -164,9 +164,19 @@ class EffectBound:
     for an effect that displaces no light."""
 
 
+@dataclass(frozen=True, slots=True)
+class LightSource:
+    """Lamp or sun in a picture."""
+
+    pixel: tuple[float, float]
+    """Place (u, v)."""
+    irradiance: tuple[float, float, float]
+    """Of a surface at the viewpoint that faces the source, RGB."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CaptureContext:
-    """Noise seed and ranges of one exposure."""
+    """Noise seed, ranges and sources of one exposure."""
 
     noise_seed: NoiseSeed = ZERO_SEED
     range_m: npt.NDArray[np.float32] | None = None
@@ -175,6 +185,8 @@ class CaptureContext:
     inf where a pixel shows the background, and outside the mirror. None where no enabled effect
     needs ranges.
     """
+    sources: tuple[LightSource, ...] = ()
+    """Lights in view, where ranges tell which are: `kernels/light_sources`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +249,8 @@ class SceneSummary:
     """
     included_effects: frozenset[tuple[str, str]] = frozenset()
     """Pairs of an effect and of the enabled effect that does its work as well, by name."""
+    source_light_px: float = 0.0
+    """Light that lamps and suns bring into the image, radiance times pixels, of any colour."""
     has_defocus: bool = True
     """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
     gains: Gains = UNCHANGED
@@ -439,6 +453,8 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         "MirrorDust": "mirror.mirror_dust.EFFECT_TYPE",
         "MirrorReflectance": "mirror.mirror_reflectance.EFFECT_TYPE",
         "Vignetting": "medium.vignetting.EFFECT_TYPE",
+        # Of the light that reaches the image: after the lens's own shading.
+        "VeilingGlare": "medium.veiling_glare.EFFECT_TYPE",
         # From here on radiance 1 fills a pixel's well.
         "Exposure": "sensor.exposure.EFFECT_TYPE",
         "AutoExposure": "sensor.auto_exposure.EFFECT_TYPE",

@@ -16,6 +16,7 @@ from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.diffraction import Diffraction
 from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.effects.medium.veiling_glare import VeilingGlare
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
@@ -172,6 +173,13 @@ EFFECT_CASES = (
         Vignetting(),
         _NegligibleCase("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
         "the paper's mirror by day",
+    ),
+    EffectCase(
+        VeilingGlare(0.05, 0.5, 5e-5, 7.4e-6),
+        _NegligibleCase(
+            "a lens that scatters a hundred-thousandth", VeilingGlare(1e-5, 0.5, 5e-5, 7.4e-6)
+        ),
+        "a lens that scatters 5 % of its light",
     ),
     EffectCase(
         _LONG_EXPOSURE,
