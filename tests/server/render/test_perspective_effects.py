@@ -162,7 +162,7 @@ def test_lamp_ahead_spreads_its_glare_unless_a_wall_hides_it(
 ) -> None:
     wall = Item("wall", Box((0.1, 40.0, 40.0)), Pose.from_rpy((distance_m, 0.0, 0.0)), WHITE)
     lamp = PointLight((4.0, 0.0, 0.0), (1.6, 0.8, 0.0))
-    world = World("lamp", (wall,), (lamp,), background=(0.0, 0.0, 0.0))
+    world = World("lamp", (wall,), lights=(lamp,), background=(0.0, 0.0, 0.0))
     effect = make_any_effect("VeilingGlare", {"index": 0.1})
     plan = plan_always(world, STILL, CAMERA, effect)
     view = make_renderer(world).prepare_perspective(CAMERA, 1)
