@@ -35,7 +35,7 @@ reads. One threshold serves all effects. Half a pixel and half a grey level are 
 a displacement counts with the contrast that the scene can show, so what displaces light is hardly
 ever off by proof, and off by measurement where nothing but flat surfaces is in view.
 
-Effects know no mirror but for four: they take any camera with an optical axis (`RadialCamera`), a
+Effects know no mirror but for five: they take any camera with an optical axis (`RadialCamera`), a
 lens too. An effect that is left out has no pass, program or texture. Each one that runs is a stage
 of its own: a fused one would be faster on llvmpipe, but no effect would have a cost of its own, and
 each new one would meet all others.
@@ -450,6 +450,7 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         "Misalignment": "medium.misalignment.EFFECT_TYPE",
         "ChromaticAberration": "medium.chromatic_aberration.EFFECT_TYPE",
         "Diffraction": "medium.diffraction.EFFECT_TYPE",
+        "MirrorHolder": "mirror.mirror_holder.EFFECT_TYPE",
         "MirrorDust": "mirror.mirror_dust.EFFECT_TYPE",
         "MirrorReflectance": "mirror.mirror_reflectance.EFFECT_TYPE",
         "Vignetting": "medium.vignetting.EFFECT_TYPE",

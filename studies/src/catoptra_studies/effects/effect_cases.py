@@ -19,6 +19,7 @@ from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.effects.medium.veiling_glare import VeilingGlare
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust
+from catoptra_server.effects.mirror.mirror_holder import MirrorHolder
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -151,6 +152,13 @@ EFFECT_CASES = (
         _NegligibleCase("the same lens by moonlight", Diffraction(16.0, 7.4e-6), 1e-5),
         "F/16 on pixels of 7.4 um, 10 times enlarged",
         zoom=10,
+    ),
+    EffectCase(
+        MirrorHolder(0, 0.05, 1.49, 0.0, 0.0, 0.0, _APERTURE),
+        _NegligibleCase(
+            "a tube that is nearly air", MirrorHolder(0, 0.05, 1.001, 0.0, 0.0, 0.0, _APERTURE)
+        ),
+        "a tube of acrylic glass, 5 cm from the axis",
     ),
     EffectCase(
         MirrorDust(Contaminants(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _APERTURE),

@@ -56,6 +56,12 @@ from catoptra_server.effects.medium.veiling_glare import (
 )
 from catoptra_server.effects.medium.vignetting import vignetting_map
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
+from catoptra_server.effects.mirror.mirror_holder import (
+    MirrorHolder,
+    opposite_sums,
+    strut_coverage,
+    tube_maps,
+)
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance, reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.image_changer import (
@@ -84,7 +90,8 @@ from catoptra_server.world.objects import NoiseSeed
     _MAGNIFY,
     _BLOOM,
     _BAYER,
-) = range(14)
+    _GHOST,
+) = range(15)
 # A line of the processor's cache, which the kernel's rows of vectors begin at.
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
@@ -351,6 +358,20 @@ def _make_misalignment(effect: Misalignment, exposed: ExposedImage) -> _StageWit
     return _make(_WARP, *lookup_maps(effect, camera))
 
 
+def _make_holder(effect: MirrorHolder, exposed: ExposedImage) -> _StageWithMaps:
+    camera = cast(OmniCamera, exposed.camera)
+    maps = _holder_maps(effect, camera)
+    if effect.num_struts:
+        return _make(_COVER, *maps, numbers=(effect.albedo,))
+    return _make(_GHOST, *maps, numbers=opposite_sums(camera))
+
+
+@lru_cache(maxsize=4)
+def _holder_maps(effect: MirrorHolder, camera: OmniCamera) -> tuple[_Float32s, ...]:
+    maps = (strut_coverage(effect, camera),) if effect.num_struts else tube_maps(effect, camera)
+    return tuple(one.astype(np.float32) for one in maps)
+
+
 def _make_glare(effect: VeilingGlare, exposed: ExposedImage) -> _StageWithMaps:
     camera = exposed.camera
     spread = glare_spread(effect, camera)
@@ -373,6 +394,7 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
         _MAGNIFY, *channel_offsets_px(effect, exposed.camera)
     ),
     "Diffraction": _make_diffraction,
+    "MirrorHolder": _make_holder,
     "MirrorDust": _make_dust,
     "MirrorReflectance": lambda effect, exposed: _make(
         _GAIN, _reflectances(effect, cast(OmniCamera, exposed.camera))

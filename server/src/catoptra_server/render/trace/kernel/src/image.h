@@ -22,7 +22,8 @@ enum {
     STAGE_WARP = 10,     /* maps[0] offsets (h, w, 3), the third unused, maps[1] fraction kept (h, w) */
     STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
     STAGE_BLOOM = 12,    /* numbers[0] overflowing fraction;  size: rows */
-    STAGE_BAYER = 13
+    STAGE_BAYER = 13,
+    STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both columns, rows */
 };
 
 typedef struct {

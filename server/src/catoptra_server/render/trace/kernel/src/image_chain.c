@@ -111,7 +111,7 @@ static void measure_luminance(Device *device, Pass *pass) {
 
 static Visit *const SPREADS[] = {
     [STAGE_BLUR] = blur, [STAGE_WARP] = warp,      [STAGE_MAGNIFY] = magnify,
-    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic,
+    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic, [STAGE_GHOST] = add_ghost,
 };
 
 static int is_point_stage(const ImageStage *stage) { return stage->kind < STAGE_BLUR; }
