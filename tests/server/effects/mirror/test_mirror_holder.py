@@ -134,7 +134,7 @@ def test_criterion_enables_what_shows() -> None:
         off=[(replace(TUBE, refractive_index=1.0005), 1.0), (TUBE, 1e-4), (STRUTS, 1e-5)],
         on=[(TUBE, 1.0), (TUBE, 0.3), (STRUTS, 1.0)],
     )
-    # A white mirror darkens black nowhere: the ghost decides in the dark.
+    # Glass of a low index: the ghost is the smaller change.
     assert_effect_not_negligible(replace(TUBE, refractive_index=1.2))
 
 

@@ -200,7 +200,7 @@ static size_t range_bytes(const Pass *pass) {
 int64_t catoptra_image_scratch(const ImageJob *job) {
     Pass pass = lay_out_pass(job);
     return (int64_t)(2 * plane_bytes(&pass) + sum_bytes(&pass) + range_bytes(&pass) +
-                     2 * glare_bytes(job));
+                     glare_bytes(job));
 }
 
 static void place(Pass *pass, char *scratch) {
@@ -210,7 +210,6 @@ static void place(Pass *pass, char *scratch) {
     pass->from.values = (float *)(scratch + sum_bytes(pass) + range_bytes(pass));
     pass->to.values = pass->from.values + 3 * pass->from.plane;
     pass->means = pass->to.values + 3 * pass->to.plane;
-    pass->scattered = pass->means + glare_bytes(pass->job) / sizeof(float);
 }
 
 void catoptra_change_image(Device *device, ImageJob *job) {

@@ -24,8 +24,9 @@ size_t glare_bytes(const ImageJob *job) {
     for (int i = 0; i < job->num_stages; i++) {
         if (job->stages[i].kind != STAGE_GLARE)
             continue;
-        size_t plane = lay_out_cells(job, job->stages + i).plane;
-        most = plane > most ? plane : most;
+        Cells cells = lay_out_cells(job, job->stages + i);
+        size_t values = 2 * cells.plane + (size_t)cells.rows * (size_t)job->width;
+        most = values > most ? values : most;
     }
     return sizeof(float) * 3 * most;
 }
@@ -79,18 +80,6 @@ static void exchange(const Pass *pass, const Cells *cells, int channel) {
     }
 }
 
-void scatter(Pass *pass) {
-    const ImageStage *stage = pass->stage;
-    Cells cells = lay_out_cells(pass->job, stage);
-    for (int channel = 0; channel < 3; channel++) {
-        pass->veil[channel] = (float)average_cells(pass, &cells, channel) * stage->numbers[1];
-        exchange(pass, &cells, channel);
-        const float *source = stage->maps[1];
-        for (int i = 0; i < stage->num_rows; i++)
-            pass->veil[channel] += source[i * SOURCE_NUMBERS + 5 + channel];
-    }
-}
-
 /* Cell before a pixel's place between the centres of cells, and the fraction of the way to the
  * next. */
 static int place_between(int pixel, int side, int count, float *fraction) {
@@ -102,30 +91,52 @@ static int place_between(int pixel, int side, int count, float *fraction) {
     return before;
 }
 
+/* Interpolate each row of cells to the image's columns. */
+static void widen(const Pass *pass, const Cells *cells, int channel) {
+    const float *received = pass->scattered + (size_t)channel * cells->plane;
+    int width = pass->job->width;
+    float *line = pass->lines + (size_t)(channel * cells->rows) * (size_t)width;
+    for (int row = 0; row < cells->rows; row++, received += cells->columns, line += width)
+        for (int x = 0; x < width; x++) {
+            float right;
+            int column = place_between(x, cells->side, cells->columns, &right);
+            int next = cells->columns > 1 ? column + 1 : column;
+            line[x] = received[column] + right * (received[next] - received[column]);
+        }
+}
+
+void scatter(Pass *pass) {
+    const ImageStage *stage = pass->stage;
+    Cells cells = lay_out_cells(pass->job, stage);
+    pass->scattered = pass->means + 3 * cells.plane;
+    pass->lines = pass->scattered + 3 * cells.plane;
+    for (int channel = 0; channel < 3; channel++) {
+        pass->veil[channel] = (float)average_cells(pass, &cells, channel) * stage->numbers[1];
+        exchange(pass, &cells, channel);
+        widen(pass, &cells, channel);
+        const float *source = stage->maps[1];
+        for (int i = 0; i < stage->num_rows; i++)
+            pass->veil[channel] += source[i * SOURCE_NUMBERS + 5 + channel];
+    }
+}
+
 void change_glare(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                   float *values, int count) {
     Cells cells = lay_out_cells(pass->job, stage);
-    int y = (int)(first / (size_t)pass->job->width), left = (int)(first % (size_t)pass->job->width);
-    float below, right;
+    size_t width = (size_t)pass->job->width;
+    int y = (int)(first / width), left = (int)(first % width);
+    float below, kept = stage->numbers[0], veil = pass->veil[channel];
     int row = place_between(y, cells.side, cells.rows, &below);
-    const float *above = pass->scattered + (size_t)channel * cells.plane + row * cells.columns;
-    const float *under = above + (cells.rows > 1 ? cells.columns : 0);
-    const float *sources = stage->maps[1];
-    for (int x = 0; x < count; x++) {
-        int column = place_between(left + x, cells.side, cells.columns, &right);
-        int next = cells.columns > 1 ? column + 1 : column;
-        float before = above[column] + below * (under[column] - above[column]);
-        float after = above[next] + below * (under[next] - above[next]);
-        values[x] = stage->numbers[0] * values[x] + (before + right * (after - before)) +
-                    pass->veil[channel];
-    }
+    const float *above = pass->lines + (size_t)(channel * cells.rows + row) * width + left;
+    const float *under = above + (cells.rows > 1 ? width : 0);
+    for (int x = 0; x < count; x++)
+        values[x] = kept * values[x] + (above[x] + below * (under[x] - above[x])) + veil;
     for (int i = 0; i < stage->num_rows; i++) {
-        const float *source = sources + i * SOURCE_NUMBERS;
-        float dv = (float)y + 0.5f - source[1], from_row = dv * dv;
+        const float *source = (const float *)stage->maps[1] + i * SOURCE_NUMBERS;
+        float dv = (float)y + 0.5f - source[1], from_row = dv * dv, peak = source[2 + channel];
         for (int x = 0; x < count; x++) {
             float du = (float)(left + x) + 0.5f - source[0];
-            values[x] += source[2 + channel] /
-                         (1.0f + stage->numbers[2] * (du * du + from_row));
+            values[x] += peak / (1.0f + stage->numbers[2] * (du * du + from_row));
         }
     }
 }

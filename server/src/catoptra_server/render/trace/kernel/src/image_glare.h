@@ -4,7 +4,7 @@
 
 #include "image_planes.h"
 
-/* Bytes of a value for each glare's cell of the largest such stage; 0 without one. */
+/* Bytes that the largest glare works in; 0 without one. */
 size_t glare_bytes(const ImageJob *job);
 
 /* Scattered light at the cells' centres, before `change_glare`. */

@@ -36,6 +36,7 @@ typedef struct {
     double *row_sums;  /* (height,) luminance */
     float mean_luminance;
     float *means, *scattered; /* (3, rows, columns) of a glare's cells */
+    float *lines;             /* (3, rows, width) scattered light between them */
     float veil[3];
     atomic_int next;
     /* Bits of floats that are 0 or more. */
