@@ -22,6 +22,7 @@ from catoptra_server.effects import LightSource
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.shading import (
     MIN_LIGHT_DISTANCE_M,
+    ShadowCastingLight,
     direction_to_light,
     shadow_casting_lights,
 )
@@ -59,7 +60,7 @@ def find_light_sources(
     return tuple(found)
 
 
-def _irradiance(light: Light, distance_m: float) -> Floats:
+def _irradiance(light: ShadowCastingLight, distance_m: float) -> Floats:
     """(3,) irradiance of a surface that faces a light."""
     if isinstance(light, DirectionalLight):
         return np.array(light.irradiance)

@@ -183,7 +183,7 @@ def _exchange(spread: GlareSpread, image: Floats) -> Floats:
     whole[: image.shape[0], : image.shape[1]] = image
     means = whole.reshape(rows, side, columns, side, 3).sum(axis=(1, 3)) / (side * side)
     apart = np.abs(np.arange(columns)[:, None] - np.arange(columns))
-    received = np.zeros_like(means)
+    received: Floats = np.zeros_like(means)
     for distance, weights in enumerate(spread.kernel):
         mixed = matmul(weights[apart], means)
         received[distance:] += mixed[: rows - distance]
@@ -202,7 +202,8 @@ def _interpolate(spread: GlareSpread, received: Floats, camera: RadialCamera) ->
         shape[axis] = count
         fraction = (place - before).reshape(shape)
         after = received.take(np.minimum(before + 1, last), axis=axis)
-        received = (1.0 - fraction) * received.take(before, axis=axis) + fraction * after
+        mixed: Floats = (1.0 - fraction) * received.take(before, axis=axis) + fraction * after
+        received = mixed
     return received
 
 

@@ -140,7 +140,8 @@ class MirrorHolder:
             np.clip(last - np.arange(count), 0, count - 1)
             for last, count in zip(opposite_sums(camera), image.shape[1::-1], strict=True)
         )
-        return image * direct + image[rows[:, None], columns] * ghost
+        mixed: npt.NDArray[Real] = image * direct + image[rows[:, None], columns] * ghost
+        return mixed
 
 
 def opposite_sums(camera: OmniCamera) -> tuple[int, int]:
