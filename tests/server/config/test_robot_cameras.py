@@ -208,6 +208,6 @@ def test_camera_with_an_effect_of_mirrors_is_rejected_at_its_line(
         assert part in text
 
 
-def test_effects_of_mirrors_are_the_four_that_a_lens_cannot_have() -> None:
+def test_effects_of_mirrors_are_the_five_that_a_lens_cannot_have() -> None:
     names = {kind.name for kind in EFFECT_TYPES.values() if kind.needs_mirror}
-    assert names == {"MirrorDust", "MirrorReflectance", "Misalignment", "SelfView"}
+    assert names == {"MirrorDust", "MirrorHolder", "MirrorReflectance", "Misalignment", "SelfView"}

@@ -18,9 +18,17 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import EFFECT_TYPES, Effect, EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects import (
+    EFFECT_TYPES,
+    CaptureContext,
+    Effect,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+)
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
+from catoptra_server.effects.kernels.light_sources import find_light_sources
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
@@ -31,6 +39,7 @@ from catoptra_server.world.world_description import (
     Box,
     Item,
     Material,
+    PointLight,
     Twist,
     World,
     srgb_from_linear,
@@ -145,6 +154,29 @@ def test_vignetting_is_the_fourth_power_of_the_cosine_of_each_pixel_s_ray(
     expected = 0.5 * direction[..., 0] ** 4
     assert draw(view, STILL, plan)[..., 1] == pytest.approx(expected, rel=1e-3)
     view.close()
+
+
+@pytest.mark.parametrize("distance_m", [3.0, 5.0])
+def test_lamp_ahead_spreads_its_glare_unless_a_wall_hides_it(
+    make_renderer: RendererFactory, distance_m: float
+) -> None:
+    wall = Item("wall", Box((0.1, 40.0, 40.0)), Pose.from_rpy((distance_m, 0.0, 0.0)), WHITE)
+    lamp = PointLight((4.0, 0.0, 0.0), (1.6, 0.8, 0.0))
+    world = World("lamp", (wall,), lights=(lamp,), background=(0.0, 0.0, 0.0))
+    effect = make_any_effect("VeilingGlare", {"index": 0.1})
+    plan = plan_always(world, STILL, CAMERA, effect)
+    view = make_renderer(world).prepare_perspective(CAMERA, 1)
+    dark = draw(view, STILL, plan_always(world, STILL, CAMERA))
+    lit = draw(view, STILL, plan)
+    view.close()
+    ranges = np.full(dark.shape[:2], distance_m, dtype=np.float32)
+    sources = find_light_sources(world.lights, CAMERA, STILL, ranges)
+    assert len(sources) == (distance_m > 4.0)
+    (of_plan,) = plan.image_effects
+    expected = of_plan.apply(dark, CAMERA, CaptureContext(sources=sources))
+    np.testing.assert_allclose(lit, expected, atol=2e-5)
+    # A lit wall of radiance 1 at most is seen behind: the glare of the lamp itself.
+    assert (lit - dark)[60, 80, 0] > 0.05 or not sources
 
 
 def wall_to_the_right(edge_m: float = 0.0) -> World:

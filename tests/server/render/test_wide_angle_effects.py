@@ -103,6 +103,7 @@ def test_focus_is_a_sphere() -> None:
 def test_effects_of_mirrors_have_no_place_behind_a_lens() -> None:
     assert {kind.name for kind in EFFECT_TYPES.values() if kind.needs_mirror} == {
         "MirrorDust",
+        "MirrorHolder",
         "MirrorReflectance",
         "Misalignment",
         "SelfView",

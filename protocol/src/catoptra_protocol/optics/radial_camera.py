@@ -144,5 +144,8 @@ class RadialCamera(Protocol):
     def radius_slope_px(self, t: Floats) -> Floats:
         """Pixels per radian along the image radius, dr/dtheta, at t = tan(theta / 2)."""
 
+    def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
+        """Pixels (..., 2) of unit directions (..., 3), and a mask of those that are shown."""
+
     def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
         """Unit directions (..., 3) of (..., 2) pixels, and a mask of the pixels that show any."""

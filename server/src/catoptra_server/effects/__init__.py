@@ -35,7 +35,7 @@ reads. One threshold serves all effects. Half a pixel and half a grey level are 
 a displacement counts with the contrast that the scene can show, so what displaces light is hardly
 ever off by proof, and off by measurement where nothing but flat surfaces is in view.
 
-Effects know no mirror but for four: they take any camera with an optical axis (`RadialCamera`), a
+Effects know no mirror but for five: they take any camera with an optical axis (`RadialCamera`), a
 lens too. An effect that is left out has no pass, program or texture. Each one that runs is a stage
 of its own: a fused one would be faster on llvmpipe, but no effect would have a cost of its own, and
 each new one would meet all others.
@@ -164,9 +164,19 @@ class EffectBound:
     for an effect that displaces no light."""
 
 
+@dataclass(frozen=True, slots=True)
+class LightSource:
+    """Lamp or sun in a picture."""
+
+    pixel: tuple[float, float]
+    """Place (u, v)."""
+    irradiance: tuple[float, float, float]
+    """Of a surface at the viewpoint that faces the source, RGB."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CaptureContext:
-    """Noise seed and ranges of one exposure."""
+    """Noise seed, ranges and sources of one exposure."""
 
     noise_seed: NoiseSeed = ZERO_SEED
     range_m: npt.NDArray[np.float32] | None = None
@@ -175,6 +185,8 @@ class CaptureContext:
     inf where a pixel shows the background, and outside the mirror. None where no enabled effect
     needs ranges.
     """
+    sources: tuple[LightSource, ...] = ()
+    """Lights in view, where ranges tell which are: `kernels/light_sources`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +249,8 @@ class SceneSummary:
     """
     included_effects: frozenset[tuple[str, str]] = frozenset()
     """Pairs of an effect and of the enabled effect that does its work as well, by name."""
+    source_light_px: float = 0.0
+    """Light that lamps and suns bring into the image, radiance times pixels, of any colour."""
     has_defocus: bool = True
     """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
     gains: Gains = UNCHANGED
@@ -442,9 +456,12 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         "Misalignment": "medium.misalignment.EFFECT_TYPE",
         "ChromaticAberration": "medium.chromatic_aberration.EFFECT_TYPE",
         "Diffraction": "medium.diffraction.EFFECT_TYPE",
+        "MirrorHolder": "mirror.mirror_holder.EFFECT_TYPE",
         "MirrorDust": "mirror.mirror_dust.EFFECT_TYPE",
         "MirrorReflectance": "mirror.mirror_reflectance.EFFECT_TYPE",
         "Vignetting": "medium.vignetting.EFFECT_TYPE",
+        # Of the light that reaches the image: after the lens's own shading.
+        "VeilingGlare": "medium.veiling_glare.EFFECT_TYPE",
         # From here on radiance 1 fills a pixel's well.
         "Exposure": "sensor.exposure.EFFECT_TYPE",
         "AutoExposure": "sensor.auto_exposure.EFFECT_TYPE",

@@ -276,7 +276,8 @@ def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
         with np.errstate(divide="ignore"):  # a pixel that shows nothing is infinitely far away
             return np.asarray(1.0 / inverse.mean(axis=(1, 3)), dtype=np.float32)
 
-    return EffectTruth(spec.camera, rays.render_linear, measure_ranges)
+    lights = startup.world.lights
+    return EffectTruth(spec.camera, rays.render_linear, measure_ranges, lights)
 
 
 _NUM_PROCESSES = 2

@@ -16,8 +16,10 @@ from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.diffraction import Diffraction
 from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.effects.medium.veiling_glare import VeilingGlare
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust
+from catoptra_server.effects.mirror.mirror_holder import MirrorHolder
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -152,6 +154,13 @@ EFFECT_CASES = (
         zoom=10,
     ),
     EffectCase(
+        MirrorHolder(0, 0.05, 1.49, 0.0, 0.0, 0.0, _APERTURE),
+        _NegligibleCase(
+            "a tube that is nearly air", MirrorHolder(0, 0.05, 1.001, 0.0, 0.0, 0.0, _APERTURE)
+        ),
+        "a tube of acrylic glass, 5 cm from the axis",
+    ),
+    EffectCase(
         MirrorDust(Contaminants(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _APERTURE),
         _NegligibleCase(
             "a clean mirror", MirrorDust(Contaminants(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _APERTURE)
@@ -172,6 +181,13 @@ EFFECT_CASES = (
         Vignetting(),
         _NegligibleCase("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
         "the paper's mirror by day",
+    ),
+    EffectCase(
+        VeilingGlare(0.05, 0.5, 5e-5, 7.4e-6),
+        _NegligibleCase(
+            "a lens that scatters a hundred-thousandth", VeilingGlare(1e-5, 0.5, 5e-5, 7.4e-6)
+        ),
+        "a lens that scatters 5 % of its light",
     ),
     EffectCase(
         _LONG_EXPOSURE,

@@ -24,6 +24,7 @@ from catoptra_server.effects import (
     is_image_effect,
     is_scene_effect,
 )
+from catoptra_server.effects.kernels.light_sources import find_light_sources
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -33,7 +34,7 @@ from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.ray_table import Float32s
 from catoptra_server.world.objects import CameraState
-from catoptra_server.world.world_description import AT_REST
+from catoptra_server.world.world_description import AT_REST, Light
 
 # Sharp frames of an exposure.
 _NUM_SHARP_FRAMES = 64
@@ -65,6 +66,8 @@ class EffectTruth:
     camera: OmniCamera
     render_linear: _RenderLinear
     measure_ranges: _MeasureRanges
+    lights: tuple[Light, ...] = ()
+    """Lights of the world, which may be in view."""
     _pose: bytes = b""
     _known: dict[Hashable, object] = field(default_factory=dict)
 
@@ -184,7 +187,9 @@ class EffectTruth:
 
     def _make_context(self, state: CameraState, effects: Sequence[ImageEffect]) -> CaptureContext:
         is_needed = any(effect.needs_range for effect in effects)
-        return CaptureContext(state.noise_seed, self.measure_ranges(state) if is_needed else None)
+        range_m = self.measure_ranges(state) if is_needed else None
+        sources = find_light_sources(self.lights, self.camera, state, range_m)
+        return CaptureContext(state.noise_seed, range_m, sources)
 
     def _finish(
         self, light: Floats, effects: Sequence[ImageEffect], context: CaptureContext

@@ -53,6 +53,7 @@ from catoptra_server.effects.bounds.distances import (
 )
 from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
 from catoptra_server.effects.bounds.shadow_bounds import ShadowBounds
+from catoptra_server.effects.kernels.light_sources import max_source_light_px
 from catoptra_server.world.objects import (
     CameraState,
     DynamicObject,
@@ -153,6 +154,10 @@ class SceneSummarizer:
         if _RADIANCE_FIELDS.issuperset(fields):
             return SceneSummary(**values)
         camera_state = _rotate_to_optical_axis(camera_state, camera)
+        if "source_light_px" in fields:
+            viewpoint = camera_state.world_from_mirror.translation
+            light_px = max_source_light_px(self._world.lights, camera, viewpoint)
+            values["source_light_px"] = round_away_from_zero((light_px,))[0]
         has_self_view = "ego_body_max_angle_rad" in fields
         # A lens's own robot is not in view: no effect of such a camera adds the robot.
         if has_self_view and ego_body and isinstance(camera, OmniCamera) and camera.has_mirror:

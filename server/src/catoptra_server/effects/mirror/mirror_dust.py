@@ -37,12 +37,6 @@ from catoptra_server.effects import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.convolution import (
-    DiscKernelTable,
-    convolve_symmetric,
-    disc_kernel_table,
-    table_row,
-)
 from catoptra_server.effects.kernels.grey_levels import (
     camera_noise_key,
     grey_level,
@@ -50,11 +44,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     mean_luminance,
     valid_pixels,
 )
-from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
-    circle_of_confusion,
-    map_of_radius,
-)
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,
     mirror_surface_table,
@@ -62,6 +52,7 @@ from catoptra_server.effects.kernels.mirror_surface import (
     pixel_coverage,
     scratch_cells,
 )
+from catoptra_server.effects.kernels.near_blur import NearBlur, make_near_blur
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
 from catoptra_server.world.objects import NoiseSeed
 
@@ -159,45 +150,16 @@ def max_coverage(effect: MirrorDust, camera: OmniCamera) -> float:
     return min(1.0, dust + contaminants.num_scratches * min(1.0, scratch))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _SurfaceBlur:
-    """Blur of points on the mirror's surface."""
-
-    kernel_table: DiscKernelTable
-    table_row: Floats
-    """Fractional row of the kernel table for each pixel, (h, w)."""
-
-    @property
-    def max_weight(self) -> float:
-        """Largest weight in the kernel of any pixel."""
-        # The narrowest kernel has the largest weights.
-        narrowest = self.table_row.min(keepdims=True)
-        weights = self.kernel_table.interpolate(narrowest, self.kernel_table.half_width_px)
-        return float(weights.max())
-
-    def blur(self, image: Floats) -> Floats:
-        """Blur a (h, w) image."""
-        table, row = self.kernel_table, self.table_row
-        return convolve_symmetric(
-            image[..., None],
-            table.half_width_px,
-            lambda rows: table.interpolate(row[rows], table.half_width_px),
-        )[..., 0]
-
-
 @lru_cache(maxsize=4)
-def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
+def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> NearBlur:
     """Blur of the mirror's own surface by the lens."""
 
-    def diameter_px(radius_px: Floats) -> Floats:
-        within_px = np.minimum(radius_px, camera.rim_radius_px)
-        t = camera.projection.t_from_radius_ratio(within_px / camera.scale_px)
+    def range_m(radius_px: Floats) -> Floats:
+        t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
         # A point on the mirror has the range of its own distance from the viewpoint.
-        rho_m = hypot(*camera.mirror.surface_point(t))
-        return circle_of_confusion(effect.aperture, camera, radius_px).diameter_px(rho_m)
+        return hypot(*camera.mirror.surface_point(t))
 
-    diameters_px = map_of_radius(camera, diameter_px)
-    return _SurfaceBlur(disc_kernel_table(float(diameters_px.max())), table_row(diameters_px))
+    return make_near_blur(effect.aperture, camera, range_m)
 
 
 def _create_effect(

@@ -69,6 +69,7 @@ class RasterRenderer:
         self._device = device or open_device()
         self._thread = threading.get_ident()
         self._triangles = len(scene)
+        self._lights = world.lights
         self._image_changer = image_changer or NumpyImageChanger()
         with self._device.context as context:
             self._programs = ShaderPrograms(context)
@@ -137,6 +138,7 @@ class RasterRenderer:
             output,
             make_mirror_pass,
             make_range_pass,
+            self._lights,
             lookup_map,
         )
         return self._make_view(passes)
@@ -188,7 +190,14 @@ class RasterRenderer:
             return RangePass(context, self._programs, self._scene, centres, camera, identity)
 
         passes = ViewPasses(
-            context, self._programs, camera, faces, output, make_average, make_range_pass
+            context,
+            self._programs,
+            camera,
+            faces,
+            output,
+            make_average,
+            make_range_pass,
+            self._lights,
         )
         view = self._make_view(passes)
         view.prepare_plain()

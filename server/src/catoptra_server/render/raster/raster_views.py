@@ -25,6 +25,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
+from catoptra_server.effects.kernels.light_sources import find_light_sources
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
@@ -48,6 +49,7 @@ from catoptra_server.render.renderer import (
     StageClock,
 )
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.world_description import Light
 
 # Whether the device encodes the image; whether there are ranges; whether there is a shutter.
 _SequenceKey = tuple[bool, bool, bool]
@@ -143,8 +145,11 @@ class RasterView:
         self._run(sequence, camera_state, clock)
         light, range_m = sequence.read()
         clock.end_stage("readback")
-        context = CaptureContext(camera_state.noise_seed, range_m=range_m)
-        return ExposedImage(light, self._passes.camera, context)
+        camera = self._passes.camera
+        sources = find_light_sources(self._passes.lights, camera, camera_state, range_m)
+        return ExposedImage(
+            light, camera, CaptureContext(camera_state.noise_seed, range_m, sources)
+        )
 
     def _find_sequence(self, key: _SequenceKey) -> _PassSequence:
         """Sequence of a kind, built at the first call."""
@@ -222,6 +227,8 @@ class ViewPasses:
     """Builds the pass from the faces to the image in a target, encoded or linear."""
     make_range_pass: Callable[[], RangePass]
     """Builds the pass that measures the range of each pixel."""
+    lights: tuple[Light, ...]
+    """Lights of the world, which may be in view."""
     lookup_map: moderngl.Texture | None = None
     """Atlas coordinates of the samples of a mirror's image; None for a lens."""
 

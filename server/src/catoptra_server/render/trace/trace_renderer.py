@@ -17,6 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
+from catoptra_server.effects.kernels.light_sources import find_light_sources
 from catoptra_server.render.image_changer import ExposedImage
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
@@ -84,6 +85,7 @@ class TraceRenderer:
             scene_lights=world.lights if scene_lights is None else scene_lights,
         )
         self._triangles = len(scene)
+        self._lights = world.lights
 
     def describe(self) -> str:
         """One-line description for logs: engine, threads and scene size."""
@@ -107,7 +109,7 @@ class TraceRenderer:
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceView:
         """View of a camera's rays."""
-        return TraceView(camera, self._engine.prepare(table), self._engine)
+        return TraceView(camera, self._engine.prepare(table), self._engine, self._lights)
 
     def close(self) -> None:
         """Free the engine."""
@@ -161,17 +163,21 @@ def create_engine(
 class TraceView:
     """The rays of one camera."""
 
-    def __init__(self, camera: RadialCamera, rays: TracedRays, engine: TraceEngine) -> None:
+    def __init__(
+        self, camera: RadialCamera, rays: TracedRays, engine: TraceEngine, lights: tuple[Light, ...]
+    ) -> None:
         """Keep the prepared rays.
 
         Args:
             camera: Camera model, for the effects.
             rays: Rays of the image.
             engine: Engine of the rays, whose image changer applies image effects.
+            lights: Lights of the world, which may be in view.
         """
         self._camera = camera
         self._rays = rays
         self._engine = engine
+        self._lights = lights
 
     @property
     def memory_bytes(self) -> int:
@@ -218,7 +224,8 @@ class TraceView:
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""
-        context = CaptureContext(camera_state.noise_seed, range_m=frame.range_m)
+        sources = find_light_sources(self._lights, self._camera, camera_state, frame.range_m)
+        context = CaptureContext(camera_state.noise_seed, frame.range_m, sources)
         return ExposedImage(frame.image, self._camera, context)
 
     def _trace(

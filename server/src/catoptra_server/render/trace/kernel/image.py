@@ -48,8 +48,20 @@ from catoptra_server.effects.medium.misalignment import (
     Misalignment,
     lookup_maps,
 )
+from catoptra_server.effects.medium.veiling_glare import (
+    VeilingGlare,
+    glare_kernel,
+    glare_spread,
+    source_glare,
+)
 from catoptra_server.effects.medium.vignetting import vignetting_map
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
+from catoptra_server.effects.mirror.mirror_holder import (
+    MirrorHolder,
+    opposite_sums,
+    strut_coverage,
+    tube_maps,
+)
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance, reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.image_changer import (
@@ -72,12 +84,14 @@ from catoptra_server.world.objects import NoiseSeed
     _QUANTISE,
     _SHOT_NOISE,
     _READ_NOISE,
+    _GLARE,
     _BLUR,
     _WARP,
     _MAGNIFY,
     _BLOOM,
     _BAYER,
-) = range(13)
+    _GHOST,
+) = range(15)
 # A line of the processor's cache, which the kernel's rows of vectors begin at.
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
@@ -344,6 +358,34 @@ def _make_misalignment(effect: Misalignment, exposed: ExposedImage) -> _StageWit
     return _make(_WARP, *lookup_maps(effect, camera))
 
 
+def _make_holder(effect: MirrorHolder, exposed: ExposedImage) -> _StageWithMaps:
+    camera = cast(OmniCamera, exposed.camera)
+    maps = _holder_maps(effect, camera)
+    if effect.num_struts:
+        return _make(_COVER, *maps, numbers=(effect.albedo,))
+    return _make(_GHOST, *maps, numbers=opposite_sums(camera))
+
+
+@lru_cache(maxsize=4)
+def _holder_maps(effect: MirrorHolder, camera: OmniCamera) -> tuple[_Float32s, ...]:
+    maps = (strut_coverage(effect, camera),) if effect.num_struts else tube_maps(effect, camera)
+    return tuple(one.astype(np.float32) for one in maps)
+
+
+def _make_glare(effect: VeilingGlare, exposed: ExposedImage) -> _StageWithMaps:
+    camera = exposed.camera
+    spread = glare_spread(effect, camera)
+    sources = source_glare(effect, camera, exposed.context).astype(np.float32)
+    return _make(
+        _GLARE,
+        glare_kernel(effect, camera),
+        sources if len(sources) else None,
+        numbers=(1.0 - effect.index, spread.veil, spread.inverse_square),
+        size=spread.cell_px,
+        num_rows=len(sources),
+    )
+
+
 STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Defocus": _make_defocus,
     "DefocusByDepth": _make_defocus_by_depth,
@@ -352,11 +394,13 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
         _MAGNIFY, *channel_offsets_px(effect, exposed.camera)
     ),
     "Diffraction": _make_diffraction,
+    "MirrorHolder": _make_holder,
     "MirrorDust": _make_dust,
     "MirrorReflectance": lambda effect, exposed: _make(
         _GAIN, _reflectances(effect, cast(OmniCamera, exposed.camera))
     ),
     "Vignetting": lambda effect, exposed: _make(_GAIN, _vignettes(exposed.camera)),
+    "VeilingGlare": _make_glare,
     "Exposure": lambda effect, exposed: _make(_GAIN, numbers=(effect.gain,) * 3),
     "AutoExposure": lambda effect, exposed: _make(
         _AUTO_GAIN, numbers=(effect.target_luminance, effect.min_gain, effect.max_gain)

@@ -17,17 +17,19 @@ enum {
     STAGE_QUANTISE = 5,  /* codes;  numbers[0] of white */
     STAGE_SHOT_NOISE = 6,  /* numbers[0] radiance of one electron;  key */
     STAGE_READ_NOISE = 7,  /* numbers[0] standard deviation;  key */
-    STAGE_BLUR = 8,      /* see image_blur.c */
-    STAGE_WARP = 9,      /* maps[0] offsets (h, w, 3), the third unused, maps[1] fraction kept (h, w) */
-    STAGE_MAGNIFY = 10,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
-    STAGE_BLOOM = 11,    /* numbers[0] overflowing fraction;  size: rows */
-    STAGE_BAYER = 12
+    STAGE_GLARE = 8,     /* see image_glare.c */
+    STAGE_BLUR = 9,      /* see image_blur.c */
+    STAGE_WARP = 10,     /* maps[0] offsets (h, w, 3), the third unused, maps[1] fraction kept (h, w) */
+    STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
+    STAGE_BLOOM = 12,    /* numbers[0] overflowing fraction;  size: rows */
+    STAGE_BAYER = 13,
+    STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both columns, rows */
 };
 
 typedef struct {
     int32_t kind;
-    int32_t size;       /* of a blur's or an overflow's reach, px */
-    int32_t num_rows;   /* of a blur's table */
+    int32_t size;       /* of a blur's or an overflow's reach, or of a side of a glare's cell, px */
+    int32_t num_rows;   /* of a blur's table, or of a glare's sources */
     float threshold;    /* change in grey levels that nobody sees; negative: nothing is measured */
     float least_gain, largest_gain; /* from the stage's light to that of the finished picture */
     float numbers[4];

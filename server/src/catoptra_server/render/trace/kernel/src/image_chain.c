@@ -5,6 +5,7 @@
  * Threads: the calling thread begins each pass, the pool runs it. */
 #define _GNU_SOURCE
 #include "image_change.h"
+#include "image_glare.h"
 #include "image_points.h"
 #include "image_spread.h"
 
@@ -110,7 +111,7 @@ static void measure_luminance(Device *device, Pass *pass) {
 
 static Visit *const SPREADS[] = {
     [STAGE_BLUR] = blur, [STAGE_WARP] = warp,      [STAGE_MAGNIFY] = magnify,
-    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic,
+    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic, [STAGE_GHOST] = add_ghost,
 };
 
 static int is_point_stage(const ImageStage *stage) { return stage->kind < STAGE_BLUR; }
@@ -150,6 +151,8 @@ static void run_stages(Device *device, Pass *pass) {
             atomic_init(&changes[i], 0);
         if (needs_luminance(pass->stage))
             measure_luminance(device, pass);
+        if (pass->stage->kind == STAGE_GLARE)
+            scatter(pass);
         run(device, pass, change_points);
         for (int i = 0; i < pass->count; i++)
             pass->stage[i].change = read_maximum(&changes[i]);
@@ -196,7 +199,8 @@ static size_t range_bytes(const Pass *pass) {
 
 int64_t catoptra_image_scratch(const ImageJob *job) {
     Pass pass = lay_out_pass(job);
-    return (int64_t)(2 * plane_bytes(&pass) + sum_bytes(&pass) + range_bytes(&pass));
+    return (int64_t)(2 * plane_bytes(&pass) + sum_bytes(&pass) + range_bytes(&pass) +
+                     glare_bytes(job));
 }
 
 static void place(Pass *pass, char *scratch) {
@@ -205,6 +209,7 @@ static void place(Pass *pass, char *scratch) {
     pass->ranges = (CellRange *)(scratch + sum_bytes(pass));
     pass->from.values = (float *)(scratch + sum_bytes(pass) + range_bytes(pass));
     pass->to.values = pass->from.values + 3 * pass->from.plane;
+    pass->means = pass->to.values + 3 * pass->to.plane;
 }
 
 void catoptra_change_image(Device *device, ImageJob *job) {

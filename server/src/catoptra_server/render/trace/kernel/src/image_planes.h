@@ -35,6 +35,9 @@ typedef struct {
     CellRange *ranges; /* (cell_rows, cell_columns) of `from`, where a stage asks for them */
     double *row_sums;  /* (height,) luminance */
     float mean_luminance;
+    float *means, *scattered; /* (3, rows, columns) of a glare's cells */
+    float *lines;             /* (3, rows, width) scattered light between them */
+    float veil[3];
     atomic_int next;
     /* Bits of floats that are 0 or more. */
     _Atomic uint32_t change, other_change;

@@ -5,6 +5,7 @@
 #include "image_points.h"
 
 #include "image_change.h"
+#include "image_glare.h"
 
 #include <math.h>
 
@@ -88,6 +89,7 @@ static ChangeRow *const CHANGES[] = {
     [STAGE_COVER] = change_cover,
     [STAGE_PATTERN] = change_pattern,
     [STAGE_QUANTISE] = quantise,
+    [STAGE_GLARE] = change_glare,
 };
 
 /* Hash of three words to three uniform words (pcg3d); one vector of pixels at once. */

@@ -221,3 +221,25 @@ void demosaic(Pass *pass, const Cell *cell) {
     }
     measure_cell(pass, cell);
 }
+
+/* Light of the opposite pixel, reflected at the wall of a tube. */
+void add_ghost(Pass *pass, const Cell *cell) {
+    const ImageStage *stage = pass->stage;
+    int column_sum = (int)stage->numbers[0], row_sum = (int)stage->numbers[1];
+    copy_cell(pass, cell);
+    for (int row = cell->top; row < cell->top + cell->rows; row++) {
+        size_t first = (size_t)row * (size_t)pass->job->width;
+        const float *kept = (const float *)stage->maps[0] + first;
+        const float *ghost = (const float *)stage->maps[1] + first;
+        for (int channel = 0; channel < 3; channel++) {
+            const float *from = row_at(&pass->from, channel, row);
+            const float *opposite =
+                row_at(&pass->from, channel, clamp(row_sum - row, pass->job->height - 1));
+            float *to = row_at(&pass->to, channel, row);
+            for (int x = cell->left; x < cell->left + cell->columns; x++)
+                to[x] = from[x] * kept[x] +
+                        opposite[clamp(column_sum - x, pass->job->width - 1)] * ghost[x];
+        }
+    }
+    measure_cell(pass, cell);
+}

@@ -9,5 +9,6 @@ void warp(Pass *pass, const Cell *cell);
 void magnify(Pass *pass, const Cell *cell);
 void bloom(Pass *pass, const Cell *cell);
 void demosaic(Pass *pass, const Cell *cell);
+void add_ghost(Pass *pass, const Cell *cell);
 
 #endif
