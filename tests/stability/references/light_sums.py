@@ -44,7 +44,8 @@ SAMPLES = {
     "one, the knee": ([KNEE], 1),
     "256, full": ([1.0], 256),
     "256, no light": ([0.0], 256),
-    "4, one of them four times white: each is clipped": ([4.0, 0.0, 0.0, 0.0], 4),
+    "4, one of them four times white: their mean is clipped": ([4.0, 0.0, 0.0, 0.0], 4),
+    "4, one of them twice white: nothing is clipped": ([2.0, 0.0, 0.0, 0.0], 4),
     "4, black beside white: a mean of light, not of greys": ([0.0, 1.0, 1.0, 0.0], 4),
     "9, one of them full": ([1.0, *[0.0] * 8], 9),
     "25, dark": ([1e-4], 25),
@@ -91,9 +92,8 @@ def encode(linear: Any) -> Any:
 
 
 def greys(red: list[Any], samples: int) -> list[Any]:
-    """Grey of the mean of the samples' light, each clipped; the list is repeated."""
-    light = [min(max(value, mpf(0)), mpf(1)) for value in red]
-    mean = sum(light) / len(light)
+    """Grey of the mean of the samples' light, which is clipped; the list is repeated."""
+    mean = sum(red) / len(red)
     return [255 * encode(mean), mpf(255), mpf(0)]
 
 

@@ -23,7 +23,6 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import UNCHANGED, CaptureContext, Gains, ImageEffect, Threshold
-from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -124,6 +123,9 @@ class NumpyImageChanger:
 def measure_change(before: LinearImage, after: LinearImage, gains: Gains = UNCHANGED) -> float:
     """Largest change of any pixel of the finished picture between two linear images, grey levels,
     not rounded."""
+    # Not loaded at the start of a server whose kernel measures.
+    from catoptra_server.effects.kernels.grey_levels import find_changes
+
     return float(find_changes(before, after, gains).max())
 
 

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.elementary import dot, hypot
+from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -90,8 +91,7 @@ class Misalignment:
         if kept.any():
             # Pixels that see nothing have 0.
             displacement_px = float(np.sqrt(dot(offsets_px, offsets_px)).max())
-        is_lit = lookup_maps(_ALIGNED, camera)[1] > 0.0
-        lost = float((1.0 - kept[is_lit]).max(initial=0.0))
+        lost = float((1.0 - kept[_lit_pixels(camera)]).max(initial=0.0))
         offset_mm = 1e3 * hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
@@ -114,7 +114,17 @@ class Misalignment:
         return warp(image, _warp_map(self, camera)) * lookup_maps(self, camera)[1][..., None]
 
 
-_ALIGNED = Misalignment()
+# Half a pixel's diagonal.
+_HALF_DIAGONAL_PX = 0.7072
+
+
+def _lit_pixels(camera: OmniCamera) -> Bools:
+    """Pixels, (h, w), of which any part may show the mirror."""
+    u = np.arange(0.5, camera.width_px) - camera.centre_px[0]
+    v = np.arange(0.5, camera.height_px) - camera.centre_px[1]
+    reach_px = camera.rim_radius_px * camera.max_stretch + _HALF_DIAGONAL_PX
+    is_lit: Bools = hypot(u, v[:, None]) < reach_px
+    return is_lit
 
 
 @lru_cache(maxsize=8)
