@@ -277,8 +277,10 @@ class TriangleHierarchy:
             boxes = boxes[meets.all(axis=0)]
             if level:
                 _, boxes = self.children(level, boxes)
-        rows = np.unique(self.rows(boxes))
-        return rows if self.order is None else np.sort(self.order[rows])
+        rows = self.rows(boxes).ravel()
+        triangles = np.sort(rows if self.order is None else self.order[rows])
+        # Not `unique`, which loads `numpy.ma`: the last group may have a row several times.
+        return triangles[np.diff(triangles, prepend=-1) > 0]
 
     def rows(self, groups: Indices) -> Indices:
         """(k, GROUP_SIZE) rows of groups; a shorter one has its last row several times."""
