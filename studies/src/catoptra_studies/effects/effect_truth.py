@@ -186,8 +186,9 @@ class EffectTruth:
         return truths
 
     def _make_context(self, state: CameraState, effects: Sequence[ImageEffect]) -> CaptureContext:
-        is_needed = any(effect.needs_range for effect in effects)
-        range_m = self.measure_ranges(state) if is_needed else None
+        if not any(effect.needs_range for effect in effects):
+            return CaptureContext(state.noise_seed)
+        range_m = self.measure_ranges(state)
         sources = find_light_sources(self.lights, self.camera, state, range_m)
         return CaptureContext(state.noise_seed, range_m, sources)
 

@@ -42,7 +42,6 @@ def test_lights_from_behind_and_of_the_sky_are_no_sources() -> None:
     behind = DirectionalLight((0.0, 1.0, 0.0), (1.0, 1.0, 1.0))
     sky = HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
     assert find_light_sources((behind, sky), FLAT_CAMERA, STATE, NOTHING) == ()
-    assert find_light_sources((SUN,), FLAT_CAMERA, STATE, None) == ()
 
 
 @pytest.mark.parametrize(("range_m", "num_seen"), [(3.8, 0), (3.99, 1), (4.5, 1)])

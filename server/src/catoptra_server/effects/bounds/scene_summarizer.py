@@ -53,7 +53,6 @@ from catoptra_server.effects.bounds.distances import (
 )
 from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
 from catoptra_server.effects.bounds.shadow_bounds import ShadowBounds
-from catoptra_server.effects.kernels.light_sources import max_source_light_px
 from catoptra_server.world.objects import (
     CameraState,
     DynamicObject,
@@ -155,6 +154,9 @@ class SceneSummarizer:
             return SceneSummary(**values)
         camera_state = _rotate_to_optical_axis(camera_state, camera)
         if "source_light_px" in fields:
+            # For the cameras whose lens scatters light alone.
+            from catoptra_server.effects.kernels.light_sources import max_source_light_px
+
             viewpoint = camera_state.world_from_mirror.translation
             light_px = max_source_light_px(self._world.lights, camera, viewpoint)
             values["source_light_px"] = round_away_from_zero((light_px,))[0]

@@ -38,11 +38,9 @@ def find_light_sources(
     lights: Iterable[Light],
     camera: RadialCamera,
     camera_state: CameraState,
-    range_m: npt.NDArray[np.float32] | None,
+    range_m: npt.NDArray[np.float32],
 ) -> tuple[LightSource, ...]:
-    """Lights in view of an exposure; none without (h, w) ranges."""
-    if range_m is None:
-        return ()
+    """Lights in view of an exposure, by the (h, w) ranges of its pixels."""
     pose = camera_state.world_from_mirror
     found = []
     for light in shadow_casting_lights(lights):

@@ -24,8 +24,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
-from catoptra_server.effects.kernels.light_sources import find_light_sources
+from catoptra_server.effects import CaptureContext, ImageEffect, LightSource, Threshold
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
@@ -146,7 +145,12 @@ class RasterView:
         light, range_m = sequence.read()
         clock.end_stage("readback")
         camera = self._passes.camera
-        sources = find_light_sources(self._passes.lights, camera, camera_state, range_m)
+        sources: tuple[LightSource, ...] = ()
+        if range_m is not None:
+            # Loaded for the effects that read ranges: most cameras have none.
+            from catoptra_server.effects.kernels.light_sources import find_light_sources
+
+            sources = find_light_sources(self._passes.lights, camera, camera_state, range_m)
         return ExposedImage(
             light, camera, CaptureContext(camera_state.noise_seed, range_m, sources)
         )

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
 
@@ -52,6 +51,9 @@ class ReferenceRayCaster:
 
     def __init__(self, scene: SceneMesh) -> None:
         """Sort the triangles: a million in 2 s."""
+        # Where the kernel runs nothing of the reference is loaded.
+        from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
+
         self._normals = scene.normals
         self._search = TriangleSearch(scene.corners)
 

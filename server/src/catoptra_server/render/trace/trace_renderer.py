@@ -16,8 +16,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
-from catoptra_server.effects.kernels.light_sources import find_light_sources
+from catoptra_server.effects import CaptureContext, ImageEffect, LightSource, Threshold
 from catoptra_server.render.image_changer import ExposedImage
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
@@ -224,7 +223,12 @@ class TraceView:
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""
-        sources = find_light_sources(self._lights, self._camera, camera_state, frame.range_m)
+        sources: tuple[LightSource, ...] = ()
+        if frame.range_m is not None:
+            # Loaded for the effects that read ranges: most cameras have none.
+            from catoptra_server.effects.kernels.light_sources import find_light_sources
+
+            sources = find_light_sources(self._lights, self._camera, camera_state, frame.range_m)
         context = CaptureContext(camera_state.noise_seed, frame.range_m, sources)
         return ExposedImage(frame.image, self._camera, context)
 
