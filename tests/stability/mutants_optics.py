@@ -218,9 +218,10 @@ def average_encoded(radiance: Floats, samples: int) -> Floats:
     return np.rint(mean_pixels(255.0 * srgb_from_linear(radiance), samples))
 
 
-def average_without_clip(radiance: Floats, samples: int) -> Floats:
-    """Mean of samples that may be brighter than white, clipped with their pixel."""
-    return np.rint(255.0 * srgb_from_linear(mean_pixels(radiance, samples)))
+def average_clipped(radiance: Floats, samples: int) -> Floats:
+    """Mean of samples that are clipped one by one, not with their pixel."""
+    clipped = np.clip(radiance, 0.0, 1.0)
+    return np.rint(255.0 * srgb_from_linear(mean_pixels(clipped, samples)))
 
 
 def point_light_without_guard(
@@ -281,7 +282,7 @@ MUTATIONS = [
     ),
     Mutation("the power alone, unclipped", "light", ENCODE, encode_without_clip),
     Mutation("a mean of encoded samples", "light", PIXELS, average_encoded),
-    Mutation("no clip before the mean", "light", PIXELS, average_without_clip),
+    Mutation("a clip before the mean", "light", PIXELS, average_clipped),
     Mutation(
         "a point light's inverse square unguarded", "light", POINT_LIGHT, point_light_without_guard
     ),
