@@ -6,6 +6,7 @@
 #include "direct_light.h"
 
 #include "instances.h"
+#include "measures.h"
 
 #include <math.h>
 #include <string.h>
@@ -127,7 +128,7 @@ static Uncertainty look_up_light(const FrameState *state, int light, const HitBl
 void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
     const Frame *frame = state->frame;
     int is_any = frame->has_shadows && frame->measures_shadows && frame->shadow_threshold > 0.0f;
-    float gain = frame->largest_gain, share = frame->shadow_threshold / (255.0f * gain);
+    float gain = frame->largest_gain, share = UNSEEN_PART * frame->shadow_threshold / (255.0f * gain);
     memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++) {
@@ -141,7 +142,7 @@ void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], Surfac
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
-static uint32_t skip_unseen(const Light *light, const float factor[BLOCK_RAYS], uint32_t among,
+static uint32_t skip_unseen(const FrameState *state, const Light *light, const float factor[BLOCK_RAYS], uint32_t among,
                             SurfaceBlock *surface) {
     _Alignas(64) float left[3][BLOCK_RAYS];
     int32_t is_skipped[BLOCK_RAYS];
@@ -158,6 +159,8 @@ static uint32_t skip_unseen(const Light *light, const float factor[BLOCK_RAYS], 
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         if (skipped >> lane & 1)
             set_lane(surface->unseen, lane, get_lane((const float(*)[BLOCK_RAYS])left, lane));
+    if (skipped)
+        atomic_store_explicit(&state->measures->skips_lamps, 1, memory_order_relaxed);
     return skipped;
 }
 
@@ -171,7 +174,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
         return 0;
     if (light < 32 && surface->proof.hidden >> light & 1)
         return facing;
-    facing &= ~skip_unseen(&scene->lights[light], incidence->factor, facing, surface);
+    facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
         return 0;
     Uncertainty found = look_up_light(state, light, hits, surface, facing);

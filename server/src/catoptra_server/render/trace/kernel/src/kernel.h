@@ -219,8 +219,9 @@ typedef struct {
 typedef struct {
     int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
     int32_t num_tiles;
-    /* Largest change of a pixel by the shadows drawn, encoded grey levels: of the sharp frame, and at any
-     * instant that its blur traces where the sharp frame's is at most the threshold. */
+    /* Largest change of a pixel by shadows, encoded grey levels, with what lamps without a ray may
+     * add: of the sharp frame, and at any instant that its blur traces where the sharp frame's is
+     * at most the threshold. */
     float shadow_change;
     int32_t shows_watched; /* whether the watched object is seen */
     int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */

@@ -11,9 +11,13 @@
 
 #include <stdatomic.h>
 
+/* Of the shadows' threshold, that lamps may change without a ray: the rest decides. */
+#define UNSEEN_PART 0.5f
+
 struct Measures {
     _Atomic float shadow_change, fog_change;
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
+    atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
     atomic_int shows_watched; /* some ray meets the watched object first */
 };
 

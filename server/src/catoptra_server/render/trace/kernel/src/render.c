@@ -282,13 +282,15 @@ static int render_all(Device *device, const FrameState *state, const View *view,
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,
                         FrameCounts *counts, char *error) {
     FrameState state;
-    struct Measures measures = {0.0f, 0.0f, 0, 0};
+    struct Measures measures = {.shadow_change = 0.0f};
     int is_ready = begin_frame(&state, device, scene, view, frame, error);
     state.measures = &measures;
     int is_rendered = is_ready && render_all(device, &state, view, counts);
     if (is_ready && !is_rendered)
         snprintf(error, ERROR_SIZE, "out of memory");
     counts->shadow_change = atomic_load(&measures.shadow_change);
+    if (atomic_load(&measures.skips_lamps))
+        counts->shadow_change += UNSEEN_PART * frame->shadow_threshold;
     counts->fog_change = atomic_load(&measures.fog_change);
     counts->shows_watched = atomic_load(&measures.shows_watched);
     end_frame(&state);
