@@ -118,7 +118,7 @@ def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
     omni, body = robot.mirror_camera, build_ego_mesh(robot)
     assert omni is not None, "the bench's robot has a mirror"
     assert body is not None, "the mirror shows the robot"
-    thresholds = {SelfView.name: Threshold(omni.effects.threshold_grey_levels)}
+    thresholds = {SelfView.name: Threshold(omni.effects.max_change)}
     settings: RenderSettings = replace(omni.render_settings)
     plan = plan_from_settings(settings, omni.camera, kind=choice.kind, reason="bench")
     view = choice.renderer.prepare(omni.camera, plan)

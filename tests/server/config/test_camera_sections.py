@@ -130,7 +130,7 @@ def test_number_when_several_effects_share_it_reaches_all() -> None:
 
 def test_threshold_when_given_is_the_users() -> None:
     found = read_effects("EffectThreshold=2", "EffectThresholdPx=0.25")
-    assert (found.threshold_grey_levels, found.threshold_px) == (2.0, 0.25)
+    assert (found.max_change, found.threshold_px) == (2.0, 0.25)
 
 
 def test_decisions_rest_on_the_frame_unless_a_file_wants_proofs_alone() -> None:

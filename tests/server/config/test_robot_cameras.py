@@ -194,7 +194,7 @@ def test_camera_with_effects_has_them_by_the_keys_of_a_capture_camera(tmp_path: 
         ("Vignetting", "auto"),
         ("ReadNoise", "always"),
     ]
-    assert found.threshold_grey_levels == 2.0
+    assert found.max_change == 2.0
 
 
 @pytest.mark.parametrize("kind", [kind.name for kind in EFFECT_TYPES.values() if kind.needs_mirror])

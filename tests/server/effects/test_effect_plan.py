@@ -18,6 +18,7 @@ from catoptra_server.effects import (
     DecisionBasis,
     Effect,
     EffectBound,
+    EffectChange,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -54,7 +55,8 @@ FINE, COARSE = Quantisation(12), Quantisation(8)
 
 
 def make_settings(*pairs: tuple[object, EffectMode], threshold: float = 0.5) -> EffectSettings:
-    return EffectSettings(tuple(EffectSetting(*pair) for pair in pairs), threshold)  # type: ignore[arg-type]
+    # Any share of the pixels: the largest change alone decides.
+    return EffectSettings(tuple(EffectSetting(*pair) for pair in pairs), threshold, 1.0)  # type: ignore[arg-type]
 
 
 def decide(
@@ -201,7 +203,7 @@ def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
 def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) -> None:
     plan = decide((COARSE, EffectMode.AUTO))
     assert plan.thresholds == {"Quantisation": Threshold(0.5)}
-    (decision,) = plan.decide_by_frame({"Quantisation": change})
+    (decision,) = plan.decide_by_frame({"Quantisation": EffectChange(change)})
     assert (decision.enabled, decision.change) == (is_on, change)
     assert decision.basis is DecisionBasis.MEASURED
     assert decision.bound == plan.decisions[0].bound
@@ -212,7 +214,7 @@ def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
     dark = SceneSummary(0.1, ego_body_max_radiance=0.2, ego_body_max_angle_rad=0.5)
     plan = decide((SelfView(), EffectMode.AUTO), summary=dark)
     for seen, change in ((math.inf, None), (0.0, 0.0)):
-        (decision,) = plan.decide_by_frame({"SelfView": seen})
+        (decision,) = plan.decide_by_frame({"SelfView": EffectChange(seen)})
         assert (decision.enabled, decision.change) == (seen > 0.0, change)
         assert decision.reason.startswith("seen in" if seen else "at most 0 in")
 
@@ -220,7 +222,7 @@ def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
 def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
     plan = decide((COARSE, EffectMode.AUTO))
     assert plan.decide_by_frame({}) == plan.decisions
-    assert plan.decide_by_frame({"Blooming": 3.0}) == plan.decisions
+    assert plan.decide_by_frame({"Blooming": EffectChange(3.0)}) == plan.decisions
     assert plan.decisions[0].basis is DecisionBasis.PROVED
 
 
@@ -254,7 +256,7 @@ def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_dis
     )
     assert [one.enabled for one in plan.decisions] == [True, False]
     assert plan.decisions[1].included_in == "DefocusByDepth"
-    decided = plan.decide_by_frame({"DefocusByDepth": depth_change, "Defocus": 40.0})
+    decided = plan.decide_by_frame({"DefocusByDepth": EffectChange(depth_change), "Defocus": EffectChange(40.0)})
     assert [one.enabled for one in decided] == expected
     # By its own bound, not that of an effect which another includes.
     assert decided[1].bound == Defocus(aperture).bound(near, CAMERA).value
@@ -269,7 +271,7 @@ def test_depth_without_the_fixed_disc_counts_all_of_the_blur(
     plan = decide((by_depth, EffectMode.AUTO), *named, summary=DAYLIGHT)
     fixed = Defocus(by_depth.aperture).bound(DAYLIGHT, CAMERA)
     assert by_depth.bound(DAYLIGHT, CAMERA).value < 0.5 < fixed.value == plan.decisions[0].bound
-    decided = plan.decide_by_frame({"DefocusByDepth": 0.1, "Defocus": 40.0})
+    decided = plan.decide_by_frame({"DefocusByDepth": EffectChange(0.1), "Defocus": EffectChange(40.0)})
     assert decided[0].change == 40.0
     assert [one.enabled for one in decided] == [True, *(False for _ in named)]
 

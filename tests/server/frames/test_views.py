@@ -20,6 +20,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import (
     EFFECT_TYPES,
     CaptureContext,
+    EffectChange,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -178,7 +179,7 @@ class Fakes:
         self.log = list[str]()
         self.prepared, self.closed = list[int](), list[int]()
         self.drawn = list[tuple[Any, CameraState]]()
-        self.changes = dict[str, float]()
+        self.changes = dict[str, EffectChange]()
         self.ms_per_sample, self.now_s = 1.0, 0.0
         self.newest_view: FakeView | None = None
         self.scene = FakeScene(self.log)
@@ -482,7 +483,7 @@ def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
 
 def test_camera_when_the_frame_shows_no_effect_reports_it_as_off_by_measurement() -> None:
     fakes, decisions = Fakes(), []
-    for fakes.changes["Quantisation"] in (0.25, 0.75):
+    for fakes.changes["Quantisation"] in (EffectChange(0.25), EffectChange(0.75)):
         decisions += fakes.render(mirror(Quantisation(8))).effect_decisions
     assert [(one.enabled, one.basis.value, one.change) for one in decisions] == [
         (False, "measured", 0.25),

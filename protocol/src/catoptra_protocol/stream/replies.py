@@ -38,6 +38,10 @@ class EffectRecord:
     """Largest change of any pixel of this frame, grey levels, where measured."""
     displacement_px: float | None = None
     """Largest displacement of light; None for an effect that displaces none."""
+    share_threshold: float = 1.0
+    """Share of the pixels, changed by more than half a level, up to which `auto` disables it."""
+    visible_share: float = 1.0
+    """Upper bound of that share in this frame."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.effects import (
     EFFECT_TYPES,
+    NO_EFFECT_SETTINGS,
     DecisionBasis,
     EffectMode,
     EffectSetting,
@@ -206,9 +207,7 @@ def read_effect_settings(
     settings = [_read_effect_setting(section, kind) for kind in named]
     found = EffectSettings(
         tuple(setting for setting in settings if setting is not None),
-        threshold_grey_levels=section.get_float(
-            "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
-        ),
+        *_read_visibility(section),
         basis=DecisionBasis(section.get_choice("EffectDecision", _BASES, _DEFAULT_BASIS)),
         threshold_px=_read_threshold_px(section),
     )
@@ -235,6 +234,21 @@ def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSett
     if fault:
         raise section.make_error(fault.key, expected=fault.expected)
     return EffectSetting(effect, EffectMode(mode))
+
+
+def _read_visibility(section: SectionReader) -> tuple[float, float]:
+    """Largest change that nobody misses, and share of the pixels that may change visibly."""
+    if section.has_key("EffectThreshold"):
+        if section.has_key("MaxChange") or section.has_key("VisibleShare"):
+            expected = "either this key, or MaxChange and VisibleShare in its place"
+            raise section.make_error("EffectThreshold", expected=expected)
+        # The key of earlier files: any share of the pixels may change by that much.
+        return section.get_float("EffectThreshold", min_value=0.0, max_value=255.0), 1.0
+    default = NO_EFFECT_SETTINGS
+    return (
+        section.get_float("MaxChange", default.max_change, min_value=0.0, max_value=255.0),
+        section.get_float("VisibleShare", default.visible_share, min_value=0.0, max_value=1.0),
+    )
 
 
 def _read_threshold_px(section: SectionReader) -> float | None:

@@ -228,7 +228,8 @@ def draw_effects(
     ordered = tuple(by_name[name] for name in EFFECT_TYPES if name in by_name)
     return EffectSettings(
         ordered,
-        threshold_grey_levels=own.threshold_grey_levels,
+        max_change=own.max_change,
+        visible_share=own.visible_share,
         threshold_px=own.threshold_px,
         basis=own.basis,
     )

@@ -276,6 +276,8 @@ def _describe_decision(decision: EffectDecision) -> dict[str, Any]:
         "threshold": _finite(decision.threshold),
         "displacement_px": _finite(decision.displacement_px),
         "change": _finite(decision.change),
+        "share_threshold": decision.share_threshold,
+        "visible_share": decision.visible_share,
         "reason": decision.reason,
     }
 

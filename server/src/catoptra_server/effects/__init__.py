@@ -25,13 +25,14 @@ afterwards, so cube faces leave no seams. Images are (h, w, 3); radiance 1 fills
 is a white facet at full scale in `world/shading`.
 
 An effect bounds the largest change of any pixel of the finished picture in encoded grey levels,
-since the sRGB curve is 13 times as steep in the dark as in linear counts; `auto` leaves out only
-changes below visibility. Light is linear and not clipped up to the sensor's well, which clips once,
+since the sRGB curve is 13 times as steep in the dark as in linear counts. `auto` leaves out what
+nobody misses: no pixel may change by more than `max_change`, and at most a share of the pixels by
+more than VISIBLE_LEVELS. Light is linear and not clipped up to the sensor's well, which clips once,
 behind the last mean. What follows an effect, exposure and gains above all, multiplies its change:
 `gains` are the least and the largest such factor, known before the frame.
 Noise counts with the largest number that its generator can give. A criterion reads a
 `SceneSummary`, whose fields bound everything that a frame can show, and declares the ones that it
-reads. One threshold serves all effects. Half a pixel and half a grey level are a hundredfold apart:
+reads. One rule serves all effects. Half a pixel and half a grey level are a hundredfold apart:
 a displacement counts with the contrast that the scene can show, so what displaces light is hardly
 ever off by proof, and off by measurement where nothing but flat surfaces is in view.
 
@@ -284,19 +285,50 @@ class DecisionBasis(StrEnum):
     """The frame's own pixels, with and without the effect: where a bound alone says "on"."""
 
 
+VISIBLE_LEVELS = 0.5
+"""A pixel that changes by at most half a level is the same after rounding, or its neighbour."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectChange:
+    """Change that an effect makes in the finished picture; both numbers are upper bounds."""
+
+    largest: float
+    """Of any pixel, grey levels."""
+    visible_share: float = 1.0
+    """Share of the picture's pixels that change by more than VISIBLE_LEVELS."""
+
+    def __post_init__(self) -> None:
+        if self.largest <= VISIBLE_LEVELS:
+            object.__setattr__(self, "visible_share", 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Change of the finished picture that nobody sees."""
+    """Change of the finished picture that nobody misses."""
 
-    grey_levels: float
-    """Negative: the effect is drawn everywhere, and not measured."""
+    max_change: float
+    """Of any pixel, grey levels; negative: the effect is drawn everywhere, and not measured."""
     gains: Gains = UNCHANGED
     """Factors from the light at the effect to that of the finished picture."""
+    visible_share: float = 1.0
+    """Share of the pixels that may change by more than VISIBLE_LEVELS."""
 
     @property
     def is_measured(self) -> bool:
         """Whether the frame decides on the effect."""
-        return self.grey_levels >= 0.0
+        return self.max_change >= 0.0
+
+    @property
+    def plain_change(self) -> float:
+        """Change up to which a part of the picture may be drawn without the effect, uncounted."""
+        if self.visible_share >= 1.0:
+            return self.max_change
+        return min(self.max_change, VISIBLE_LEVELS)
+
+    def covers(self, change: EffectChange) -> bool:
+        """Whether nobody misses a change."""
+        return change.largest <= self.max_change and change.visible_share <= self.visible_share
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,9 +345,10 @@ class EffectSettings:
 
     settings: tuple[EffectSetting, ...] = ()
     """In optical order."""
-    threshold_grey_levels: float = 0.5
-    """`auto` leaves out effects whose bound is at most this, in levels of the finished picture:
-    half a level is not visible."""
+    max_change: float = 0.5
+    """`auto` leaves out effects that change no pixel of the finished picture by more, levels,"""
+    visible_share: float = 0.0
+    """and at most this share of its pixels by more than VISIBLE_LEVELS."""
     threshold_px: float | None = None
     """`auto` also leaves out effects that displace light by at most this; None: grey levels decide
     alone, since a tenth of a pixel changes an edge by 50 of them."""
@@ -325,8 +358,8 @@ class EffectSettings:
     _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        fields = (self.settings, self.threshold_grey_levels, self.threshold_px, self.basis)
-        object.__setattr__(self, "_hash", hash(fields))
+        rule = (self.max_change, self.visible_share, self.threshold_px, self.basis)
+        object.__setattr__(self, "_hash", hash((self.settings, rule)))
 
     def __hash__(self) -> int:
         # Computed once: settings are part of the key of every cached decision, and the hash of 22
@@ -341,9 +374,14 @@ class EffectSettings:
         of_scene = _SCENE_BYTES_PER_PX if effects else 0
         return _IMAGE_BYTES_PER_PX if any(map(is_image_effect, effects)) else of_scene
 
+    @property
+    def threshold(self) -> Threshold:
+        """Change that nobody misses, in the finished picture."""
+        return Threshold(self.max_change, visible_share=self.visible_share)
+
     def is_negligible(self, bound: EffectBound) -> bool:
         """Whether `auto` leaves out an effect of a bound."""
-        if bound.value <= self.threshold_grey_levels:
+        if self.threshold.covers(EffectChange(bound.value)):
             return True
         if self.threshold_px is None or bound.displacement_px is None:
             return False

@@ -24,9 +24,11 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
     UNCHANGED,
+    VISIBLE_LEVELS,
     DecisionBasis,
     Effect,
     EffectBound,
+    EffectChange,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -61,6 +63,11 @@ class EffectDecision:
     displacement_px: float | None = None
     """Upper bound of the displacement of light; None for an effect that displaces none."""
     basis: DecisionBasis = DecisionBasis.PROVED
+    share_threshold: float = 1.0
+    """Largest share of pixels that change by more than VISIBLE_LEVELS at which `auto` leaves the
+    effect out."""
+    visible_share: float = 1.0
+    """Upper bound of that share, of this frame."""
     change: float | None = None
     """Upper bound of the change of any pixel of this frame, grey levels, from its own pixels: the
     largest change where it arises, times the largest gain of what follows. None if nobody
@@ -79,7 +86,7 @@ class EffectPlan:
     image_effects: tuple[ImageEffect, ...] = ()
     """Enabled effects that change the image."""
     thresholds: Mapping[str, Threshold] = field(default_factory=dict, compare=False)
-    """Changes that nobody sees of the enabled effects: `renderer.View.render`."""
+    """Changes that nobody misses, of the enabled effects: `renderer.View.render`."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:
@@ -91,11 +98,11 @@ class EffectPlan:
         found = (one.displacement_px for one in self.decisions if one.effect == effect_name)
         return next(found, None) or 0.0
 
-    def decide_by_frame(self, changes: Mapping[str, float]) -> tuple[EffectDecision, ...]:
+    def decide_by_frame(self, changes: Mapping[str, EffectChange]) -> tuple[EffectDecision, ...]:
         """Decisions with what a frame shows: an effect that changes too little in it is off.
 
         Args:
-            changes: Largest change by effect, grey levels: `renderer.RenderedImage.changes`.
+            changes: Change by effect: `renderer.RenderedImage.changes`.
         """
         if not changes:
             return self.decisions
@@ -205,16 +212,29 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
     )
 
 
-def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
+def _decide_by_change(decision: EffectDecision, change: EffectChange | None) -> EffectDecision:
     if change is None:
         return decision
     reason = decision.reason.removeprefix(_included_reason(decision.included_in))
+    allowed = Threshold(decision.threshold, visible_share=decision.share_threshold)
     measured = replace(
-        decision, enabled=change > decision.threshold, basis=DecisionBasis.MEASURED, included_in=""
+        decision,
+        enabled=not allowed.covers(change),
+        basis=DecisionBasis.MEASURED,
+        visible_share=change.visible_share,
+        included_in="",
     )
-    if change == math.inf:
+    if change.largest == math.inf:
         return replace(measured, reason=f"seen in this frame; {reason}")
-    return replace(measured, change=change, reason=f"at most {change:.3g} in this frame; {reason}")
+    reason = f"at most {_describe_change(change)} in this frame; {reason}"
+    return replace(measured, change=change.largest, reason=reason)
+
+
+def _describe_change(change: EffectChange) -> str:
+    if change.visible_share in (0.0, 1.0):
+        return f"{change.largest:.3g}"
+    share = f"more than {VISIBLE_LEVELS} in {100.0 * change.visible_share:.2g} % of them"
+    return f"{change.largest:.3g} levels in any pixel, {share},"
 
 
 def _thresholds(
@@ -228,10 +248,11 @@ def _thresholds(
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
         decision.effect: Threshold(
-            settings.threshold_grey_levels
+            settings.max_change
             if setting.mode is EffectMode.AUTO and settings.basis is DecisionBasis.MEASURED
             else -1.0,
             gains,
+            settings.visible_share,
         )
         for setting, decision, gains in zip(
             settings.settings, decisions, chain_gains(decided), strict=True
@@ -312,7 +333,9 @@ def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings
         effect=setting.effect.name,
         enabled=enabled,
         bound=bound.value,
-        threshold=settings.threshold_grey_levels,
+        threshold=settings.max_change,
+        share_threshold=settings.visible_share,
+        visible_share=EffectChange(bound.value).visible_share,
         reason=f"{prefix}{bound.reason}",
         displacement_px=bound.displacement_px,
     )

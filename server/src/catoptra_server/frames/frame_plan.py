@@ -33,7 +33,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import gains_after, summary_fields
+from catoptra_server.effects import EffectChange, gains_after, summary_fields
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import (
@@ -120,11 +120,11 @@ class FramePlan:
             self.plan.samples,
         )
 
-    def conclude(self, changes: Mapping[str, float]) -> tuple[EffectDecision, ...]:
+    def conclude(self, changes: Mapping[str, EffectChange]) -> tuple[EffectDecision, ...]:
         """Decisions about the effects of the drawn frame, in optical order.
 
         Args:
-            changes: Largest change by effect, grey levels: `renderer.RenderedImage.changes`.
+            changes: Change by effect: `renderer.RenderedImage.changes`.
         """
         decisions = self.effects.decide_by_frame(changes)
         if self.camera_state is self.unlimited_state:

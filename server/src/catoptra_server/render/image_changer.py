@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import UNCHANGED, CaptureContext, Gains, ImageEffect, Threshold
+from catoptra_server.effects import CaptureContext, EffectChange, ImageEffect, Threshold
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -47,8 +47,8 @@ class ChangedImage(Generic[_ImageT]):
     """(h, w, 3), linear, or sRGB and read-only."""
     stage_ms: dict[str, float]
     """Milliseconds of each effect, and of the encoding."""
-    changes: dict[str, float]
-    """Largest change by effect, grey levels, of the effects with a threshold."""
+    changes: dict[str, EffectChange]
+    """Changes by the effects with a threshold."""
 
 
 class ImageChanger(Protocol):
@@ -92,12 +92,15 @@ class NumpyImageChanger:
         """Change an image everywhere."""
         light = exposed.light
         stage_ms: dict[str, float] = {}
-        changes: dict[str, float] = {}
+        changes: dict[str, EffectChange] = {}
         for effect in effects:
             begin_s = time.perf_counter()
             before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
             if effect.name in thresholds and thresholds[effect.name].is_measured:
+                # Not loaded at the start of a server whose kernel measures.
+                from catoptra_server.effects.kernels.grey_levels import measure_change
+
                 changes[effect.name] = measure_change(before, light, thresholds[effect.name].gains)
         return ChangedImage(light, stage_ms, changes)
 
@@ -118,15 +121,6 @@ class NumpyImageChanger:
 
     def close(self) -> None:
         """Free nothing."""
-
-
-def measure_change(before: LinearImage, after: LinearImage, gains: Gains = UNCHANGED) -> float:
-    """Largest change of any pixel of the finished picture between two linear images, grey levels,
-    not rounded."""
-    # Not loaded at the start of a server whose kernel measures.
-    from catoptra_server.effects.kernels.grey_levels import find_changes
-
-    return float(find_changes(before, after, gains).max())
 
 
 _MAX_LEVEL = 2**16 - 1

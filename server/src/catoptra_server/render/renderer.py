@@ -36,7 +36,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect, Threshold
+from catoptra_server.effects import EffectChange, ImageEffect, Threshold
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.objects import CameraState, DynamicObject, RowWeights
@@ -180,8 +180,8 @@ class View(Protocol):
             camera_state: State of the exposure.
             effects: Image effects.
             thresholds: Change of the finished picture, by name of a scene or image effect, that
-                nobody sees: cells of the image that the effect changes by at most as much may be
-                drawn without it. Effects without a threshold, or with a negative one, are drawn
+                nobody misses: cells of the image that the effect changes by at most its
+                `plain_change` may be drawn without it. Effects without a threshold, or with a negative one, are drawn
                 everywhere; the gains say how exactly.
         """
 
@@ -202,11 +202,11 @@ class RenderedImage:
     """(h, w, 3) uint8 sRGB, read-only."""
     stage_ms: dict[str, float]
     """Milliseconds by stage."""
-    changes: Mapping[str, float] = field(default_factory=dict)
-    """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
-    the effects with a threshold that the renderer measures, inf of one that it only sees. Of an
-    exposure that motion blurs, that of its sharp frame in the middle; where shadows change that by
-    at most their threshold, their change at any instant that the blur draws."""
+    changes: Mapping[str, EffectChange] = field(default_factory=dict)
+    """Change by effect, as this very frame has it: of the effects with a threshold that the
+    renderer measures, inf of one that it only sees. Of an exposure that motion blurs, that of its
+    sharp frame in the middle; where shadows change that by at most their threshold, their change
+    at any instant that the blur draws."""
 
 
 @dataclass(frozen=True, slots=True)

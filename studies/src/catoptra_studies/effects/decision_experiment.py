@@ -240,7 +240,7 @@ class _TrialWorld:
                         _follows_frame(one),
                         one.bound,
                         one.change,
-                        self._omni.effects.threshold_grey_levels,
+                        self._omni.effects.max_change,
                         truths[one.effect],
                     )
 

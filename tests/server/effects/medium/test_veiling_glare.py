@@ -11,7 +11,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.effects import CaptureContext, LightSource, SceneSummary
 from catoptra_server.effects.kernels.light_sources import max_px2_per_steradian
 from catoptra_server.effects.medium.veiling_glare import VeilingGlare
-from catoptra_server.render.image_changer import measure_change
+from catoptra_server.effects.kernels.grey_levels import measure_change
 from helpers.effect_measurement import CAMERA, assert_criterion, make_test_pattern
 from server.effects.kernels.test_light_sources import FLAT_CAMERA
 
@@ -113,7 +113,7 @@ def test_bound_holds_with_sources_at_any_place() -> None:
             summary = make_summary(brightest, irradiance)
             pattern = make_test_pattern(brightest)
             changed = GLARE.apply(pattern, CAMERA, CaptureContext(sources=(source,)))
-            levels = measure_change(pattern, changed)
+            levels = measure_change(pattern, changed).largest
             assert levels <= GLARE.bound(summary, CAMERA).value + 1e-9
             assert changed.max() <= GLARE.update_summary(summary).max_radiance + 1e-12
 

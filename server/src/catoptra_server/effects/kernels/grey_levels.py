@@ -26,7 +26,14 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects import Gains, Real, SceneSummary
+from catoptra_server.effects import (
+    UNCHANGED,
+    VISIBLE_LEVELS,
+    EffectChange,
+    Gains,
+    Real,
+    SceneSummary,
+)
 from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -111,6 +118,15 @@ def find_changes(
     gain = np.clip(to_white, *gains)
     levels = srgb_from_linear(gain * before) - srgb_from_linear(gain * after)
     return np.asarray(255.0 * np.abs(levels))
+
+
+def measure_change(
+    one: npt.NDArray[Real], other: npt.NDArray[Real], gains: Gains = UNCHANGED
+) -> EffectChange:
+    """Change of the finished picture between two versions, (h, w, 3), of light."""
+    levels = find_changes(one, other, gains).max(axis=-1)
+    share = np.count_nonzero(levels > VISIBLE_LEVELS) / levels.size
+    return EffectChange(float(levels.max()), share)
 
 
 # Rec. 709, for linear red, green, blue.

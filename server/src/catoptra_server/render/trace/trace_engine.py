@@ -25,7 +25,7 @@ from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect, Threshold
+from catoptra_server.effects import EffectChange, ImageEffect, Threshold
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
@@ -95,7 +95,7 @@ class TraceRequest:
     has_ranges: bool = False
     """Whether ranges are wanted, too."""
     thresholds: Mapping[str, Threshold] = field(default_factory=dict)
-    """Change that nobody sees, by effect: see `View.render`."""
+    """Change that nobody misses, by effect: see `View.render`."""
     labels: LabelRequest | None = None
     """Labels that are wanted, too, of an exposure at rest; an engine may leave out labels."""
 
@@ -106,8 +106,8 @@ class TracedFrame:
 
     image: npt.NDArray[Any]  # of the type that the request names
     """(h, w, 3) sRGB, read-only; or linear light, not clipped."""
-    changes: Mapping[str, float] = field(default_factory=dict)
-    """Largest change by effect, grey levels: see `RenderedImage.changes`."""
+    changes: Mapping[str, EffectChange] = field(default_factory=dict)
+    """Change by effect: see `RenderedImage.changes`."""
     range_m: Float32s | None = None
     """(h, w) ranges of the pixels, metres; inf where nothing is met."""
     stage_ms: Mapping[str, float] = field(default_factory=dict)

@@ -462,4 +462,6 @@ def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectR
         duration_ms=float(ms) if decision.enabled and ms is not None else None,
         basis=decision.basis.value,
         change=decision.change,
+        share_threshold=decision.share_threshold,
+        visible_share=decision.visible_share,
     )

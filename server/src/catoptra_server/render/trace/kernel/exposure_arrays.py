@@ -19,10 +19,13 @@ from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import EffectChange, Threshold
 from catoptra_server.render.trace.kernel.kernel_structs import (
+    ChangeLimits,
     FlowStruct,
     FrameStruct,
     LabelsStruct,
+    PixelChange,
     RayTableStruct,
 )
 from catoptra_server.render.trace.kernel.library import KernelDevice
@@ -108,6 +111,17 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
         struct.fog_density = fog.density_per_m
         struct.airlight[:] = fog.airlight
     return OwningStruct(struct, (array, objects))
+
+
+def change_limits(threshold: Threshold, num_pixels: int) -> ChangeLimits:
+    """Change of an image of some pixels that nobody misses."""
+    max_visible = int(threshold.visible_share * num_pixels)
+    return ChangeLimits(threshold.max_change, threshold.plain_change, max_visible)
+
+
+def read_change(change: PixelChange, num_pixels: int) -> EffectChange:
+    """Change that the kernel found in an image of some pixels."""
+    return EffectChange(change.largest, change.num_visible / num_pixels)
 
 
 def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:

@@ -1,8 +1,8 @@
 """Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
 
 A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
-16 x 8 px that a stage can change by no more than the threshold, and measures the largest change
-exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
+16 x 8 px that a stage can change by no more than the threshold, and measures the largest change,
+and the pixels that change visibly, exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
 place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
@@ -23,7 +23,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import ImageEffect, Threshold
+from catoptra_server.effects import EffectChange, ImageEffect, Threshold
 from catoptra_server.effects.kernels.convolution import DiscKernelTable, table_row
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
@@ -71,6 +71,7 @@ from catoptra_server.render.image_changer import (
     srgb_table,
 )
 from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.trace.kernel.exposure_arrays import change_limits, read_change
 from catoptra_server.render.trace.kernel.kernel_structs import ImageJob, ImageStage
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.world.objects import NoiseSeed
@@ -165,7 +166,7 @@ class KernelImageChanger:
             if make_stage is not None:
                 stage = make_stage(effect, exposed)
                 threshold = run.thresholds.get(effect.name, _EVERYWHERE)
-                stage.struct.threshold = threshold.grey_levels
+                stage.struct.limits = change_limits(threshold, exposed.light[..., 0].size)
                 stage.struct.least_gain, stage.struct.largest_gain = threshold.gains
                 made.append((effect.name, stage))
                 continue
@@ -206,10 +207,11 @@ class KernelImageChanger:
         run.layout_ms += job.encode_ms
         for (name, _), stage in zip(made, stages, strict=False):
             run.stage_ms[name] = stage.ms
-            if stage.threshold >= 0.0:
-                run.changes[name] = stage.change
-            if stage.threshold >= 0.0 and name == DefocusByDepth.name:
-                run.changes[Defocus.name] = stage.other_change
+            if stage.limits.max_change >= 0.0:
+                run.changes[name] = read_change(stage.change, job.width * job.height)
+            if stage.limits.max_change >= 0.0 and name == DefocusByDepth.name:
+                other = read_change(stage.other_change, job.width * job.height)
+                run.changes[Defocus.name] = other
 
     def _reserve(self, size: int) -> int:
         """Address of memory of a size, kept for the next frames."""
@@ -229,7 +231,7 @@ class _Run:
     exposed: ExposedImage
     thresholds: Mapping[str, Threshold]
     stage_ms: dict[str, float] = field(default_factory=dict)
-    changes: dict[str, float] = field(default_factory=dict)
+    changes: dict[str, EffectChange] = field(default_factory=dict)
     layout_ms: float = 0.0
     """Milliseconds of the encoding, and of the change of the arrays' layout."""
 

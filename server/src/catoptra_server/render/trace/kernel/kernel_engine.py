@@ -16,18 +16,20 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.effects import Threshold
+from catoptra_server.effects import EffectChange, Threshold
 from catoptra_server.render.image_changer import srgb_table
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     CentreMatch,
     ObjectTable,
+    change_limits,
     exposure_arrays,
     flow_arrays,
     frame_origin,
     label_arrays,
     match_centres,
     ray_table_struct,
+    read_change,
 )
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_FLOW,
@@ -90,6 +92,7 @@ class KernelRays:
         self._table = table
         self._device = device
         self._engine = engine
+        self._num_pixels = table.width_px * table.height_px
         self._view: int | None = device.prepare(ray_table_struct(table))
         self._centres: CentreMatch | None = None
         self.last_counts = FrameCounts()
@@ -126,7 +129,7 @@ class KernelRays:
         is_blurred = shutter is not None and shutter.exposure_s > 0.0
         return TracedFrame(
             image,
-            _read_changes(state, counts, request.thresholds),
+            _read_changes(self._num_pixels, state, counts, request.thresholds),
             None if inverse is None else invert_ranges(inverse),
             {"MotionBlur": counts.blur_ms} if is_blurred else {},
             labels,
@@ -205,7 +208,7 @@ class KernelRays:
         view = self._require_view()
         has_few_rays = BLOCK_RAYS * self._table.valid.size < MIN_PROVEN_RAYS
         self.last_counts = self._engine.render(
-            view, exposure, output, thresholds, has_few_rays=has_few_rays, **addresses
+            view, exposure, output, thresholds, self._num_pixels, has_few_rays=has_few_rays, **addresses
         )
 
     def _require_view(self) -> int:
@@ -220,27 +223,29 @@ class KernelRays:
         self._view = self._centres = None
 
 
-def _grey_levels(thresholds: Mapping[str, Threshold], effect: str) -> float:
-    """Threshold of an effect; negative without one."""
-    return thresholds[effect].grey_levels if effect in thresholds else -1.0
+def _is_measured(thresholds: Mapping[str, Threshold], effect: str) -> bool:
+    return effect in thresholds and thresholds[effect].is_measured
 
 
 def _read_changes(
-    state: CameraState, counts: FrameCounts, thresholds: Mapping[str, Threshold]
-) -> dict[str, float]:
-    """Largest changes by the scene's effects that are drawn and have a threshold."""
+    num_pixels: int,
+    state: CameraState,
+    counts: FrameCounts,
+    thresholds: Mapping[str, Threshold],
+) -> dict[str, EffectChange]:
+    """Changes by the scene's effects that are drawn and have a threshold."""
     changes = {}
     if state.has_shadows:
-        changes["Shadows"] = counts.shadow_change
+        changes["Shadows"] = read_change(counts.shadow_change, num_pixels)
     if state.fog is not None:
-        changes["Fog"] = counts.fog_change
+        changes["Fog"] = read_change(counts.fog_change, num_pixels)
     if find_ego_body(state):
-        changes["SelfView"] = np.inf if counts.shows_watched else 0.0
+        changes["SelfView"] = EffectChange(np.inf if counts.shows_watched else 0.0)
     if state.shutter is not None and state.shutter.readout_s > 0.0:
-        changes["RollingShutter"] = counts.rolling_change
+        changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels)
     if state.shutter is not None and state.shutter.exposure_s > 0.0:
-        changes["MotionBlur"] = counts.blur_change
-    return {name: one for name, one in changes.items() if _grey_levels(thresholds, name) >= 0.0}
+        changes["MotionBlur"] = read_change(counts.blur_change, num_pixels)
+    return {name: one for name, one in changes.items() if _is_measured(thresholds, name)}
 
 
 class KernelEngine:
@@ -370,6 +375,7 @@ class KernelEngine:
         exposure: TracedExposure,
         output: int,
         thresholds: Mapping[str, Threshold],
+        num_pixels: int,
         **members: int | None,
     ) -> FrameCounts:
         """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
@@ -378,14 +384,16 @@ class KernelEngine:
         if struct.has_shadows:
             self._prepare_shadows()
         struct.output = output
-        struct.shadow_threshold = _grey_levels(thresholds, "Shadows")
-        struct.measures_shadows = struct.shadow_threshold >= 0.0
-        struct.measures_fog = _grey_levels(thresholds, "Fog") >= 0.0
-        if _grey_levels(thresholds, "SelfView") >= 0.0:
+        struct.measures_shadows = _is_measured(thresholds, "Shadows")
+        struct.measures_fog = _is_measured(thresholds, "Fog")
+        if _is_measured(thresholds, "SelfView"):
             struct.watched_object = find_ego_body(exposure)
-        struct.blur_threshold = _grey_levels(thresholds, "MotionBlur")
+        if _is_measured(thresholds, "MotionBlur"):
+            struct.blur_threshold = thresholds["MotionBlur"].plain_change
         # Those of the first effect include all others'.
         for one in thresholds.values():
+            if one.is_measured:
+                struct.limits = change_limits(one, num_pixels)
             struct.least_gain = min(struct.least_gain, one.gains[0])
             struct.largest_gain = max(struct.largest_gain, one.gains[1])
         for name, value in members.items():

@@ -171,6 +171,22 @@ class FlowStruct(ctypes.Structure):
     ]
 
 
+class ChangeLimits(ctypes.Structure):
+    """Change that nobody misses."""
+
+    _fields_: ClassVar[Fields] = [
+        ("max_change", c_float),
+        ("plain_change", c_float),
+        ("max_visible", c_int32),
+    ]
+
+
+class PixelChange(ctypes.Structure):
+    """Change by an effect."""
+
+    _fields_: ClassVar[Fields] = [("largest", c_float), ("num_visible", c_int32)]
+
+
 class FrameStruct(ctypes.Structure):
     """One exposure and its outputs."""
 
@@ -186,7 +202,7 @@ class FrameStruct(ctypes.Structure):
         ("box_object", c_void_p),
         ("has_shadows", c_int32),
         ("measures_shadows", c_int32),
-        ("shadow_threshold", c_float),
+        ("limits", ChangeLimits),
         ("watched_object", c_int32),
         ("has_few_rays", c_int32),
         ("output", c_int32),
@@ -211,15 +227,15 @@ class FrameCounts(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_filled_tiles", c_int32),
         ("num_tiles", c_int32),
-        ("shadow_change", c_float),
+        ("shadow_change", PixelChange),
         ("shows_watched", c_int32),
         ("num_blurred_tiles", c_int32),
         ("num_instants", c_int32),
         ("num_blur_rays", c_int64),
-        ("blur_change", c_float),
-        ("rolling_change", c_float),
+        ("blur_change", PixelChange),
+        ("rolling_change", PixelChange),
         ("blur_ms", c_float),
-        ("fog_change", c_float),
+        ("fog_change", PixelChange),
     ]
 
 
@@ -230,14 +246,14 @@ class ImageStage(ctypes.Structure):
         ("kind", c_int32),
         ("size", c_int32),
         ("num_rows", c_int32),
-        ("threshold", c_float),
+        ("limits", ChangeLimits),
         ("least_gain", c_float),
         ("largest_gain", c_float),
         ("numbers", c_float * 4),
         ("key", c_uint32 * 4),
         ("maps", c_void_p * 4),
-        ("change", c_float),
-        ("other_change", c_float),
+        ("change", PixelChange),
+        ("other_change", PixelChange),
         ("ms", c_double),
     ]
 

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import Gains, Threshold
-from catoptra_server.effects.kernels.grey_levels import find_changes
+from catoptra_server.effects import EffectChange, Gains, Threshold
+from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.render.image_changer import NumpyImageChanger, encode_srgb
 from catoptra_server.render.renderer import Image, LinearImage, advance, sample_shutter
 from catoptra_server.render.trace.ray_table import (
@@ -193,7 +193,7 @@ class _ReferenceRays:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"].gains, fog=None)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
-            changes["SelfView"] = np.inf if is_seen else 0.0
+            changes["SelfView"] = EffectChange(np.inf if is_seen else 0.0)
         ranges = self._measure_ranges(sharp) if request.has_ranges else None
         return TracedFrame(image, changes, ranges)
 
@@ -202,24 +202,27 @@ class _ReferenceRays:
         exposure: TracedExposure,
         sharp: TracedExposure,
         thresholds: Mapping[str, Threshold],
-    ) -> float:
-        """Largest change by shadows; of all instants where the sharp frame shows none."""
+    ) -> EffectChange:
+        """Change by shadows; of all instants where the sharp frame shows none."""
         threshold = thresholds["Shadows"]
         change = self._measure(sharp, threshold.gains, has_shadows=False)
-        if isinstance(exposure, MovingExposure) or change > threshold.grey_levels:
+        if isinstance(exposure, MovingExposure) or not threshold.covers(change):
             return change
         instants = sample_shutter(exposure, self._table.height_px)
-        return max(
+        changes = [
             change,
             *(self._measure(state, threshold.gains, has_shadows=False) for state, _ in instants),
-        )
+        ]
+        # Different pixels may change at different instants.
+        share = min(1.0, sum(one.visible_share for one in changes))
+        return EffectChange(max(one.largest for one in changes), share)
 
-    def _measure(self, exposure: TracedExposure, gains: Gains, **without: Any) -> float:
-        """Largest difference of the picture from frames without an effect, grey levels."""
+    def _measure(self, exposure: TracedExposure, gains: Gains, **without: Any) -> EffectChange:
+        """Difference of the picture from frames without an effect."""
         states = tuple(replace(state, **without) for state in camera_states(exposure))
         plain = states[0] if len(states) == 1 else MovingExposure(states)
         light, without_it = (self._render(each, mean_pixels, 0.0) for each in (exposure, plain))
-        return float(find_changes(light, without_it, gains).max(initial=0.0))
+        return measure_change(light, without_it, gains)
 
     def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
         """(h, w) inverses of the pixels' mean inverse ranges, metres."""

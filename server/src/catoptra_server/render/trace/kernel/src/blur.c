@@ -21,6 +21,7 @@
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
     int is_active, is_changed;
+    uint32_t shadowed; /* pixels whose shadows are visible at some instant */
     float ends[3][TILE_PX * TILE_PX];   /* of the first and the last instant */
     float inner[3][TILE_PX * TILE_PX];  /* of all between, the sharp frame's included */
     float mean[3][TILE_PX * TILE_PX];   /* trapezoidal rule */
@@ -72,11 +73,14 @@ static void add_to_instant(const BlurTile *blur, uint32_t active,
         }
 }
 
-static void note_instant(const BlurTile *blur, const Instant *sums) {
-    _Atomic float *largest = &blur->state->measures->shadow_change;
-    for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++)
-        note_change(blur->state->frame, largest, get_lane(sums->shown, pixel),
-                    get_lane(sums->unshadowed, pixel));
+static void note_instant(const BlurTile *blur, const Instant *sums, Unit *one) {
+    ChangeMeasure *measure = &blur->state->measures->shadow;
+    for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++) {
+        float change = colour_change(blur->state->frame, get_lane(sums->shown, pixel),
+                                     get_lane(sums->unshadowed, pixel));
+        raise_largest(measure, change);
+        one->shadowed |= (uint32_t)(change > unseen_levels(blur->state, measure)) << pixel;
+    }
 }
 
 /* Sums of a unit's samples at an instant, added to its means. */
@@ -103,7 +107,7 @@ static void sample_unit(BlurTile *blur, const FrameState *moved, const TileConte
                 sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
     }
     if (is_measured)
-        note_instant(blur, &instant);
+        note_instant(blur, &instant, &blur->units[unit]);
     blur->result->num_rays += order->blocks * BLOCK_RAYS;
 }
 
@@ -292,15 +296,21 @@ static void write_units(const BlurTile *blur) {
     for (int i = 0; i < 3 * BLOCK_RAYS; i++)
         sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] =
             samples * state->plan->means[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];
-    for (int unit = 0; unit < blur->order->units; unit++)
-        for (int channel = 0; blur->units[unit].is_changed && channel < 3; channel++)
-            for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
-                float mean = blur->units[unit].mean[channel][pixel];
-                float sharp = sharp_mean(blur, unit, channel, pixel);
-                float change = level_change(state->frame, mean, sharp);
-                blur->result->change = fmaxf(blur->result->change, change);
-                sums.sum[channel][blur->order->pixel[unit][pixel]] = samples * mean;
+    for (int unit = 0; unit < blur->order->units; unit++) {
+        const Unit *one = &blur->units[unit];
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
+            count_visible(&state->measures->shadow, one->shadowed >> pixel & 1);
+            float sharp[3];
+            for (int channel = 0; one->is_changed && channel < 3; channel++) {
+                sharp[channel] = sharp_mean(blur, unit, channel, pixel);
+                sums.sum[channel][blur->order->pixel[unit][pixel]] =
+                    samples * one->mean[channel][pixel];
             }
+            if (one->is_changed)
+                note_change(state, &state->measures->blur, 1, get_lane(one->mean, pixel),
+                            vec3(sharp));
+        }
+    }
     write_pixels(state, blur->tile, &sums);
 }
 
@@ -328,6 +338,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
     for (int unit = 0; unit < blur.order->units; unit++) {
         Unit *one = &blur.units[unit];
         one->is_changed = 0;
+        one->shadowed = 0;
         one->is_active = is_unit_wanted(state, state->plan->masks[number], unit);
         is_any |= one->is_active;
         if (one->is_active)

@@ -4,10 +4,9 @@
 
 #include "tiles.h"
 
-/* What a thread's tiles took and changed. */
+/* What a thread's tiles took. */
 typedef struct BlurResult {
     int64_t num_rays;
-    float change; /* largest of any pixel, encoded grey levels */
 } BlurResult;
 
 /* Draw a tile again, as many instants as the frame's plan has for it; none leave it as it is. */

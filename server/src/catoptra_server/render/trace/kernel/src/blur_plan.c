@@ -360,7 +360,8 @@ static void want_cell(const FrameState *state, int row, int column, int cell, in
  * an edge may pass a sample. */
 static void note_rolling(const FrameState *state, float contrast, float displacement) {
     float change = displacement >= MIN_DISPLACEMENT_PX ? fminf(255.0f, contrast) : 0.0f;
-    state->plan->rolling_change = fmaxf(state->plan->rolling_change, change);
+    raise_largest(&state->plan->rolling, change);
+    count_visible(&state->plan->rolling, change > VISIBLE_LEVELS ? TILE_PX * TILE_PX / (CELLS * CELLS) : 0);
 }
 
 /* One decision for all tiles whose motion reaches as far as one level of dilation. */

@@ -9,6 +9,7 @@
 
 #include "beams.h"
 #include "frame_state.h"
+#include "pixel_change.h"
 
 typedef struct BlurPlan {
     int is_blurred; /* rows are exposed for some time */
@@ -23,7 +24,7 @@ typedef struct BlurPlan {
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
     int num_tiles, max_instants;
-    float rolling_change; /* bound of the largest change by the rows' own times, grey levels */
+    ChangeMeasure rolling; /* bound of the change by the rows' own times */
 } BlurPlan;
 
 /* Space for a moving frame; NULL if memory is short. */

@@ -127,8 +127,9 @@ static Uncertainty look_up_light(const FrameState *state, int light, const HitBl
  * smaller gain, and behind any texture. */
 void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
     const Frame *frame = state->frame;
-    int is_any = frame->has_shadows && frame->measures_shadows && frame->shadow_threshold > 0.0f;
-    float gain = frame->largest_gain, share = UNSEEN_PART * frame->shadow_threshold / (255.0f * gain);
+    int is_any = frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
+    float gain = frame->largest_gain;
+    float share = UNSEEN_PART * frame->limits.plain_change / (255.0f * gain);
     memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++) {

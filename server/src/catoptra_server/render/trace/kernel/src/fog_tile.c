@@ -32,14 +32,14 @@ void fill_fogged_tile(const FrameState *state, int tile, int32_t triangle, Vec3 
     const float *airlight = state->frame->airlight;
     _Alignas(64) float transmittance[TILE_PX * TILE_PX], fogged[3][TILE_PX * TILE_PX];
     find_plane_transmittances(state, tile, triangle, transmittance);
-    float least = find_least(transmittance);
+    float least = find_least(transmittance), most[3];
     for (int channel = 0; channel < 3; channel++) {
         for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
             fogged[channel][pixel] = mix(clear[channel], airlight[channel], transmittance[pixel]);
-        if (state->frame->measures_fog)
-            note_level_change(state->frame, &state->measures->fog_change, clear[channel],
-                              mix(clear[channel], airlight[channel], least));
+        most[channel] = mix(clear[channel], airlight[channel], least);
     }
+    if (state->frame->measures_fog)
+        note_change(state, &state->measures->fog, TILE_PX * TILE_PX, radiance, vec3(most));
     write_radiance(state, tile, (const float(*)[TILE_PX * TILE_PX])fogged);
     if (state->frame->inverse_range)
         fill_ranges(state, tile, triangle);

@@ -30,13 +30,13 @@ typedef struct {
     int32_t kind;
     int32_t size;       /* of a blur's or an overflow's reach, or of a side of a glare's cell, px */
     int32_t num_rows;   /* of a blur's table, or of a glare's sources */
-    float threshold;    /* change in grey levels that nobody sees; negative: nothing is measured */
+    ChangeLimits limits;
     float least_gain, largest_gain; /* from the stage's light to that of the finished picture */
     float numbers[4];
     uint32_t key[4];
     const void *maps[4];
-    float change;       /* result: largest change, grey levels, of a stage with a threshold */
-    float other_change; /* result of a blur by range: change of the image without any blur */
+    PixelChange change;       /* result of a stage with limits */
+    PixelChange other_change; /* result of a blur by range: change of the image without any blur */
     double ms;          /* result */
 } ImageStage;
 

@@ -22,8 +22,8 @@
 typedef struct {
     _Alignas(64) float row[CELL_ROWS][CELL_COLUMNS];     /* of the table, by pixel */
     _Alignas(64) float far_row[CELL_ROWS][CELL_COLUMNS]; /* of the disc of infinity */
-    int reach;      /* half width of the widest kernel of the cell */
-    float exchange; /* most light that a pixel takes from others */
+    int reach, far_reach; /* half widths of the widest kernels of the cell */
+    float exchange;       /* most light that a pixel takes from others by any of them */
 } CellKernels;
 
 static int pair_count(int half_width) { return (half_width + 1) * (half_width + 2) / 2; }
@@ -61,9 +61,9 @@ static float largest_row(float rows[CELL_ROWS][CELL_COLUMNS]) {
     return largest;
 }
 
-/* Half width and light from others of the kernels up to a row; wider discs have all that narrower
+/* Half width of the kernels up to a row, and light from others; wider discs have all that narrower
  * ones have. */
-static void find_reach(const ImageStage *stage, float row, CellKernels *kernels) {
+static int find_reach(const ImageStage *stage, float row, CellKernels *kernels) {
     const float *table = stage->maps[0];
     int pairs = pair_count(stage->size), last = (int)ceilf(row);
     last = last < stage->num_rows ? last : stage->num_rows - 1;
@@ -77,15 +77,14 @@ static void find_reach(const ImageStage *stage, float row, CellKernels *kernels)
             break;
         reach--;
     }
-    kernels->reach = reach;
-    kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
+    kernels->exchange = fmaxf(kernels->exchange, 1.0f - table[(size_t)last * (size_t)pairs]);
+    return reach;
 }
 
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     int pairs = pair_count(stage->size);
     const float *weights = stage->maps[0];
     kernels->reach = stage->size;
-    kernels->exchange = 0.0f;
     for (int channel = 0; channel < 3; channel++) {
         float others = 1.0f - weights[(size_t)channel * (size_t)pairs];
         kernels->exchange = others > kernels->exchange ? others : kernels->exchange;
@@ -241,61 +240,55 @@ static void blur_cell(const Pass *pass, const Cell *cell, float rows[CELL_ROWS][
 static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *kernels,
                                      CellRange range, int masked) {
     float near_values[3][CELL_ROWS][CELL_COLUMNS];
-    CellKernels far_kernels = *kernels;
-    float high = largest_row(kernels->far_row);
-    find_reach(pass->stage, high, &far_kernels);
-    float exchange = kernels->exchange > far_kernels.exchange ? kernels->exchange
-                                                              : far_kernels.exchange;
-    if (bound_change(pass->stage, range.low, exchange * (range.high - range.low)) <=
-        read_maximum(&pass->change))
+    float contrast = range.high - range.low;
+    float bound = bound_change(pass->stage, range.low, kernels->exchange * contrast);
+    if (bound <= read_largest(&pass->change) &&
+        !(bound > VISIBLE_LEVELS && is_counted(&pass->change, &pass->stage->limits)))
         return;
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)
             memcpy(near_values[channel][row],
                    row_at(&pass->to, channel, cell->top + row) + cell->left,
                    sizeof near_values[channel][row]);
-    blur_cell(pass, cell, far_kernels.far_row, far_kernels.reach, masked);
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {row_at(&pass->to, channel, cell->top) + cell->left,
-                             near_values[channel][0], pass->to.stride, CELL_COLUMNS};
-        measure_versions(pass->stage, &pass->change, &versions, cell);
+    blur_cell(pass, cell, kernels->far_row, kernels->far_reach, masked);
+    Versions versions[3];
+    for (int channel = 0; channel < 3; channel++)
+        versions[channel] = (Versions){row_at(&pass->to, channel, cell->top) + cell->left,
+                                       near_values[channel][0], pass->to.stride, CELL_COLUMNS};
+    measure_versions(pass->stage, &pass->change, versions, cell);
+    for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)
             memcpy(row_at(&pass->to, channel, cell->top + row) + cell->left,
                    near_values[channel][row], sizeof near_values[channel][row]);
-    }
 }
 
 static void measure_blur(Pass *pass, const Cell *cell, CellKernels *kernels, CellRange range,
                          int masked) {
-    if (pass->stage->threshold < 0.0f)
-        return;
-    if (!pass->stage->maps[3]) {
-        measure_cell(pass, cell);
-        return;
-    }
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
-                             row_at(&pass->to, channel, cell->top) + cell->left,
-                             pass->from.stride, pass->to.stride};
-        measure_versions(pass->stage, &pass->other_change, &versions, cell);
-    }
-    measure_against_infinity(pass, cell, kernels, range, masked);
+    int is_by_range = pass->stage->maps[3] != NULL;
+    measure_cell(pass, cell, is_by_range ? &pass->other_change : &pass->change);
+    if (is_by_range && pass->stage->limits.max_change >= 0.0f)
+        measure_against_infinity(pass, cell, kernels, range, masked);
 }
 
 void blur(Pass *pass, const Cell *cell) {
     CellKernels kernels;
+    kernels.far_reach = 0;
+    kernels.exchange = 0.0f;
     if (pass->stage->num_rows) {
         find_rows(pass, cell, &kernels);
-        find_reach(pass->stage, largest_row(kernels.row), &kernels);
+        kernels.reach = find_reach(pass->stage, largest_row(kernels.row), &kernels);
+        if (pass->stage->maps[3])
+            kernels.far_reach = find_reach(pass->stage, largest_row(kernels.far_row), &kernels);
     } else {
         find_colour_reach(pass->stage, &kernels);
     }
-    CellRange range = find_range_around(pass, cell, kernels.reach);
-    if (range.low == range.high || is_plain(pass, range, kernels.exchange)) {
+    int reach = kernels.reach > kernels.far_reach ? kernels.reach : kernels.far_reach;
+    CellRange range = find_range_around(pass, cell, reach);
+    if (is_plain(pass, range, kernels.exchange)) {
         copy_cell(pass, cell);
         return;
     }
-    int masked = is_masked(pass, cell, kernels.reach);
+    int masked = is_masked(pass, cell, reach);
     blur_cell(pass, cell, kernels.row, kernels.reach, masked);
     measure_blur(pass, cell, &kernels, range, masked);
 }

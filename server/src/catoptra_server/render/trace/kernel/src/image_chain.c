@@ -129,6 +129,11 @@ static int count_shared(const ImageJob *job, int first) {
     return count;
 }
 
+static PixelChange conclude(const Pass *pass, const ImageStage *stage,
+                            const ChangeMeasure *measure) {
+    return conclude_change(measure, &stage->limits, pass->job->width * pass->job->height);
+}
+
 static void spread(Device *device, Pass *pass) {
     fill_border(pass);
     run(device, pass, find_range);
@@ -136,26 +141,25 @@ static void spread(Device *device, Pass *pass) {
     Planes from = pass->from;
     pass->from = pass->to;
     pass->to = from;
-    pass->stage->change = read_maximum(&pass->change);
-    pass->stage->other_change = read_maximum(&pass->other_change);
+    pass->stage->change = conclude(pass, pass->stage, &pass->change);
+    pass->stage->other_change = conclude(pass, pass->stage, &pass->other_change);
 }
 
 static void run_stages(Device *device, Pass *pass) {
-    _Atomic uint32_t changes[MAX_SHARED];
+    ChangeMeasure changes[MAX_SHARED];
     double begin_ms = now_ms();
-    atomic_store(&pass->change, 0);
-    atomic_store(&pass->other_change, 0);
+    memset(&pass->change, 0, sizeof pass->change);
+    memset(&pass->other_change, 0, sizeof pass->other_change);
     if (is_point_stage(pass->stage)) {
         pass->changes = changes;
-        for (int i = 0; i < pass->count; i++)
-            atomic_init(&changes[i], 0);
+        memset(changes, 0, sizeof changes);
         if (needs_luminance(pass->stage))
             measure_luminance(device, pass);
         if (pass->stage->kind == STAGE_GLARE)
             scatter(pass);
         run(device, pass, change_points);
         for (int i = 0; i < pass->count; i++)
-            pass->stage[i].change = read_maximum(&changes[i]);
+            pass->stage[i].change = conclude(pass, pass->stage + i, &changes[i]);
     } else {
         spread(device, pass);
     }

@@ -2,8 +2,9 @@
  * little. On its way to the picture light is multiplied by any of the stage's gains: a difference
  * shows most where the larger value just reaches white.
  *
- * The maximum over an image is exact: only where a bound says that nothing larger can be found are
- * pixels left out, so that the result depends neither on threads nor on the order of cells.
+ * Only where a bound says that nothing larger and no visible change can be found are pixels left
+ * out, so that the result depends neither on threads nor on the order of cells. Of a cell that stays
+ * plain its bound counts.
  */
 #ifndef CATOPTRA_IMAGE_CHANGE_H
 #define CATOPTRA_IMAGE_CHANGE_H
@@ -11,7 +12,7 @@
 #include "image_planes.h"
 #include "image_vectors.h"
 
-#include <string.h>
+#include <math.h>
 
 /* 255 times the sRGB curve of light clipped to 0 .. 1, within 1e-3; without libm. */
 static inline Floats16 grey_levels(Floats16 light) {
@@ -84,38 +85,62 @@ static inline float bound_versions(const ImageStage *stage, const Versions *vers
     return difference == 0.0f ? 0.0f : bound_change(stage, smallest_of(lows), difference);
 }
 
-/* Raise a maximum by the change between two versions of a cell in one colour. */
-static inline void measure_versions(const ImageStage *stage, _Atomic uint32_t *maximum,
-                                    const Versions *versions, const Cell *cell) {
-    if (bound_versions(stage, versions, cell) <= read_maximum(maximum))
+/* Note the change between two versions, in three colours, of a cell. */
+static inline void measure_versions(const ImageStage *stage, ChangeMeasure *measure,
+                                    const Versions versions[3], const Cell *cell) {
+    float bound = 0.0f;
+    for (int channel = 0; channel < 3; channel++)
+        bound = fmaxf(bound, bound_versions(stage, &versions[channel], cell));
+    int counts = bound > VISIBLE_LEVELS && is_counted(measure, &stage->limits);
+    if (bound <= read_largest(measure) && !counts)
         return;
     Floats16 largest = {0};
+    Ints16 visible = {0};
     for (int row = 0; row < cell->rows; row++) {
-        Floats16 before, after;
-        load_row(versions, cell, row, &before, &after);
-        largest = most16(level_changes(stage, before, after), largest);
+        Floats16 change = {0};
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 before, after;
+            load_row(&versions[channel], cell, row, &before, &after);
+            change = most16(level_changes(stage, before, after), change);
+        }
+        largest = most16(change, largest);
+        visible -= change > VISIBLE_LEVELS; /* minus one where it is */
     }
-    raise_maximum(maximum, largest_of(largest));
+    raise_largest(measure, largest_of(largest));
+    int pixels = 0;
+    for (int x = 0; x < CELL_COLUMNS; x++)
+        pixels += visible[x];
+    count_visible(measure, pixels);
 }
 
-/* Measure a cell of a stage with a threshold. */
-static inline void measure_cell(Pass *pass, const Cell *cell) {
-    if (pass->stage->threshold < 0.0f)
-        return;
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
-                             row_at(&pass->to, channel, cell->top) + cell->left,
-                             pass->from.stride, pass->to.stride};
-        measure_versions(pass->stage, &pass->change, &versions, cell);
-    }
+/* A cell of both images of a pass. */
+static inline void find_versions(const Pass *pass, const Cell *cell, Versions versions[3]) {
+    for (int channel = 0; channel < 3; channel++)
+        versions[channel] = (Versions){row_at(&pass->from, channel, cell->top) + cell->left,
+                                       row_at(&pass->to, channel, cell->top) + cell->left,
+                                       pass->from.stride, pass->to.stride};
+}
+
+/* Measure a cell of a stage with limits. */
+static inline void measure_cell(Pass *pass, const Cell *cell, ChangeMeasure *measure) {
+    Versions versions[3];
+    find_versions(pass, cell, versions);
+    if (pass->stage->limits.max_change >= 0.0f)
+        measure_versions(pass->stage, measure, versions, cell);
 }
 
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
  * of a range. */
-static inline int is_plain(const Pass *pass, CellRange range, float fraction) {
-    float contrast = range.high - range.low;
-    return pass->stage->threshold >= 0.0f &&
-           bound_change(pass->stage, range.low, fraction * contrast) <= pass->stage->threshold;
+static inline int is_plain(Pass *pass, CellRange range, float fraction) {
+    const ImageStage *stage = pass->stage;
+    if (range.low == range.high)
+        return 1;
+    float bound = bound_change(stage, range.low, fraction * (range.high - range.low));
+    if (stage->limits.max_change < 0.0f || bound > stage->limits.plain_change)
+        return 0;
+    raise_largest(&pass->change, bound);
+    raise_largest(&pass->other_change, bound);
+    return 1;
 }
 
 #endif

@@ -1,6 +1,6 @@
 /* Provides image_planes.h: cells of an image, their extremes and its border.
  * No twin. Owns nothing: planes are the job's scratch memory.
- * Threads: any thread of the pool, each for cells of its own; maxima are atomic. */
+ * Threads: any thread of the pool, each for cells of its own. */
 #include "image_planes.h"
 
 #include <string.h>
@@ -63,19 +63,4 @@ void fill_border(Pass *pass) {
             memcpy(last + (size_t)row * planes->stride, last, row_bytes);
         }
     }
-}
-
-void raise_maximum(_Atomic uint32_t *maximum, float value) {
-    uint32_t bits, known = atomic_load_explicit(maximum, memory_order_relaxed);
-    memcpy(&bits, &value, sizeof bits);
-    /* Floats of 0 and more are ordered as their bits are. */
-    while (bits > known && !atomic_compare_exchange_weak(maximum, &known, bits))
-        ;
-}
-
-float read_maximum(const _Atomic uint32_t *maximum) {
-    uint32_t bits = atomic_load_explicit(maximum, memory_order_relaxed);
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
 }

@@ -7,6 +7,7 @@
 #define CATOPTRA_IMAGE_PLANES_H
 
 #include "image.h"
+#include "pixel_change.h"
 #include "workers.h"
 
 #include <stdatomic.h>
@@ -39,9 +40,8 @@ typedef struct {
     float *lines;             /* (3, rows, width) scattered light between them */
     float veil[3];
     atomic_int next;
-    /* Bits of floats that are 0 or more. */
-    _Atomic uint32_t change, other_change;
-    _Atomic uint32_t *changes; /* (count,) of stages that share a pass */
+    ChangeMeasure change, other_change;
+    ChangeMeasure *changes; /* (count,) of stages that share a pass */
 } Pass;
 
 typedef struct {
@@ -65,9 +65,5 @@ void for_each_cell(Pass *pass, void (*visit)(Pass *pass, const Cell *cell));
 
 /* Repeat the image's edge in the border. */
 void fill_border(Pass *pass);
-
-/* Make float maxima known to all threads. */
-void raise_maximum(_Atomic uint32_t *maximum, float value);
-float read_maximum(const _Atomic uint32_t *maximum);
 
 #endif

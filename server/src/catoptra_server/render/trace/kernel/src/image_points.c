@@ -166,13 +166,13 @@ static int is_dark(const CellValues *cells, const Cell *cell) {
     return largest_of(high) == 0.0f;
 }
 
-static void measure_values(const ImageStage *stage, _Atomic uint32_t *change,
+static void measure_values(const ImageStage *stage, ChangeMeasure *change,
                            const CellValues *before, const CellValues *after, const Cell *cell) {
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {before->values[channel][0], after->values[channel][0], CELL_COLUMNS,
-                             CELL_COLUMNS};
-        measure_versions(stage, change, &versions, cell);
-    }
+    Versions versions[3];
+    for (int channel = 0; channel < 3; channel++)
+        versions[channel] = (Versions){before->values[channel][0], after->values[channel][0],
+                                       CELL_COLUMNS, CELL_COLUMNS};
+    measure_versions(stage, change, versions, cell);
 }
 
 /* In place: only this thread sees the cell. */
@@ -189,10 +189,10 @@ void change_points(Pass *pass, const Cell *cell) {
         int keeps_black = stage->kind <= STAGE_CLIPPED_GAIN || stage->kind == STAGE_SHOT_NOISE;
         if (keeps_black && is_dark(&after, cell))
             continue;
-        if (stage->threshold >= 0.0f)
+        if (stage->limits.max_change >= 0.0f)
             before = after;
         change_cell(pass, stage, cell, &after);
-        if (stage->threshold >= 0.0f)
+        if (stage->limits.max_change >= 0.0f)
             measure_values(stage, pass->changes + i, &before, &after, cell);
     }
     for (int channel = 0; channel < 3; channel++)

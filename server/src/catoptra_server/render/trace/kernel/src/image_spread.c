@@ -47,9 +47,9 @@ static int find_offsets(const Pass *pass, const Cell *cell, float *reach) {
 /* Light that a bilinear shift by up to (d, d) takes from other pixels. */
 static float exchange_of_shift(float d) { return d < 1.0f ? 1.0f - (1.0f - d) * (1.0f - d) : 1.0f; }
 
-static int is_shift_plain(const Pass *pass, const Cell *cell, float reach) {
+static int is_shift_plain(Pass *pass, const Cell *cell, float reach) {
     CellRange range = find_range_around(pass, cell, (int)reach + 1);
-    return range.low == range.high || is_plain(pass, range, exchange_of_shift(reach));
+    return is_plain(pass, range, exchange_of_shift(reach));
 }
 
 void warp(Pass *pass, const Cell *cell) {
@@ -72,7 +72,7 @@ void warp(Pass *pass, const Cell *cell) {
             for (int channel = 0; channel < 3; channel++)
                 row_at(&pass->to, channel, cell->top + row)[cell->left + x] = kept * light[channel];
         }
-    measure_cell(pass, cell);
+    measure_cell(pass, cell, &pass->change);
 }
 
 static float magnify_pixel(const Pass *pass, int channel, int x, int y, float dx, float dy) {
@@ -105,7 +105,7 @@ void magnify(Pass *pass, const Cell *cell) {
                 result[x] = magnify_pixel(pass, 2 * i, x, cell->top + row, columns[2 * x + i],
                                           rows[2 * (cell->top + row) + i]);
         }
-    measure_cell(pass, cell);
+    measure_cell(pass, cell, &pass->change);
 }
 
 /* Charge above the full well flows into the pixels above and below. */
@@ -140,7 +140,7 @@ void bloom(Pass *pass, const Cell *cell) {
             for (int x = 0; x < CELL_COLUMNS; x++)
                 result[x] += overflow[x];
         }
-    measure_cell(pass, cell);
+    measure_cell(pass, cell, &pass->change);
 }
 
 static int reflect(int value, int last) {
@@ -219,7 +219,7 @@ void demosaic(Pass *pass, const Cell *cell) {
         for (int x = cell->left; x < cell->left + cell->columns; x++)
             demosaic_pixel(pass, x, y);
     }
-    measure_cell(pass, cell);
+    measure_cell(pass, cell, &pass->change);
 }
 
 /* Light of the opposite pixel, reflected at the wall of a tube. */
@@ -241,5 +241,5 @@ void add_ghost(Pass *pass, const Cell *cell) {
                         opposite[clamp(column_sum - x, pass->job->width - 1)] * ghost[x];
         }
     }
-    measure_cell(pass, cell);
+    measure_cell(pass, cell, &pass->change);
 }

@@ -180,6 +180,19 @@ typedef struct {
     uint8_t *agreement;               /* zero; of the samples of the view's rays */
 } Labels;
 
+/* Change of the finished picture that nobody misses; twin: effects.Threshold. */
+typedef struct {
+    float max_change;    /* of any pixel, grey levels; negative: nothing is measured */
+    float plain_change;  /* up to it parts of an image may be drawn without an effect, uncounted */
+    int32_t max_visible; /* pixels that may change by more than VISIBLE_LEVELS */
+} ChangeLimits;
+
+/* Change of the finished picture by an effect; twin: effects.EffectChange. */
+typedef struct {
+    float largest;       /* of any pixel, grey levels */
+    int32_t num_visible; /* pixels that change by more than VISIBLE_LEVELS, at most */
+} PixelChange;
+
 typedef struct {
     double origin[3];    /* of the frame's coordinates, scene coordinates */
     int32_t num_poses;   /* K >= 1 poses of the camera and of each object, evenly spaced in time */
@@ -192,9 +205,9 @@ typedef struct {
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
     int32_t measures_shadows; /* shadow_change of the counts is wanted */
-    /* Grey levels: lamps whose light changes less, together, cast no shadow rays where shadows are
-     * measured; and other instants are measured up to it. */
-    float shadow_threshold;
+    /* Of all effects that are measured. Lamps whose light changes by less than the plain change,
+     * together, cast no shadow rays where shadows are measured. */
+    ChangeLimits limits;
     int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
     int32_t has_few_rays; /* they take less time than proofs of what fills parts of the image */
     int32_t output;
@@ -219,18 +232,17 @@ typedef struct {
 typedef struct {
     int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
     int32_t num_tiles;
-    /* Largest change of a pixel by shadows, encoded grey levels, with what lamps without a ray may
-     * add: of the sharp frame, and at any instant that its blur traces where the sharp frame's is
-     * at most the threshold. */
-    float shadow_change;
+    /* By shadows, with what lamps without a ray may add: of the sharp frame, and at any instant
+     * that its blur traces where the sharp frame's is within the limits. */
+    PixelChange shadow_change;
     int32_t shows_watched; /* whether the watched object is seen */
     int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */
     int32_t num_instants;      /* largest number of instants of a pixel */
     int64_t num_blur_rays;     /* rays of those */
-    float blur_change;    /* largest change of a pixel by them, encoded grey levels */
-    float rolling_change; /* bound of the same by the rows' own times */
-    float blur_ms;        /* time for them */
-    float fog_change;     /* largest change of a pixel by fog, encoded grey levels */
+    PixelChange blur_change;    /* by them */
+    PixelChange rolling_change; /* bound of the change by the rows' own times */
+    float blur_ms;              /* time for the instants */
+    PixelChange fog_change;
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

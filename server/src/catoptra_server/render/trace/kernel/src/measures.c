@@ -1,7 +1,7 @@
-/* Provides measures.h: maxima of the changes that effects make.
+/* Provides measures.h: the changes that effects make.
  * Float64 twin: reference/reference_engine.py, the difference of two frames. Owns nothing: the
  * measures are the frame's.
- * Threads: any thread at once: maxima are atomic. */
+ * Threads: any thread at once. */
 #include "measures.h"
 
 #include "encoding.h"
@@ -23,17 +23,21 @@ float level_change(const Frame *frame, float one, float other) {
     return fabsf(encode_level(gain * one) - encode_level(gain * other));
 }
 
-void note_level_change(const Frame *frame, _Atomic float *largest, float one, float other) {
-    float known = atomic_load_explicit(largest, memory_order_relaxed);
-    float change = level_change(frame, one, other);
-    while (change > known && !atomic_compare_exchange_weak(largest, &known, change))
-        ;
+float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
+    int is_shadow = measure == &state->measures->shadow;
+    return VISIBLE_LEVELS - (is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f);
 }
 
-void note_change(const Frame *frame, _Atomic float *largest, Vec3 one, Vec3 other) {
-    note_level_change(frame, largest, one.x, other.x);
-    note_level_change(frame, largest, one.y, other.y);
-    note_level_change(frame, largest, one.z, other.z);
+float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
+    return fmaxf(fmaxf(level_change(frame, one.x, other.x), level_change(frame, one.y, other.y)),
+                 level_change(frame, one.z, other.z));
+}
+
+void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one,
+                 Vec3 other) {
+    float change = colour_change(state->frame, one, other);
+    raise_largest(measure, change);
+    count_visible(measure, change > unseen_levels(state, measure) ? pixels : 0);
 }
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
@@ -47,22 +51,26 @@ static float bound_change(float gain, const float *one, const float *other) {
     return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR;
 }
 
-static void note_pixels(const Frame *frame, const TilePixels *pixels, _Atomic float *largest,
-                        float factor, const float *one, const float *other) {
-    if (bound_change(factor * frame->largest_gain, one, other) <=
-        atomic_load_explicit(largest, memory_order_relaxed))
-        return;
-    for (int row = 0; row < pixels->rows; row++)
-        for (int column = 0; column < pixels->columns; column++) {
-            int pixel = row * TILE_PX + column;
-            note_level_change(frame, largest, factor * one[pixel], factor * other[pixel]);
-        }
+static Vec3 mean_of(const PixelSums *sums, int pixel, float factor) {
+    return (Vec3){factor * sums->sum[0][pixel], factor * sums->sum[1][pixel],
+                  factor * sums->sum[2][pixel]};
 }
 
-void note_changes(const FrameState *state, int tile, _Atomic float *largest,
-                  const PixelSums *one, const PixelSums *other) {
-    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
-    TilePixels pixels = find_pixels(state, tile);
+void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
+                  const PixelSums *other) {
+    const Frame *frame = state->frame;
+    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples), bound = 0.0f;
     for (int channel = 0; channel < 3; channel++)
-        note_pixels(state->frame, &pixels, largest, factor, one->sum[channel], other->sum[channel]);
+        bound = fmaxf(bound, bound_change(factor * frame->largest_gain, one->sum[channel],
+                                          other->sum[channel]));
+    int counts = bound > unseen_levels(state, measure) && is_counted(measure, &frame->limits);
+    if (bound <= read_largest(measure) && !counts)
+        return;
+    TilePixels pixels = find_pixels(state, tile);
+    for (int row = 0; row < pixels.rows; row++)
+        for (int column = 0; column < pixels.columns; column++) {
+            int pixel = row * TILE_PX + column;
+            note_change(state, measure, 1, mean_of(one, pixel, factor),
+                        mean_of(other, pixel, factor));
+        }
 }

@@ -1,37 +1,36 @@
-/* Largest changes that effects make in the finished picture, in encoded grey levels (0 to 255, not
- * rounded).
- *
- * Maxima over all pixels: independent of the order in which threads find them. Tiles whose
- * extremes show that they change by at most the largest change so far are skipped.
+/* Changes that effects make in the finished picture, in encoded grey levels (0 to 255, not
+ * rounded). Tiles whose extremes show that they change neither visibly nor by more than the largest
+ * change so far are skipped.
  */
 #ifndef CATOPTRA_MEASURES_H
 #define CATOPTRA_MEASURES_H
 
+#include "pixel_change.h"
 #include "pixels.h"
 
-#include <stdatomic.h>
-
-/* Of the shadows' threshold, that lamps may change without a ray: the rest decides. */
+/* Of the plain change, that lamps may change without a ray: the rest decides. */
 #define UNSEEN_PART 0.5f
 
 struct Measures {
-    _Atomic float shadow_change, fog_change;
+    ChangeMeasure shadow, fog, blur;
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
     atomic_int shows_watched; /* some ray meets the watched object first */
 };
 
-/* Change of the picture, grey levels, between two values of a channel, linear light. */
+/* Change of the picture, grey levels, between two values of a channel, linear light; and between
+ * two colours. */
 float level_change(const Frame *frame, float one, float other);
+float colour_change(const Frame *frame, Vec3 one, Vec3 other);
 
-/* Note the change between two values of a channel. */
-void note_level_change(const Frame *frame, _Atomic float *largest, float one, float other);
+/* Change up to which a pixel does not count as visible: lamps without a ray add to the shadows'. */
+float unseen_levels(const FrameState *state, const ChangeMeasure *measure);
 
-/* Note the change between two linear colours. */
-void note_change(const Frame *frame, _Atomic float *largest, Vec3 one, Vec3 other);
+/* Note the change of some pixels between two linear colours. */
+void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one, Vec3 other);
 
 /* Note the changes between the pixels of two sums of samples. */
-void note_changes(const FrameState *state, int tile, _Atomic float *largest,
-                  const PixelSums *one, const PixelSums *other);
+void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
+                  const PixelSums *other);
 
 #endif

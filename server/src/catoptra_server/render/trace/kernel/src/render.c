@@ -48,21 +48,16 @@ typedef struct {
     atomic_int num_filled;
     atomic_int failed;
     atomic_llong num_rays;
-    atomic_uint change; /* bits of a float that is not negative, which sort as the float does */
 } Job;
 
 static void add_result(Job *job, const BlurResult *result) {
-    uint32_t bits, seen = atomic_load(&job->change);
-    memcpy(&bits, &result->change, sizeof bits);
-    while (bits > seen && !atomic_compare_exchange_weak(&job->change, &seen, bits))
-        continue;
     atomic_fetch_add(&job->num_rays, result->num_rays);
 }
 
 static void render_parts(void *argument) {
     Job *job = argument;
     const BeamLevel *parts = &job->view->levels[BEAM_LEVELS - 1];
-    BlurResult result = {0, 0.0f};
+    BlurResult result = {0};
     Search *search = create_search(job->state, job->max_boxes);
     if (!search) {
         atomic_store(&job->failed, 1);
@@ -96,7 +91,7 @@ static void render_tiles(void *job) { for_each_tile(job, render_unknown); }
 
 static void blur_tiles(void *argument) {
     Job *job = argument;
-    BlurResult result = {0, 0.0f};
+    BlurResult result = {0};
     int count = job->view->rays.num_tiles, first;
     while ((first = atomic_fetch_add(&job->next, TILES_AT_ONCE)) < count)
         for (int tile = first; tile < first + TILES_AT_ONCE && tile < count; tile++)
@@ -252,15 +247,12 @@ static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
     struct Measures *measures = job->state->measures;
     measures->blurs_unseen_shadows =
         job->state->frame->has_shadows && job->state->frame->measures_shadows &&
-        atomic_load(&measures->shadow_change) <= job->state->frame->shadow_threshold;
+        is_counted(&measures->shadow, &job->state->frame->limits);
     int is_done = choose_instants(job->state) &&
                   (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
-    uint32_t bits = atomic_load(&job->change);
-    memcpy(&counts->blur_change, &bits, sizeof bits);
     counts->num_blurred_tiles = plan->num_tiles;
     counts->num_instants = plan->max_instants;
     counts->num_blur_rays = atomic_load(&job->num_rays);
-    counts->rolling_change = plan->rolling_change;
     counts->blur_ms = elapsed_ms(&begin);
     return is_done;
 }
@@ -282,16 +274,21 @@ static int render_all(Device *device, const FrameState *state, const View *view,
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,
                         FrameCounts *counts, char *error) {
     FrameState state;
-    struct Measures measures = {.shadow_change = 0.0f};
+    struct Measures measures;
+    memset(&measures, 0, sizeof measures);
     int is_ready = begin_frame(&state, device, scene, view, frame, error);
     state.measures = &measures;
     int is_rendered = is_ready && render_all(device, &state, view, counts);
     if (is_ready && !is_rendered)
         snprintf(error, ERROR_SIZE, "out of memory");
-    counts->shadow_change = atomic_load(&measures.shadow_change);
+    int pixels = view->rays.width_px * view->rays.height_px;
+    counts->shadow_change = conclude_change(&measures.shadow, &frame->limits, pixels);
     if (atomic_load(&measures.skips_lamps))
-        counts->shadow_change += UNSEEN_PART * frame->shadow_threshold;
-    counts->fog_change = atomic_load(&measures.fog_change);
+        counts->shadow_change.largest += UNSEEN_PART * frame->limits.plain_change;
+    counts->fog_change = conclude_change(&measures.fog, &frame->limits, pixels);
+    counts->blur_change = conclude_change(&measures.blur, &frame->limits, pixels);
+    if (is_ready && state.plan)
+        counts->rolling_change = conclude_change(&state.plan->rolling, &frame->limits, pixels);
     counts->shows_watched = atomic_load(&measures.shows_watched);
     end_frame(&state);
     return !is_rendered;

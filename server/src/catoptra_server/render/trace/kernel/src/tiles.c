@@ -180,10 +180,10 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
         memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
                (size_t)pixels.columns * pixels.pixel_bytes);
     if (state->frame->measures_shadows && !light->is_table)
-        note_change(state->frame, &state->measures->shadow_change, light->radiance,
+        note_change(state, &state->measures->shadow, pixels.rows * pixels.columns, light->radiance,
                     add(light->radiance, light->lost));
     if (state->frame->measures_fog && has_fog(state))
-        note_change(state->frame, &state->measures->fog_change, light->radiance,
+        note_change(state, &state->measures->fog, pixels.rows * pixels.columns, light->radiance,
                     vec3(scene->sharp_radiance + 3 * entry));
     if (state->frame->inverse_range)
         fill_ranges(state, tile, content->triangle);
@@ -385,9 +385,9 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
     }
     finish_tile(state, tile, &sums.sums, sums.inverse);
     if (measures_fog(state))
-        note_changes(state, tile, &state->measures->fog_change, &sums.sums, &sums.clear);
+        note_changes(state, tile, &state->measures->fog, &sums.sums, &sums.clear);
     if (sums.differs)
-        note_changes(state, tile, &state->measures->shadow_change, &sums.sums, &sums.unshadowed);
+        note_changes(state, tile, &state->measures->shadow, &sums.sums, &sums.unshadowed);
 }
 
 static void render_samples(const FrameState *state, int tile, const TileContent *content,
@@ -429,9 +429,9 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
     }
     finish_tile(state, tile, &sums, inverse_sums);
     if (measures_fog(state))
-        note_changes(state, tile, &state->measures->fog_change, &sums, &clear_sums);
+        note_changes(state, tile, &state->measures->fog, &sums, &clear_sums);
     if (unshadowed.differs)
-        note_changes(state, tile, &state->measures->shadow_change, &sums, &unshadowed.sums);
+        note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed.sums);
 }
 
 static void identify_samples(const FrameState *state, int tile) {

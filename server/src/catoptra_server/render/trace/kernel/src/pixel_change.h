@@ -1,0 +1,56 @@
+/* What an effect changes of the finished picture: the largest change of any pixel, and the number
+ * of pixels that change visibly, found by all threads of a pass.
+ *
+ * Both are independent of the order in which threads find them. Once one number is beyond its
+ * limit, the effect is on whatever else is found, and pixels are no longer counted.
+ */
+#ifndef CATOPTRA_PIXEL_CHANGE_H
+#define CATOPTRA_PIXEL_CHANGE_H
+
+#include "kernel.h"
+
+#include <stdatomic.h>
+#include <string.h>
+
+/* Grey levels: a pixel that changes by at most half a level is the same after rounding, or its
+ * neighbour. */
+#define VISIBLE_LEVELS 0.5f
+
+typedef struct {
+    _Atomic uint32_t largest; /* bits of a float of 0 or more, which sort as the float does */
+    atomic_int num_visible;
+} ChangeMeasure;
+
+static inline float read_largest(const ChangeMeasure *measure) {
+    uint32_t bits = atomic_load_explicit(&measure->largest, memory_order_relaxed);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static inline void raise_largest(ChangeMeasure *measure, float value) {
+    uint32_t bits, known = atomic_load_explicit(&measure->largest, memory_order_relaxed);
+    memcpy(&bits, &value, sizeof bits);
+    while (bits > known && !atomic_compare_exchange_weak(&measure->largest, &known, bits))
+        ;
+}
+
+/* Whether the number of pixels still decides. */
+static inline int is_counted(const ChangeMeasure *measure, const ChangeLimits *limits) {
+    return read_largest(measure) <= limits->max_change &&
+           atomic_load_explicit(&measure->num_visible, memory_order_relaxed) <= limits->max_visible;
+}
+
+static inline void count_visible(ChangeMeasure *measure, int pixels) {
+    if (pixels)
+        atomic_fetch_add_explicit(&measure->num_visible, pixels, memory_order_relaxed);
+}
+
+/* The result for a picture of some pixels: all of them where counting ended. */
+static inline PixelChange conclude_change(const ChangeMeasure *measure, const ChangeLimits *limits,
+                                          int pixels) {
+    int visible = is_counted(measure, limits) ? atomic_load(&measure->num_visible) : pixels;
+    return (PixelChange){read_largest(measure), visible < pixels ? visible : pixels};
+}
+
+#endif
