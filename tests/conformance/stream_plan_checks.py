@@ -187,7 +187,8 @@ def check_effects(server: ServerUnderTest) -> None:
             _require_record(one, stages)
     for one in decided.effects:
         size = one.bound if one.change is None else one.change
-        if one.enabled != (size > one.threshold):
+        is_missed = size > one.threshold or one.visible_share > one.share_threshold
+        if one.enabled != is_missed:
             raise CheckFailed(f"of the threshold {one.threshold:g} the effect is {one}")
     for name, (own, always, without) in changed.items():
         by_mode = [
@@ -210,6 +211,8 @@ def _require_record(one, stage_ms: Mapping[str, float]) -> None:
     is_right = (
         min(one.bound, one.threshold, one.displacement_px or 0.0, one.change or 0.0) >= 0.0
         and one.bound <= 255.0
+        and 0.0 <= one.visible_share <= 1.0
+        and 0.0 <= one.share_threshold <= 1.0
         and (one.change or 0.0) <= 255.0
         and one.basis in ("proved", "measured")
         # Of the own robot is known that it is seen, not by how much.

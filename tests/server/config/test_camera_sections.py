@@ -129,8 +129,19 @@ def test_number_when_several_effects_share_it_reaches_all() -> None:
 
 
 def test_threshold_when_given_is_the_users() -> None:
-    found = read_effects("EffectThreshold=2", "EffectThresholdPx=0.25")
-    assert (found.max_change, found.threshold_px) == (2.0, 0.25)
+    found = read_effects("MaxChange=2", "VisibleShare=0.125", "EffectThresholdPx=0.25")
+    assert (found.max_change, found.visible_share, found.threshold_px) == (2.0, 0.125, 0.25)
+
+
+def test_threshold_of_an_earlier_file_allows_any_share_of_the_pixels() -> None:
+    found = read_effects("EffectThreshold=2")
+    assert (found.max_change, found.visible_share) == (2.0, 1.0)
+
+
+@pytest.mark.parametrize("key", ["MaxChange=2", "VisibleShare=0.5"])
+def test_threshold_of_both_kinds_is_rejected(key: str) -> None:
+    with pytest.raises(ConfigError, match=r"EffectThreshold.*MaxChange and VisibleShare"):
+        read_effects("EffectThreshold=2", key)
 
 
 def test_decisions_rest_on_the_frame_unless_a_file_wants_proofs_alone() -> None:
@@ -145,6 +156,10 @@ def test_decisions_rest_on_the_frame_unless_a_file_wants_proofs_alone() -> None:
         ("FullWell=0", "from 1 to"),
         ("AdcBits=32", "from 1 to 16"),
         ("EffectThreshold=-1", "from 0 to 255"),
+        ("MaxChange=-1", "from 0 to 255"),
+        ("MaxChange=nan", "from 0 to 255"),
+        ("VisibleShare=2", "from 0 to 1"),
+        ("VisibleShare=nan", "from 0 to 1"),
         ("EffectThresholdPx=inf", "from 0 to 1000"),
         ("EffectDecision=guessed", "one of proved, measured"),
     ],

@@ -33,6 +33,7 @@ from catoptra_server.effects.effect_plan import (
     EffectPlan,
     apply_scene_effects,
     describe_changes,
+    format_decisions,
     plan_effects,
 )
 from catoptra_server.effects.kernels.lens_blur import Aperture
@@ -144,7 +145,8 @@ def test_plan_when_no_effect_is_named_is_empty_and_reports_it() -> None:
 def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
     head, row = str(decide((FINE, EffectMode.AUTO))).splitlines()
     assert head.split() == [
-        *("effect", "basis", "change", "bound", "threshold", "px", "ms", "reason")
+        *("effect", "basis", "change", "bound", "threshold", "visible", "allowed"),
+        *("px", "ms", "reason"),
     ]
     assert row.split()[:5] == ["Quantisation", "off", "proved", "0.402", "0.5"]
     assert row.endswith("a converter of 12 bits")
@@ -210,6 +212,36 @@ def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) ->
     assert decision.reason == f"at most {change:.3g} in this frame; {plan.decisions[0].reason}"
 
 
+@pytest.mark.parametrize(
+    ("change", "share", "is_on"),
+    [(3.1, 2e-4, False), (3.1, 2e-3, True), (4.1, 2e-4, True), (0.4, 1.0, False)],
+)
+def test_frame_decides_by_the_largest_change_and_by_the_share_that_changes_visibly(
+    change: float, share: float, is_on: bool
+) -> None:
+    settings = replace(make_settings((COARSE, EffectMode.AUTO)), max_change=4.0, visible_share=1e-3)
+    plan = plan_effects(settings, DAYLIGHT, CAMERA)
+    assert plan.thresholds == {"Quantisation": Threshold(4.0, visible_share=1e-3)}
+    (decision,) = plan.decide_by_frame({"Quantisation": EffectChange(change, share)})
+    assert (decision.enabled, decision.threshold, decision.share_threshold) == (is_on, 4.0, 1e-3)
+    assert decision.visible_share == (share if change > 0.5 else 0.0)
+    if change == 3.1:
+        counted = f"at most 3.1 levels in any pixel, more than 0.5 in {100 * share:.2g} % of them"
+        assert decision.reason.startswith(counted)
+        assert counted in format_decisions((decision,), {})
+
+
+@pytest.mark.parametrize(("max_change", "share", "is_on"), [(4, 0.99, True), (4, 1, False)])
+def test_bound_above_half_a_level_proves_nothing_of_the_share(
+    max_change: float, share: float, is_on: bool
+) -> None:
+    settings = make_settings((Quantisation(9), EffectMode.AUTO))
+    settings = replace(settings, max_change=max_change, visible_share=share)
+    (decision,) = plan_effects(settings, DAYLIGHT, CAMERA).decisions
+    assert 0.5 < decision.bound < max_change
+    assert (decision.enabled, decision.visible_share) == (is_on, 1.0)
+
+
 def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
     dark = SceneSummary(0.1, ego_body_max_radiance=0.2, ego_body_max_angle_rad=0.5)
     plan = decide((SelfView(), EffectMode.AUTO), summary=dark)
@@ -256,7 +288,9 @@ def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_dis
     )
     assert [one.enabled for one in plan.decisions] == [True, False]
     assert plan.decisions[1].included_in == "DefocusByDepth"
-    decided = plan.decide_by_frame({"DefocusByDepth": EffectChange(depth_change), "Defocus": EffectChange(40.0)})
+    decided = plan.decide_by_frame(
+        {"DefocusByDepth": EffectChange(depth_change), "Defocus": EffectChange(40.0)}
+    )
     assert [one.enabled for one in decided] == expected
     # By its own bound, not that of an effect which another includes.
     assert decided[1].bound == Defocus(aperture).bound(near, CAMERA).value
@@ -271,7 +305,9 @@ def test_depth_without_the_fixed_disc_counts_all_of_the_blur(
     plan = decide((by_depth, EffectMode.AUTO), *named, summary=DAYLIGHT)
     fixed = Defocus(by_depth.aperture).bound(DAYLIGHT, CAMERA)
     assert by_depth.bound(DAYLIGHT, CAMERA).value < 0.5 < fixed.value == plan.decisions[0].bound
-    decided = plan.decide_by_frame({"DefocusByDepth": EffectChange(0.1), "Defocus": EffectChange(40.0)})
+    decided = plan.decide_by_frame(
+        {"DefocusByDepth": EffectChange(0.1), "Defocus": EffectChange(40.0)}
+    )
     assert decided[0].change == 40.0
     assert [one.enabled for one in decided] == [True, *(False for _ in named)]
 

@@ -176,7 +176,7 @@ def describe_changes(before: Sequence[EffectDecision], after: Sequence[EffectDec
     )
 
 
-_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>7} {:>7} {:>10} {:>7} {:>7}  {}"
+_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>7} {:>7} {:>10} {:>8} {:>8} {:>7} {:>7}  {}"
 
 
 def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float]) -> str:
@@ -189,7 +189,8 @@ def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float
     if not decisions:
         return "no effects: the robot file names none"
     head = _ROW_FORMAT.format(
-        "effect", "", "basis", "change", "bound", "threshold", "px", "ms", "reason"
+        *("effect", "", "basis", "change", "bound", "threshold", "visible", "allowed"),
+        *("px", "ms", "reason"),
     )
     rows = (_format_row(decision, ms.get(decision.effect)) for decision in decisions)
     return "\n".join((head, *rows))
@@ -206,6 +207,9 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
         state,
         decision.basis.value,
         *numbers,
+        # Of an effect that the largest change decides nobody counts the pixels.
+        "" if decision.visible_share == 1.0 else _percent(decision.visible_share),
+        _percent(decision.share_threshold),
         px,
         time_ms,
         decision.reason,
@@ -233,8 +237,12 @@ def _decide_by_change(decision: EffectDecision, change: EffectChange | None) -> 
 def _describe_change(change: EffectChange) -> str:
     if change.visible_share in (0.0, 1.0):
         return f"{change.largest:.3g}"
-    share = f"more than {VISIBLE_LEVELS} in {100.0 * change.visible_share:.2g} % of them"
+    share = f"more than {VISIBLE_LEVELS} in {_percent(change.visible_share)} of them"
     return f"{change.largest:.3g} levels in any pixel, {share},"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
 
 
 def _thresholds(

@@ -181,8 +181,8 @@ class View(Protocol):
             effects: Image effects.
             thresholds: Change of the finished picture, by name of a scene or image effect, that
                 nobody misses: cells of the image that the effect changes by at most its
-                `plain_change` may be drawn without it. Effects without a threshold, or with a negative one, are drawn
-                everywhere; the gains say how exactly.
+                `plain_change` may be drawn without it. Effects without a threshold, or with a
+                negative one, are drawn everywhere; the gains say how exactly.
         """
 
     def render_linear(

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects import SceneSummary
+from catoptra_server.effects import EffectChange, SceneSummary
 from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
@@ -25,6 +25,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_offset,
     max_change_by_shift,
     mean_luminance,
+    measure_change,
     normal_quantile_table,
     normal_variates,
     pcg3d,
@@ -71,6 +72,18 @@ def test_change_of_the_picture_is_the_largest_by_any_gain(gains: tuple[float, fl
     found = find_changes(*np.broadcast_arrays(one, other), gains)
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3)
     assert (found >= expected - 1e-9).all()
+
+
+def test_change_is_in_encoded_levels_of_the_pixel_that_changes_most() -> None:
+    before = np.full((2, 2, 3), 0.5, dtype=np.float32)
+    after = before.copy()
+    after[1, 0, 2] = 1.0
+    # sRGB of 0.5 is 187.5 of 255.
+    assert measure_change(before, after).largest == pytest.approx(255.0 - 187.52, abs=0.01)
+    assert measure_change(before, before) == EffectChange(0.0, 0.0)
+    # One pixel of four, however many of its colours change.
+    assert measure_change(before, after).visible_share == 0.25
+    assert measure_change(before, after + np.float32(0.5)).visible_share == 1.0
 
 
 @pytest.mark.parametrize("max_radiance", [1e-4, 0.02, 1.0, 20.0])

@@ -9,9 +9,9 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.effects import CaptureContext, LightSource, SceneSummary
+from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.effects.kernels.light_sources import max_px2_per_steradian
 from catoptra_server.effects.medium.veiling_glare import VeilingGlare
-from catoptra_server.effects.kernels.grey_levels import measure_change
 from helpers.effect_measurement import CAMERA, assert_criterion, make_test_pattern
 from server.effects.kernels.test_light_sources import FLAT_CAMERA
 

@@ -13,9 +13,9 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings, Threshold
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
+from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
-from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import MirrorSurface, PerPixel
 from catoptra_server.world.mirror_mesh import Tessellation
@@ -206,7 +206,9 @@ def test_effects_by_the_kernel_are_measured_and_have_no_passes(device: GlDevice)
         before = view.render_linear(CAMERA_STATE, EFFECTS[:2])
         after = view.render_linear(CAMERA_STATE, EFFECTS[:3])
     assert set(thresholds) <= set(image.changes)
-    assert image.changes["Exposure"].largest == pytest.approx(measure_change(before, after).largest, abs=0.6)
+    assert image.changes["Exposure"].largest == pytest.approx(
+        measure_change(before, after).largest, abs=0.6
+    )
     assert image.changes["Exposure"].largest > 1.0
     assert list(image.stage_ms)[:4] == ["faces", "mirror", "ranges", "readback"]
     assert set(thresholds) < set(image.stage_ms)

@@ -104,9 +104,11 @@ def test_fog_of_a_view_is_measured_with_and_without_image_effects(engine: Engine
     with open_renderer(engine, make_test_world()) as renderer:
         view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
         alone = view.render(state, (), {"Fog": Threshold(0.5)}).changes["Fog"].largest
-        with_effect = view.render(
-            state, (make_effect("Vignetting"),), {"Fog": Threshold(0.5)}
-        ).changes["Fog"].largest
+        with_effect = (
+            view.render(state, (make_effect("Vignetting"),), {"Fog": Threshold(0.5)})
+            .changes["Fog"]
+            .largest
+        )
         view.close()
     assert alone > 1.0
     assert with_effect == pytest.approx(alone, abs=0.02)

@@ -38,8 +38,11 @@ def test_shadows_when_lamps_are_dim_differ_from_all_by_the_threshold_at_most(
         lit = rays.render_linear(CameraState(TUNNEL_CAMERA))
     # Half of the threshold is for lamps that are skipped, and counts as changed.
     largest = find_changes(all_rays, frame.image, threshold.gains).max()
-    assert largest <= 0.5 * threshold.grey_levels
-    assert frame.changes["Shadows"].largest >= find_changes(lit, all_rays, threshold.gains).max() - 0.02
+    assert largest <= 0.5 * threshold.max_change
+    assert (
+        frame.changes["Shadows"].largest
+        >= find_changes(lit, all_rays, threshold.gains).max() - 0.02
+    )
 
 
 def test_shadows_that_nobody_sees_are_left_out_but_for_those_that_need_no_ray() -> None:

@@ -40,6 +40,7 @@ from catoptra_protocol.usarsim.commands import Note
 from catoptra_protocol.usarsim.reports import OdometryReading, RangeScanReading
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import DecisionBasis
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import CameraChannel, ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -137,7 +138,9 @@ def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
     decisions = (
         EffectDecision("SelfView", True, 80.0, 0.5, "it is seen"),
         EffectDecision("Vignetting", True, 9.0, 0.5, "the rim"),
-        EffectDecision("Blooming", False, 0.0, 0.5, "dim"),
+        EffectDecision(
+            "Blooming", False, 9.0, 4.0, "dim", None, DecisionBasis.MEASURED, 1e-3, 2e-4, 3.1
+        ),
     )
     records = records_from_decisions(decisions, {"trace": 7.0, "Vignetting": 1.5})
     assert [(one.name, one.enabled, one.duration_ms) for one in records] == [
@@ -147,6 +150,8 @@ def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
     ]
     assert (records[1].bound, records[1].threshold) == (9.0, 0.5)
     assert records[1].reason == "the rim"
+    dim = records[2]
+    assert (dim.change, dim.visible_share, dim.share_threshold) == (3.1, 2e-4, 1e-3)
 
 
 async def query(

@@ -127,10 +127,33 @@ def test_threshold_leaves_cells_plain_by_no_more_than_itself(
             ExposedImage(image, camera, context), (effect,), {name: Threshold(threshold)}
         )
         assert measure_change(everywhere, native.image).largest <= threshold
-        # The change of what was drawn; plain cells count nothing.
+        # That of what was drawn, or the bound of a cell that stayed plain.
         if name != "DefocusByDepth":
-            measured = measure_change(image, native.image).largest
-            assert native.changes[name].largest == pytest.approx(measured, abs=0.02)
+            measured, found = (
+                measure_change(image, everywhere).largest,
+                native.changes[name].largest,
+            )
+            assert measured - 0.02 <= found <= max(measured + 0.02, threshold)
+
+
+@pytest.mark.parametrize("name", STAGE_MAKERS)
+@pytest.mark.parametrize("allowed", [Threshold(255.0, visible_share=0.999), Threshold(0.0)])
+def test_stage_counts_the_pixels_that_change_visibly(
+    changer: KernelImageChanger, name: str, allowed: Threshold
+) -> None:
+    camera, effect = camera_of_size(97, 71), make_strong(name)
+    context = make_context(camera)
+    for image in make_images(camera):
+        exposed = ExposedImage(image, camera, context)
+        everywhere = changer.change(exposed, (effect,), {}).image
+        found = changer.change(exposed, (effect,), {name: allowed}).changes
+        expected = measure_change(image, everywhere)
+        one = found["Defocus" if name == "DefocusByDepth" else name]
+        # Once an effect is on, the rest is not counted. Changes are known to a hundredth of a level.
+        share = expected.visible_share if allowed.covers(one) else 1.0
+        if expected.largest > 0.5:
+            assert one.visible_share == pytest.approx(share, abs=6 / (97 * 71))
+        assert one.visible_share >= expected.visible_share - 6 / (97 * 71)
 
 
 def test_blur_by_range_is_measured_against_the_disc_of_infinity(
@@ -145,8 +168,12 @@ def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     )
     far = fixed.apply(image, camera, context)
     near = by_depth.apply(image, camera, context)
-    assert native.changes["DefocusByDepth"].largest == pytest.approx(measure_change(far, near).largest, abs=0.05)
-    assert native.changes["Defocus"].largest == pytest.approx(measure_change(image, near).largest, abs=0.05)
+    assert native.changes["DefocusByDepth"].largest == pytest.approx(
+        measure_change(far, near).largest, abs=0.05
+    )
+    assert native.changes["Defocus"].largest == pytest.approx(
+        measure_change(image, near).largest, abs=0.05
+    )
 
 
 def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:
@@ -189,7 +216,10 @@ def test_changes_and_images_do_not_depend_on_threads() -> None:
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))
     effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
-    thresholds = {effect.name: Threshold(0.5) for effect in effects}
+    # Counted to the end, up to a limit, and ended by the largest change.
+    allowed = Threshold(255.0, visible_share=0.99), Threshold(255.0, visible_share=0.1)
+    rules = (*allowed, Threshold(0.5))
+    thresholds = {effect.name: rules[i % 3] for i, effect in enumerate(effects)}
     results = []
     for threads in (1, 2, 3):
         device = KernelDevice(choose_instruction_set(), threads)

@@ -1,9 +1,9 @@
 """Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
 
 A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
-16 x 8 px that a stage can change by no more than the threshold, and measures the largest change,
-and the pixels that change visibly, exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
-place in the order.
+16 x 8 px that a stage can change by no more than its plain change; the largest change and the
+pixels that change visibly are the same for any number of threads. Effects without a stage are
+applied by their own formula, in their place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
 Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.

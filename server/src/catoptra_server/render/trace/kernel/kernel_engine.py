@@ -208,7 +208,13 @@ class KernelRays:
         view = self._require_view()
         has_few_rays = BLOCK_RAYS * self._table.valid.size < MIN_PROVEN_RAYS
         self.last_counts = self._engine.render(
-            view, exposure, output, thresholds, self._num_pixels, has_few_rays=has_few_rays, **addresses
+            view,
+            exposure,
+            output,
+            thresholds,
+            self._num_pixels,
+            has_few_rays=has_few_rays,
+            **addresses,
         )
 
     def _require_view(self) -> int:

@@ -145,13 +145,16 @@ class EffectRow {
   }
 
   /** Show a record of a frame's header. */
-  show({ enabled, bound, change, basis, threshold, reason, duration_ms }) {
+  show({ enabled, bound, change, basis, threshold, visible_share, reason, duration_ms }) {
     // Without a threshold every effect above 0 counts.
     const value = change ?? bound;
     const ratio = threshold > 0 ? value / threshold : value * RATIO.high;
     this.#bar.set(RATIO.fractionOf(ratio), enabled);
     const relation = value > threshold ? ">" : "\u2264";
-    setText(this.#bound, `${format(value)} ${relation} ${format(threshold)}, ${basis}`);
+    // Of an effect that the largest change decides nobody counts the pixels.
+    const isCounted = visible_share > 0 && visible_share < 1;
+    const share = isCounted ? `, visible in ${format(100 * visible_share)} %` : "";
+    setText(this.#bound, `${format(value)} ${relation} ${format(threshold)}${share}, ${basis}`);
     setText(this.#reason, reason);
     const duration = duration_ms === null ? "" : `, ${format(duration_ms)} ms`;
     setText(this.#decision, (enabled ? "on" : "off") + duration);
