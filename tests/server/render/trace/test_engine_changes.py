@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import Threshold
+from catoptra_server.effects import UNCHANGED, Threshold
+from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
@@ -110,8 +111,26 @@ def test_change_by_shadows_that_only_other_instants_show_is_found(engine: Engine
             rays.render(state, TraceRequest(is_linear=True, thresholds=thresholds)).changes
             for state in (still, drives)
         ]
-    assert changes[0]["Shadows"] <= 0.5
-    assert changes[1]["Shadows"] > 5.0
+    assert changes[0]["Shadows"].largest <= 0.5
+    assert changes[1]["Shadows"].largest > 5.0
+
+
+def test_shadows_are_counted_in_every_pixel_that_they_change_visibly(engine: EngineName) -> None:
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    counted = {"Shadows": Threshold(255.0, visible_share=0.999)}
+    ended = {"Shadows": Threshold(255.0, visible_share=0.001)}
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        frame = rays.render(STATE, TraceRequest(is_linear=True, thresholds=counted))
+        lit = rays.render_linear(replace(STATE, has_shadows=False))
+        rest = rays.render(STATE, TraceRequest(is_linear=True, thresholds=ended))
+    changes = find_changes(frame.image, lit, UNCHANGED).max(axis=-1)
+    shares = [float((changes > level).mean()) for level in (0.5, 0.24)]
+    # Lamps that cast no ray may add a quarter of a level to what is measured.
+    assert shares[0] <= frame.changes["Shadows"].visible_share <= shares[1]
+    assert shares[0] > 0.005
+    share = 1.0 if engine == "kernel" else frame.changes["Shadows"].visible_share
+    assert rest.changes["Shadows"].visible_share == share
 
 
 @pytest.mark.parametrize(("height_m", "change"), [(0.6, np.inf), (-3.0, 0.0)])

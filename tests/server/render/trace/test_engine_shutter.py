@@ -13,6 +13,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import Threshold
+from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
@@ -166,6 +167,17 @@ def test_changes_of_blur_are_the_largest_difference_from_the_sharp_frame(rays: K
     difference = np.abs(grey_levels(frame.image) - grey_levels(rays.render_linear(state))).max()
     # The table of the encoding is exact to a hundredth.
     assert frame.changes["MotionBlur"].largest == pytest.approx(difference, abs=0.011)
+
+
+def test_blur_is_counted_in_every_pixel_that_it_changes_visibly(rays: KernelRays) -> None:
+    state = STATES["drives"]
+    counted = {"MotionBlur": Threshold(255.0, visible_share=0.999)}
+    request = TraceRequest(is_linear=True, thresholds=counted)
+    frame = rays.render(replace(state, shutter=BLUR), request)
+    expected = measure_change(frame.image, rays.render_linear(state))
+    assert 0.01 < expected.visible_share < 0.9
+    found = frame.changes["MotionBlur"].visible_share
+    assert found == pytest.approx(expected.visible_share, abs=0.001)
 
 
 def test_motion_that_nobody_sees_is_left_out(rays: KernelRays) -> None:

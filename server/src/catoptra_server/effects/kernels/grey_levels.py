@@ -125,8 +125,7 @@ def measure_change(
 ) -> EffectChange:
     """Change of the finished picture between two versions, (h, w, 3), of light."""
     levels = find_changes(one, other, gains).max(axis=-1)
-    share = np.count_nonzero(levels > VISIBLE_LEVELS) / levels.size
-    return EffectChange(float(levels.max()), share)
+    return EffectChange(float(levels.max()), float((levels > VISIBLE_LEVELS).mean()))
 
 
 # Rec. 709, for linear red, green, blue.

@@ -206,7 +206,8 @@ class _ReferenceRays:
         """Change by shadows; of all instants where the sharp frame shows none."""
         threshold = thresholds["Shadows"]
         change = self._measure(sharp, threshold.gains, has_shadows=False)
-        if isinstance(exposure, MovingExposure) or not threshold.covers(change):
+        is_moving = isinstance(exposure, CameraState) and exposure.shutter is not None
+        if not (is_moving and threshold.covers(change)):
             return change
         instants = sample_shutter(exposure, self._table.height_px)
         changes = [
