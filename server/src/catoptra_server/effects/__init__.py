@@ -298,6 +298,11 @@ class Threshold:
         """Whether the frame decides on the effect."""
         return self.grey_levels >= 0.0
 
+    def narrow(self, least: float, largest: float) -> Threshold:
+        """The same with factors of the least and the largest gain."""
+        gains = (least * self.gains[0], largest * self.gains[1])
+        return Threshold(self.grey_levels, gains)
+
 
 @dataclass(frozen=True, slots=True)
 class EffectSetting:

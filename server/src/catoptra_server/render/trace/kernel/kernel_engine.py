@@ -385,9 +385,8 @@ class KernelEngine:
             struct.watched_object = find_ego_body(exposure)
         struct.blur_threshold = _grey_levels(thresholds, "MotionBlur")
         # Those of the first effect include all others'.
-        for one in thresholds.values():
-            struct.least_gain = min(struct.least_gain, one.gains[0])
-            struct.largest_gain = max(struct.largest_gain, one.gains[1])
+        for one in [*thresholds.values()][:1]:
+            struct.least_gain, struct.largest_gain = one.gains
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)
