@@ -22,7 +22,15 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import UNCHANGED, CaptureContext, Gains, ImageEffect, Threshold
+from catoptra_server.effects import (
+    NO_SPILL,
+    UNCHANGED,
+    CaptureContext,
+    Gains,
+    ImageEffect,
+    Spill,
+    Threshold,
+)
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
@@ -98,7 +106,9 @@ class NumpyImageChanger:
             before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
             if effect.name in thresholds and thresholds[effect.name].is_measured:
-                changes[effect.name] = measure_change(before, light, thresholds[effect.name].gains)
+                changes[effect.name] = measure_change(
+                    before, light, thresholds[effect.name].gains, thresholds[effect.name].spill
+                )
         return ChangedImage(light, stage_ms, changes)
 
     def encode(
@@ -120,13 +130,15 @@ class NumpyImageChanger:
         """Free nothing."""
 
 
-def measure_change(before: LinearImage, after: LinearImage, gains: Gains = UNCHANGED) -> float:
+def measure_change(
+    before: LinearImage, after: LinearImage, gains: Gains = UNCHANGED, spill: Spill = NO_SPILL
+) -> float:
     """Largest change of any pixel of the finished picture between two linear images, grey levels,
     not rounded."""
     # Not loaded at the start of a server whose kernel measures.
     from catoptra_server.effects.kernels.grey_levels import find_changes
 
-    return float(find_changes(before, after, gains).max())
+    return float(find_changes(before, after, gains, spill).max())
 
 
 _MAX_LEVEL = 2**16 - 1

@@ -93,6 +93,8 @@ def expect_gain(
         effects: Image effects of the frame.
         mean_luminance: Of a sample of the light that reaches the first of them.
     """
+    if mean_luminance <= 0.0:
+        return thresholds
     control = next(one for one in effects if isinstance(one, AutoExposure))
     position = effects.index(control)
     for one in effects[:position]:

@@ -132,6 +132,27 @@ def test_threshold_leaves_cells_plain_by_no_more_than_itself(
             assert native.changes[name] == pytest.approx(measured, abs=0.02)
 
 
+@pytest.mark.parametrize("name", ["Vignetting", "Exposure", "ChromaticAberration", "Diffraction"])
+def test_change_of_light_above_the_well_counts_what_spills_over_beside(
+    changer: KernelImageChanger, name: str
+) -> None:
+    camera, effect = camera_of_size(97, 71), make_effect(name, STRONG.get(name))
+    blooming = make_effect("Blooming", {"overflow_fraction": 0.5})
+    context = make_context(camera)
+    bright = np.zeros((71, 97, 3), dtype=np.float32)
+    bright[20:50, 30:60] = np.linspace(3.0, 4.0, 30, dtype=np.float32)[:, None]
+    exposed = ExposedImage(bright, camera, context)
+    for levels in (0.0, 20.0):
+        threshold = Threshold(levels, (1.0, 1.5), (1.0, 0.5))
+        native = changer.change(exposed, (effect,), {name: threshold})
+        change = native.changes[name]
+        with_it = changer.change(exposed, (effect, blooming), {}).image
+        without = changer.change(exposed, (blooming,), {}).image
+        plain = blooming.apply(native.image, camera, context)
+        assert measure_change(without, plain) <= change + 0.02
+        assert measure_change(with_it, plain) <= levels + 0.02
+
+
 def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     changer: KernelImageChanger,
 ) -> None:

@@ -387,6 +387,7 @@ class KernelEngine:
         # Those of the first effect include all others'.
         for one in [*thresholds.values()][:1]:
             struct.least_gain, struct.largest_gain = one.gains
+            struct.spill[:] = one.spill
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)

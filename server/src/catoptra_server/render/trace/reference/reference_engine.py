@@ -17,7 +17,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import Gains, Threshold
+from catoptra_server.effects import Threshold
 from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.image_changer import NumpyImageChanger, encode_srgb
 from catoptra_server.render.renderer import Image, LinearImage, advance, sample_shutter
@@ -190,7 +190,7 @@ class _ReferenceRays:
         if "Shadows" in measured and first_state(exposure).has_shadows:
             changes["Shadows"] = self._measure_shadows(exposure, sharp, request.thresholds)
         if "Fog" in measured and first_state(exposure).fog is not None:
-            changes["Fog"] = self._measure(sharp, request.thresholds["Fog"].gains, fog=None)
+            changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = np.inf if is_seen else 0.0
@@ -205,21 +205,23 @@ class _ReferenceRays:
     ) -> float:
         """Largest change by shadows; of all instants where the sharp frame shows none."""
         threshold = thresholds["Shadows"]
-        change = self._measure(sharp, threshold.gains, has_shadows=False)
+        change = self._measure(sharp, threshold, has_shadows=False)
         if isinstance(exposure, MovingExposure) or change > threshold.grey_levels:
             return change
         instants = sample_shutter(exposure, self._table.height_px)
         return max(
             change,
-            *(self._measure(state, threshold.gains, has_shadows=False) for state, _ in instants),
+            *(self._measure(state, threshold, has_shadows=False) for state, _ in instants),
         )
 
-    def _measure(self, exposure: TracedExposure, gains: Gains, **without: Any) -> float:
+    def _measure(self, exposure: TracedExposure, threshold: Threshold, **without: Any) -> float:
         """Largest difference of the picture from frames without an effect, grey levels."""
         states = tuple(replace(state, **without) for state in camera_states(exposure))
         plain = states[0] if len(states) == 1 else MovingExposure(states)
         light, without_it = (self._render(each, mean_pixels, 0.0) for each in (exposure, plain))
-        return float(find_changes(light, without_it, gains).max(initial=0.0))
+        return float(
+            find_changes(light, without_it, threshold.gains, threshold.spill).max(initial=0.0)
+        )
 
     def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
         """(h, w) inverses of the pixels' mean inverse ranges, metres."""

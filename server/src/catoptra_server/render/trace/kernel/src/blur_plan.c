@@ -7,6 +7,7 @@
 
 #include "encoding.h"
 #include "facet_plane.h"
+#include "measures.h"
 #include "pixels.h"
 
 #include <math.h>
@@ -326,14 +327,20 @@ static float *spread_speeds(const FrameState *state, float time) {
 }
 
 /* Greatest contrast within reach of a cell of a tile, grey levels. */
-static float find_contrast(const BlurPlan *plan, const uint8_t *cells, int row, int column, int cell) {
+static float find_contrast(const FrameState *state, const uint8_t *cells, int row, int column,
+                           int cell) {
+    const BlurPlan *plan = state->plan;
+    float to_light = 1.0f / state->frame->largest_gain;
     size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
     const uint8_t *at = cells + (size_t)(CELLS * row + cell / CELLS) * (size_t)plan->cell_columns +
                         CELLS * column + cell % CELLS;
     float contrast = 0.0f;
     for (int channel = 0; channel < CHANNELS; channel++) {
-        float difference = level_of_code(at[plane * (size_t)(CHANNELS + channel)]) -
-                           level_of_code(at[plane * (size_t)channel]);
+        uint8_t low = at[plane * (size_t)channel], high = at[plane * (size_t)(CHANNELS + channel)];
+        float light = to_light * light_of_code(high), dark = to_light * light_of_code(low);
+        float difference = level_of_code(high) - level_of_code(low);
+        if (high > low)
+            difference += spilt_levels(state->frame, light, light - dark);
         contrast = difference > contrast ? difference : contrast;
     }
     return contrast;
@@ -389,7 +396,7 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
                 continue;
             float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
             for (int cell = 0; cell < CELLS * CELLS; cell++) {
-                float contrast = find_contrast(state->plan, cells, row, column, cell);
+                float contrast = find_contrast(state, cells, row, column, cell);
                 if (is_blurred && is_visible(state->frame, contrast, displacements[at]))
                     want_cell(state, row, column, cell,
                               count_instants(state->frame, displacements[at]));

@@ -246,8 +246,8 @@ static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *
     find_reach(pass->stage, high, &far_kernels);
     float exchange = kernels->exchange > far_kernels.exchange ? kernels->exchange
                                                               : far_kernels.exchange;
-    if (bound_change(pass->stage, range.low, exchange * (range.high - range.low)) <=
-        read_maximum(&pass->change))
+    LightChange light = {range.low, range.high, exchange * (range.high - range.low)};
+    if (bound_change(pass->stage, light) <= read_maximum(&pass->change))
         return;
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)

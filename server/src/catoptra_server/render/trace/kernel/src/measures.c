@@ -12,6 +12,11 @@
 /* Twice the table's error: of the difference of two levels. */
 #define TABLE_ERROR 0.01f
 
+float spilt_levels(const Frame *frame, float larger, float difference) {
+    float excess = frame->spill[0] * larger - 1.0f, change = frame->spill[0] * difference;
+    return encode_level(frame->spill[1] * (change < excess ? change : excess));
+}
+
 /* On its way to the picture light is multiplied by any of the frame's gains: a difference shows most
  * where the larger value just reaches white. */
 float level_change(const Frame *frame, float one, float other) {
@@ -20,7 +25,8 @@ float level_change(const Frame *frame, float one, float other) {
         return 0.0f;
     if (gain * larger > 1.0f)
         gain = 1.0f / larger > frame->least_gain ? 1.0f / larger : frame->least_gain;
-    return fabsf(encode_level(gain * one) - encode_level(gain * other));
+    float change = fabsf(encode_level(gain * one) - encode_level(gain * other));
+    return fminf(change + spilt_levels(frame, larger, fabsf(one - other)), 255.0f);
 }
 
 void note_level_change(const Frame *frame, _Atomic float *largest, float one, float other) {
@@ -38,18 +44,20 @@ void note_change(const Frame *frame, _Atomic float *largest, Vec3 one, Vec3 othe
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
  * shows most where it begins at the darkest value; of what reaches beyond white, below white. */
-static float bound_change(float gain, const float *one, const float *other) {
-    Floats16 a = gain * load16(one), b = gain * load16(other);
-    float lowest = clip(smallest_of(least16(a, b)));
-    float difference = clip(largest_of(most16(a, b) - least16(a, b)));
+static float bound_change(const Frame *frame, float factor, const float *one, const float *other) {
+    Floats16 a = factor * load16(one), b = factor * load16(other);
+    float change = largest_of(most16(a, b) - least16(a, b));
+    float spilt = spilt_levels(frame, largest_of(most16(a, b)), change);
+    float lowest = clip(frame->largest_gain * smallest_of(least16(a, b)));
+    float difference = clip(frame->largest_gain * change);
     if (lowest + difference > 1.0f)
         lowest = 1.0f - difference;
-    return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR;
+    return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR + spilt;
 }
 
 static void note_pixels(const Frame *frame, const TilePixels *pixels, _Atomic float *largest,
                         float factor, const float *one, const float *other) {
-    if (bound_change(factor * frame->largest_gain, one, other) <=
+    if (bound_change(frame, factor, one, other) <=
         atomic_load_explicit(largest, memory_order_relaxed))
         return;
     for (int row = 0; row < pixels->rows; row++)

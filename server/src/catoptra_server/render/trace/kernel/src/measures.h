@@ -24,6 +24,9 @@ struct Measures {
 /* Change of the picture, grey levels, between two values of a channel, linear light. */
 float level_change(const Frame *frame, float one, float other);
 
+/* Change of a black pixel beside light that changes by a difference, above the well. */
+float spilt_levels(const Frame *frame, float larger, float difference);
+
 /* Note the change between two values of a channel. */
 void note_level_change(const Frame *frame, _Atomic float *largest, float one, float other);
 
