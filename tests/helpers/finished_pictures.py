@@ -3,8 +3,11 @@ picture with effects by their criteria beside the picture with all effects."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
+from math import cos, sin
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ from catoptra_server.commands.explain import PlanarVelocity, build_camera_state
 from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.effects import EffectMode, EffectSetting, widest_gains
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.frames.frame import ViewRequest
@@ -22,7 +26,8 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
-from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
@@ -67,6 +72,7 @@ def draw_pair(
     *,
     width_px: int = 120,
     max_gain: float | None = None,
+    exposure: float = 1.0,
     renderer: str = "trace",
     velocity: PlanarVelocity = DRIVING,
     without: str = "",
@@ -78,45 +84,85 @@ def draw_pair(
         factor: Factor of all light.
         width_px: Side of the image.
         max_gain: Largest gain of an automatic exposure; None for the exposure time alone.
+        exposure: Times that of daylight.
         renderer: `trace` or `raster`.
         velocity: Motion of the robot.
         without: Effect that the second picture has not, all others as in the first.
     """
-    startup = real_camera_in(world)
-    dimmed = dim(startup.world, factor)
-    robot = startup.robots[0]
-    omni = robot.omni_camera
-    assert omni is not None
-    camera = camera_with_inscribed_rim(
-        omni.camera.mirror, width_px=width_px, height_px=width_px, rim_rad=omni.camera.rim_rad
-    )
-    named = tuple(_expose(one, factor, max_gain) for one in omni.effects.settings)
-    by_criteria = replace(omni.effects, settings=named)
-    start = startup.world.starts[0] if startup.world.starts else None
-    pose = PlanarPose(*start.location_m[:2], start.rotation_rad[2]) if start else None
-    state = build_camera_state(robot, omni, pose or PlanarPose(0.0, 0.0, 0.0), velocity)
-    choice = choose_renderer(
-        renderer, startup.scene, dimmed, threads=2, gains=widest_gains((by_criteria,))
-    )
-    views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, dimmed))
-
-    def draw(settings: tuple[EffectSetting, ...]) -> RenderedView:
-        effects = replace(by_criteria, settings=settings)
-        return views.render(
-            ViewRequest(OmniCameraSpec(camera, omni.render_settings, effects), state)
-        )
-
-    try:
-        first = draw(named)
+    with _open_camera(world, factor / exposure, factor, width_px, max_gain, renderer) as camera:
+        state = camera.place(velocity)
+        first = camera.draw(camera.settings, state)
         if not without:
-            others = (_force(one, EffectMode.ALWAYS) for one in named)
+            others = (_force(one, EffectMode.ALWAYS) for one in camera.settings)
         else:
             on = {one.effect for one in first.effect_decisions if one.enabled} - {without}
             others = (
                 _force(one, EffectMode.ALWAYS if one.effect.name in on else EffectMode.NEVER)
-                for one in named
+                for one in camera.settings
             )
-        return first, draw(tuple(others))
+        return first, camera.draw(tuple(others), state)
+
+
+def draw_path(world: str, distances_m: Sequence[float]) -> list[tuple[EffectDecision, ...]]:
+    """Decisions about effects by their criteria, at distances ahead of the start."""
+    with _open_camera(world, 1.0, 1.0, 120, None, "trace") as camera:
+        states = [camera.place(DRIVING, ahead_m) for ahead_m in distances_m]
+        return [camera.draw(camera.settings, one).effect_decisions for one in states]
+
+
+@dataclass(frozen=True)
+class _OpenCamera:
+    """The real camera in a world, and its views."""
+
+    startup: StartupConfig
+    omni: OmniCameraDescription
+    spec: OmniCameraSpec
+    views: ViewCache
+
+    @property
+    def settings(self) -> tuple[EffectSetting, ...]:
+        """Settings of the camera's effects."""
+        return self.spec.effect_settings.settings
+
+    def place(self, velocity: PlanarVelocity, ahead_m: float = 0.0) -> CameraState:
+        """State of the camera ahead of the world's start."""
+        start = self.startup.world.starts[0] if self.startup.world.starts else None
+        x, y, yaw = (*start.location_m[:2], start.rotation_rad[2]) if start else (0.0, 0.0, 0.0)
+        pose = PlanarPose(x + ahead_m * cos(yaw), y + ahead_m * sin(yaw), yaw)
+        return build_camera_state(self.startup.robots[0], self.omni, pose, velocity)
+
+    def draw(self, settings: tuple[EffectSetting, ...], state: CameraState) -> RenderedView:
+        """Picture with effects."""
+        effects = replace(self.spec.effect_settings, settings=settings)
+        spec = OmniCameraSpec(self.spec.camera, self.spec.render_settings, effects)
+        return self.views.render(ViewRequest(spec, state))
+
+
+@contextmanager
+def _open_camera(
+    world: str,
+    exposed: float,
+    factor: float,
+    width_px: int,
+    max_gain: float | None,
+    renderer: str,
+) -> Iterator[_OpenCamera]:
+    startup = real_camera_in(world)
+    dimmed = dim(startup.world, factor)
+    omni = startup.robots[0].omni_camera
+    assert omni is not None
+    camera = camera_with_inscribed_rim(
+        omni.camera.mirror, width_px=width_px, height_px=width_px, rim_rad=omni.camera.rim_rad
+    )
+    named = tuple(_expose(one, exposed, max_gain) for one in omni.effects.settings)
+    by_criteria = replace(omni.effects, settings=named)
+    choice = choose_renderer(
+        renderer, startup.scene, dimmed, threads=2, gains=widest_gains((by_criteria,))
+    )
+    views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, dimmed))
+    spec = OmniCameraSpec(camera, omni.render_settings, by_criteria)
+    try:
+        yield _OpenCamera(startup, omni, spec, views)
     finally:
         views.close()
 
@@ -125,7 +171,7 @@ def _force(setting: EffectSetting, mode: EffectMode) -> EffectSetting:
     return setting if setting.mode is EffectMode.NEVER else replace(setting, mode=mode)
 
 
-def _expose(setting: EffectSetting, factor: float, max_gain: float | None) -> EffectSetting:
+def _expose(setting: EffectSetting, dimmed: float, max_gain: float | None) -> EffectSetting:
     effect = setting.effect
     if effect.name in _RANDOM:
         return replace(setting, mode=EffectMode.NEVER)
@@ -133,7 +179,7 @@ def _expose(setting: EffectSetting, factor: float, max_gain: float | None) -> Ef
         effect = replace(effect, max_gain=max_gain, min_gain=1.0 / max_gain)
         return EffectSetting(effect, EffectMode.AUTO)
     if isinstance(effect, Exposure) and max_gain is None:
-        brighter = replace(effect, white_exposure_s=factor * effect.exposure_s)
+        brighter = replace(effect, white_exposure_s=dimmed * effect.exposure_s)
         return EffectSetting(brighter, setting.mode)
     return setting
 

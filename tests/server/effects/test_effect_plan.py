@@ -13,6 +13,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import (
     EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
+    NO_SPILL,
     NUM_RINGS,
     UNCHANGED,
     DecisionBasis,
@@ -36,6 +37,7 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -121,6 +123,20 @@ def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
         (longer, blooming),
         (),
     ]
+
+
+def test_bound_of_light_above_the_well_counts_what_spills_over_beside() -> None:
+    vignetting, blooming = make_any_effect("Vignetting"), Blooming(0.1, 8.0)
+    bright, dim = SceneSummary(3.0), SceneSummary(0.9)
+    both = (vignetting, EffectMode.AUTO), (blooming, EffectMode.AUTO)
+    bound, alone = (decide(*one, summary=bright).decisions[0].bound for one in (both, both[:1]))
+    # Black between white that falls from three wells to less.
+    assert bound >= alone + grey_level(0.1 * 2.0) - 1e-9
+    assert decide(*both, summary=dim).decisions[0].bound == pytest.approx(
+        decide(*both[:1], summary=dim).decisions[0].bound, rel=0.05
+    )
+    thresholds = decide(*both, summary=bright).thresholds
+    assert [one.spill for one in thresholds.values()] == [(1.0, pytest.approx(0.1)), NO_SPILL]
 
 
 def test_decision_when_nothing_changed_is_not_made_again() -> None:

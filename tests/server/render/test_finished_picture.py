@@ -2,29 +2,116 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from helpers.finished_pictures import draw_pair, find_differences
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import ImageEffect
+from catoptra_server.render.renderer import Image
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import PointLight
+from helpers.effect_measurement import make_effect
+from helpers.finished_pictures import draw_pair, draw_path, find_differences
+from helpers.lit_worlds import make_hall
+from helpers.worlds import make_omni_camera, make_plan
 
 
 @pytest.mark.parametrize("factor", [1e-4, 1e-3, 0.1, 8.0])
-@pytest.mark.parametrize("world", ["corridor", "warehouse"])
+@pytest.mark.parametrize("world", ["corridor", "incidence_rings", "warehouse"])
 def test_picture_in_other_light_has_all_effects_that_show(world: str, factor: float) -> None:
     assert find_differences(draw_pair(world, factor)).max() <= 2.0
 
 
-@pytest.mark.parametrize("max_gain", [10.0, 1000.0])
-def test_picture_that_exposes_itself_at_night_has_all_effects_that_show(max_gain: float) -> None:
-    assert find_differences(draw_pair("rescue", 0.01, max_gain=max_gain)).max() <= 2.0
+@pytest.mark.parametrize(
+    ("world", "factor", "max_gain"),
+    [("rescue", 0.01, 10.0), ("rescue", 0.01, 1000.0), ("four_legged_2006", 1.0, 1000.0)],
+)
+def test_picture_that_exposes_itself_has_all_effects_that_show(
+    world: str, factor: float, max_gain: float
+) -> None:
+    assert find_differences(draw_pair(world, factor, max_gain=max_gain)).max() <= 2.0
 
 
-@pytest.mark.parametrize(("world", "factor"), [("four_legged_2006", 1.0), ("corridor", 0.9)])
-def test_every_number_about_a_frame_holds_in_its_picture(world: str, factor: float) -> None:
+def test_picture_of_what_glows_without_any_light_has_all_effects_that_show() -> None:
+    pair = draw_pair("corridor", 0.0, max_gain=1000.0)
+    assert find_differences(pair).max() <= 2.0
+    numbers = [one.change for one in pair[0].effect_decisions if one.change is not None]
+    assert numbers
+    assert np.isfinite(numbers).all()
+
+
+# Dark light that the exposure makes daylight, daylight in its neighbour, and four times too long an
+# exposure, behind which light above the well spills over.
+@pytest.mark.parametrize(
+    ("world", "factor", "exposure"),
+    [("four_legged_2006", 1.0, 1.0), ("corridor", 0.01, 1.0), ("incidence_rings", 1.0, 4.0)],
+)
+def test_every_number_about_a_frame_holds_in_its_picture(
+    world: str, factor: float, exposure: float
+) -> None:
     # What is off is left out, what is on is forced off.
     named = [one.effect for one in draw_pair(world, factor)[0].effect_decisions]
+    assert len(named) == 24
     for name in named:
-        pair = draw_pair(world, factor, without=name)
+        pair = draw_pair(world, factor, exposure=exposure, without=name)
         decision = next(one for one in pair[0].effect_decisions if one.effect == name)
         stated = decision.bound if decision.change is None else decision.change
         # Both pictures are rounded to whole levels; cells below the threshold may be plain.
         assert find_differences(pair).max() <= stated + 2.0, (name, decision)
+
+
+def test_decisions_along_a_path_of_2_mm_steps_do_not_flicker() -> None:
+    frames = draw_path("rescue", [0.002 * step for step in range(60)])
+    decided = np.array([[one.enabled for one in frame] for frame in frames])
+    # Once a threshold is passed, and not back and forth.
+    assert (decided[1:] != decided[:-1]).sum(axis=0).max() <= 1
+
+
+# Telecentric: cos^4 is 1 everywhere.
+HALL_CAMERA = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
+STRENGTHLESS: tuple[ImageEffect, ...] = (
+    make_effect("Vignetting"),
+    make_effect("Exposure", {"exposure_s": 0.02, "white_exposure_s": 0.02}),
+    make_effect("WhiteBalance", {"red_gain": 1.0, "blue_gain": 1.0}),
+    make_effect("MirrorDust", {"coverage": 0.0, "num_scratches": 0.0}),
+    make_effect("Blooming", {"overflow_fraction": 0.0}),
+    make_effect("ChromaticAberration", {"red_magnification": 1.0, "blue_magnification": 1.0}),
+    make_effect("Misalignment"),
+)
+
+
+@pytest.mark.parametrize("effect", STRENGTHLESS, ids=lambda one: one.name)
+def test_effect_without_strength_changes_no_byte_of_a_hall_brighter_than_white(
+    effect: ImageEffect,
+) -> None:
+    plain, changed = draw_hall(), draw_hall((effect,))
+    assert (plain == 255).any()
+    np.testing.assert_array_equal(changed, plain)
+
+
+def test_lamp_at_the_viewpoint_leaves_a_defined_picture() -> None:
+    lamp = PointLight(tuple(IN_HALL.translation.tolist()), (2.0, 2.0, 2.0))
+    effects = (make_effect("VeilingGlare"), make_effect("AutoExposure"), make_effect("Blooming"))
+    first, again = (draw_hall(effects, lamp) for _ in range(2))
+    assert 0 < first.mean() < 255
+    np.testing.assert_array_equal(first, again)
+
+
+IN_HALL = Pose.from_rpy((0.5, 0.2, -1.0))
+
+
+def draw_hall(effects: tuple[ImageEffect, ...] = (), *lamps: PointLight) -> Image:
+    """Picture of a hall with surfaces brighter than white."""
+    hall = make_hall()
+    world = replace(hall, lights=(*hall.lights, *lamps))
+    renderer = TraceRenderer(build_scene(world), world, threads=2)
+    view = renderer.prepare(HALL_CAMERA, make_plan(HALL_CAMERA, samples=2))
+    state = CameraState(IN_HALL, has_shadows=True)
+    picture = view.render(state, effects).rgb
+    renderer.close()
+    return picture

@@ -46,7 +46,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from enum import Enum, StrEnum
 from functools import lru_cache
 from typing import Any, Protocol, TypeGuard, TypeVar
@@ -69,6 +69,11 @@ AVERAGING: Gains = (0.0, 1.0)
 """Of all that mixes light with that of other pixels, or loses some."""
 UNCHANGED: Gains = (1.0, 1.0)
 ANY_GAINS: Gains = (0.0, math.inf)
+
+Spill = tuple[float, float]
+"""Largest factor of light up to a pixel's well, and the largest part of what is above the well that
+reaches another pixel of the finished picture."""
+NO_SPILL: Spill = (0.0, 0.0)
 
 # Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
 # by ring: the floor below the robot is near, the surroundings at the rim are far.
@@ -313,6 +318,8 @@ class Threshold:
     """Factors from the light at the effect to that of the finished picture."""
     visible_share: float = 1.0
     """Share of the pixels that may change by more than VISIBLE_LEVELS."""
+    spill: Spill = NO_SPILL
+    """A difference far above white, which its own pixel does not show, reaches black neighbours."""
 
     @property
     def is_measured(self) -> bool:
@@ -329,6 +336,11 @@ class Threshold:
     def covers(self, change: EffectChange) -> bool:
         """Whether nobody misses a change."""
         return change.largest <= self.max_change and change.visible_share <= self.visible_share
+
+    def narrow(self, least: float, largest: float) -> Threshold:
+        """The same with factors of the least and the largest gain."""
+        gains = (least * self.gains[0], largest * self.gains[1])
+        return replace(self, gains=gains, spill=(largest * self.spill[0], self.spill[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -399,10 +411,11 @@ _IMAGE_BYTES_PER_PX, _SCENE_BYTES_PER_PX = 500, 30
 def following_gains(settings: EffectSettings) -> tuple[Gains, ...]:
     """Factors from the light at each named effect to that of the finished picture, before any
     decision."""
-    return chain_gains([_possible_gains(one) for one in settings.settings])
+    return chain_gains([possible_gains(one) for one in settings.settings])
 
 
-def _possible_gains(setting: EffectSetting) -> Gains:
+def possible_gains(setting: EffectSetting) -> Gains:
+    """Factors of an effect, before any decision."""
     if setting.mode is EffectMode.NEVER:
         return UNCHANGED
     least, largest = setting.effect.gains
@@ -417,6 +430,19 @@ def chain_gains(gains: Sequence[Gains]) -> tuple[Gains, ...]:
     for least, largest in reversed(gains[1:]):
         chained.append((least * chained[-1][0], largest * chained[-1][1]))
     return tuple(reversed(chained[: len(gains)]))
+
+
+def chain_spills(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Spill, ...]:
+    """Spill of the light at each named effect, by the factors of each."""
+    spill, after, chained = NO_SPILL, 1.0, []
+    for setting, (_, largest) in zip(reversed(settings.settings), reversed(gains), strict=True):
+        chained.append(spill)
+        if setting.effect.name == "Blooming":
+            spill = (1.0, (largest - 1.0) * after)
+        else:
+            spill = (spill[0] * largest, spill[1])
+        after *= largest
+    return tuple(reversed(chained))
 
 
 def gains_after(settings: EffectSettings, effect_name: str) -> Gains:

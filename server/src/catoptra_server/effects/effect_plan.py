@@ -36,11 +36,14 @@ from catoptra_server.effects import (
     ImageEffect,
     SceneEffect,
     SceneSummary,
+    Spill,
     Threshold,
     chain_gains,
+    chain_spills,
     following_gains,
     is_image_effect,
     is_scene_effect,
+    possible_gains,
 )
 from catoptra_server.world.objects import CameraState
 
@@ -261,9 +264,14 @@ def _thresholds(
             else -1.0,
             gains,
             settings.visible_share,
+            spill,
         )
-        for setting, decision, gains in zip(
-            settings.settings, decisions, chain_gains(decided), strict=True
+        for setting, decision, gains, spill in zip(
+            settings.settings,
+            decisions,
+            chain_gains(decided),
+            chain_spills(settings, decided),
+            strict=True,
         )
         if decision.enabled
     }
@@ -282,14 +290,15 @@ class _EffectEntry:
     camera: RadialCamera
     gains: Gains
     """Factors from the light at the effect to that of the finished picture."""
+    spill: Spill
     bounds: dict[tuple[object, ...], EffectBound] = field(default_factory=dict)
     """Bounds by the fields of a summary that the effect reads."""
     decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
 
     def find_bound(self, summary: SceneSummary) -> EffectBound:
         """The effect's bound, computed only for values not met before."""
-        effect = self.setting.effect
-        key = tuple(getattr(summary, name) for name in effect.reads)
+        effect, spilt = self.setting.effect, self._max_spilt_levels(summary)
+        key = (spilt, *(getattr(summary, name) for name in effect.reads))
         bound = self.bounds.get(key)
         if bound is None:
             # First in, first out: a robot leaves cells behind, so the oldest entry is the one
@@ -297,14 +306,30 @@ class _EffectEntry:
             while len(self.bounds) >= _MAX_CACHED:
                 self.bounds.pop(next(iter(self.bounds)))
             summary = replace(summary, gains=self.gains)
-            bound = self.bounds[key] = effect.bound(summary, self.camera)
+            bound = effect.bound(summary, self.camera)
+            if spilt and bound.value:
+                # Its own pixel's change and, behind white, that of a black one beside it.
+                bound = replace(bound, value=min(bound.value + spilt, 255.0))
+            self.bounds[key] = bound
         return bound
+
+    def _max_spilt_levels(self, summary: SceneSummary) -> float:
+        """Grey level of what the brightest light spills over a black pixel."""
+        gain, part = self.spill
+        excess = gain * summary.max_radiance - 1.0
+        if part == 0.0 or excess <= 0.0:
+            return 0.0
+        # Loaded with the effect that spills.
+        from catoptra_server.effects.kernels.grey_levels import grey_level
+
+        return grey_level(part * excess)
 
 
 @lru_cache(maxsize=64)
 def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
-    pairs = zip(settings.settings, following_gains(settings), strict=True)
-    return tuple(_EffectEntry(setting, camera, gains) for setting, gains in pairs)
+    spills = chain_spills(settings, [possible_gains(one) for one in settings.settings])
+    rows = zip(settings.settings, following_gains(settings), spills, strict=True)
+    return tuple(_EffectEntry(setting, camera, gains, spill) for setting, gains, spill in rows)
 
 
 def _find_decision(

@@ -101,7 +101,7 @@ class NumpyImageChanger:
                 # Not loaded at the start of a server whose kernel measures.
                 from catoptra_server.effects.kernels.grey_levels import measure_change
 
-                changes[effect.name] = measure_change(before, light, thresholds[effect.name].gains)
+                changes[effect.name] = measure_change(before, light, thresholds[effect.name])
         return ChangedImage(light, stage_ms, changes)
 
     def encode(

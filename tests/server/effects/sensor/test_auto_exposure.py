@@ -2,9 +2,20 @@ from __future__ import annotations
 
 import pytest
 
+from catoptra_server.effects import Threshold
 from catoptra_server.effects.kernels.grey_levels import mean_luminance
-from catoptra_server.effects.sensor.auto_exposure import AutoExposure
-from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion, make_test_pattern
+from catoptra_server.effects.sensor.auto_exposure import AutoExposure, expect_gain
+from catoptra_server.effects.sensor.exposure import Exposure
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.world.scene_mesh import build_scene
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    assert_criterion,
+    make_effect,
+    make_test_pattern,
+)
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 DEFAULT_AUTO_EXPOSURE = AutoExposure(0.18, 0.1, 10.0)
 
@@ -26,3 +37,40 @@ def test_criterion_enables_a_free_gain_and_no_pinned_one() -> None:
     assert_criterion(
         off=[(AutoExposure(0.18, 0.9995, 1.0005), 1.0)], on=[(DEFAULT_AUTO_EXPOSURE, 1.0)]
     )
+
+
+WIDE = AutoExposure(0.18, 1e-3, 1e3)
+ANY = Threshold(0.5, (0.0, 2e3), spill=(1e3, 0.1))
+CHAIN = (make_effect("Vignetting"), Exposure(0.04, 0.02), WIDE, make_effect("Bayer"))
+THRESHOLDS = {"Shadows": ANY, "Vignetting": ANY, "AutoExposure": ANY, "Bayer": ANY}
+
+
+def test_thresholds_before_an_automatic_exposure_have_the_gain_of_the_light() -> None:
+    # Twice as bright behind the exposure time: a gain of 0.9, with a reserve to both sides.
+    found = expect_gain(THRESHOLDS, CHAIN, 0.1)
+    for name in ("Shadows", "Vignetting"):
+        assert found[name].gains == pytest.approx((0.0, 2.0 * 0.9 * 1.5))
+        assert found[name].spill == pytest.approx((0.9 * 1.5, 0.1))
+    assert found["AutoExposure"] is found["Bayer"] is ANY
+
+
+@pytest.mark.parametrize(("mean", "largest"), [(1e-9, 2e3), (0.0, 2e3), (1e9, 3e-3)])
+def test_thresholds_in_the_dark_or_in_glare_have_the_gain_of_a_limit(
+    mean: float, largest: float
+) -> None:
+    assert expect_gain(THRESHOLDS, CHAIN, mean)["Shadows"].gains[1] == pytest.approx(largest)
+
+
+def test_change_in_a_frame_counts_by_its_gain_and_not_by_the_largest_possible_one() -> None:
+    world = make_test_world()
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    effects = (make_effect("Vignetting"), WIDE)
+    thresholds = {"Vignetting": Threshold(0.5, WIDE.gains)}
+    change = view.render(CAMERA_STATE, effects, thresholds).changes["Vignetting"].largest
+    gain = WIDE.gain(mean_luminance(view.render_linear(CAMERA_STATE, effects[:1]), CAMERA))
+    fixed = (effects[0], Exposure(gain, 1.0))
+    of_gain = {"Vignetting": Threshold(0.5, (gain, gain))}
+    known = view.render(CAMERA_STATE, fixed, of_gain).changes["Vignetting"].largest
+    renderer.close()
+    assert known <= change <= 1.3 * known

@@ -27,12 +27,14 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects import (
-    UNCHANGED,
+    NO_SPILL,
     VISIBLE_LEVELS,
     EffectChange,
     Gains,
     Real,
     SceneSummary,
+    Spill,
+    Threshold,
 )
 from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
@@ -105,26 +107,32 @@ def max_change_by_offset(offset: Callable[[Floats], Floats], summary: SceneSumma
 
 
 def find_changes(
-    one: npt.NDArray[Real], other: npt.NDArray[Real], gains: Gains
+    one: npt.NDArray[Real], other: npt.NDArray[Real], gains: Gains, spill: Spill = NO_SPILL
 ) -> npt.NDArray[np.float64]:
     """Changes of the finished picture, grey levels, not rounded, between two versions of light.
 
     Light on its way to the picture is multiplied by any of the gains, and clipped there: a
-    difference shows most where the larger value just reaches white.
+    difference shows most where the larger value just reaches white. What spills over at a full well
+    is added: a black pixel beside shows it most.
     """
     before, after = one.astype(np.float64), other.astype(np.float64)
     with np.errstate(divide="ignore"):
         to_white = 1.0 / np.maximum(np.maximum(before, after), 0.0)
     gain = np.clip(to_white, *gains)
     levels = srgb_from_linear(gain * before) - srgb_from_linear(gain * after)
-    return np.asarray(255.0 * np.abs(levels))
+    excess = np.maximum(spill[0] * before - 1.0, 0.0) - np.maximum(spill[0] * after - 1.0, 0.0)
+    levels = np.abs(levels) + srgb_from_linear(spill[1] * np.abs(excess))
+    return np.asarray(255.0 * np.minimum(levels, 1.0))
+
+
+_SHOWN_AS_IT_IS = Threshold(0.0)
 
 
 def measure_change(
-    one: npt.NDArray[Real], other: npt.NDArray[Real], gains: Gains = UNCHANGED
+    one: npt.NDArray[Real], other: npt.NDArray[Real], threshold: Threshold = _SHOWN_AS_IT_IS
 ) -> EffectChange:
     """Change of the finished picture between two versions, (h, w, 3), of light."""
-    levels = find_changes(one, other, gains).max(axis=-1)
+    levels = find_changes(one, other, threshold.gains, threshold.spill).max(axis=-1)
     return EffectChange(float(levels.max()), float((levels > VISIBLE_LEVELS).mean()))
 
 

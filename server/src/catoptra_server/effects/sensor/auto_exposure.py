@@ -4,12 +4,14 @@ gain = clip(target / mean, min_gain, max_gain), with the mean luminance (Rec. 70
 that see the mirror, in linear radiance: one gain for the whole image, so no cube face is brighter
 than its neighbour. The result is the state at which a control loop settles, not the loop: a frame
 depends on no frame before, so equal camera states give equal bytes in every request. Domain: a
-black image has max_gain. The default target is the 18 % of a photographer's grey card. Criterion:
+black image has max_gain. What is left out of a frame for its little change counts by the gain that
+a sample of the frame's light gives, with a reserve. The default target is the 18 % of a photographer's grey card. Criterion:
 the change of the grey that changes most, over all gains that the scene's radiance allows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -23,8 +25,10 @@ from catoptra_server.effects import (
     EffectParameter,
     EffectType,
     Gains,
+    ImageEffect,
     Real,
     SceneSummary,
+    Threshold,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain, mean_luminance
 
@@ -72,6 +76,38 @@ class AutoExposure:
     ) -> npt.NDArray[Real]:
         """Multiply the image by the gain of its mean luminance."""
         return image * image.dtype.type(self.gain(mean_luminance(image, camera)))
+
+
+_RESERVE = 1.5
+"""Between the gain of a sample of the light and that of the whole image: the effects before take a
+fifth of the light, those left out change the mean by less than a level, samples miss a twentieth."""
+
+
+def expect_gain(
+    thresholds: Mapping[str, Threshold], effects: tuple[ImageEffect, ...], mean_luminance: float
+) -> Mapping[str, Threshold]:
+    """Thresholds by the gain that a frame will have, where an automatic exposure is among effects.
+
+    Args:
+        thresholds: Thresholds for any gain within the control's limits.
+        effects: Image effects of the frame.
+        mean_luminance: Of a sample of the light that reaches the first of them.
+    """
+    if mean_luminance <= 0.0:
+        return thresholds
+    control = next(one for one in effects if isinstance(one, AutoExposure))
+    position = effects.index(control)
+    for one in effects[:position]:
+        if one.gains[0] == one.gains[1]:
+            mean_luminance *= one.gains[0]
+    gain = control.gain(mean_luminance)
+    least = max(gain / _RESERVE, control.min_gain) / control.min_gain
+    largest = min(_RESERVE * gain, control.max_gain) / control.max_gain
+    later = {one.name for one in effects[position:]}
+    return {
+        name: one if name in later else one.narrow(least, largest)
+        for name, one in thresholds.items()
+    }
 
 
 EFFECT_TYPE = EffectType(

@@ -54,6 +54,17 @@ from catoptra_server.world.world_description import Light
 _SequenceKey = tuple[bool, bool, bool]
 
 
+def _expect_gain(
+    thresholds: Mapping[str, Threshold], effects: tuple[ImageEffect, ...], exposed: ExposedImage
+) -> Mapping[str, Threshold]:
+    """Thresholds by the gain that an image's light gives."""
+    # Loaded with the effect itself.
+    from catoptra_server.effects.kernels.grey_levels import mean_luminance
+    from catoptra_server.effects.sensor.auto_exposure import expect_gain
+
+    return expect_gain(thresholds, effects, mean_luminance(exposed.light, exposed.camera))
+
+
 class RasterView:
     """A camera, and the sequences of passes that its frames needed so far."""
 
@@ -110,6 +121,8 @@ class RasterView:
             clock = StageClock(context.finish)
             if effects:
                 exposed = self._expose(camera_state, effects, clock)
+                if any(effect.name == "AutoExposure" for effect in effects):
+                    thresholds = _expect_gain(thresholds, effects, exposed)
                 encoded = self._image_changer.encode(exposed, effects, thresholds)
                 stage_ms = clock.stage_ms | encoded.stage_ms
                 return RenderedImage(encoded.image, stage_ms, encoded.changes)

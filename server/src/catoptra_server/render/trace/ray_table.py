@@ -79,6 +79,17 @@ class RayTable:
         arrays = (self.tiles, self.directions, self.valid, self.origins, self.times)
         return sum(array.nbytes for array in arrays if array is not None)
 
+    def sample_tiles(self, step: int) -> RayTable:
+        """Every `step`-th tile of the same image."""
+        tiles = slice(None, None, step)
+        return RayTable(
+            self.width_px,
+            self.height_px,
+            self.samples,
+            *(one[tiles].copy() for one in (self.tiles, self.directions, self.valid)),
+            *(None if one is None else one[tiles].copy() for one in (self.origins, self.times)),
+        )
+
     @property
     def num_tile_columns(self) -> int:
         """Tiles in a row of the image."""

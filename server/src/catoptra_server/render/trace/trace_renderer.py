@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 from catoptra_protocol.errors import DomainError
@@ -48,6 +49,8 @@ from catoptra_server.world.world_description import Light, World
 log = logging.getLogger(__name__)
 EngineName = Literal["kernel", "reference"]
 EngineRequest = Literal["auto", "kernel", "reference"]
+# A prime: the sampled tiles are in all columns of an image.
+_SAMPLED_TILES = 17
 
 
 class TraceRenderer:
@@ -108,7 +111,7 @@ class TraceRenderer:
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceView:
         """View of a camera's rays."""
-        return TraceView(camera, self._engine.prepare(table), self._engine, self._lights)
+        return TraceView(camera, table, self._engine, self._lights)
 
     def close(self) -> None:
         """Free the engine."""
@@ -163,25 +166,29 @@ class TraceView:
     """The rays of one camera."""
 
     def __init__(
-        self, camera: RadialCamera, rays: TracedRays, engine: TraceEngine, lights: tuple[Light, ...]
+        self, camera: RadialCamera, table: RayTable, engine: TraceEngine, lights: tuple[Light, ...]
     ) -> None:
-        """Keep the prepared rays.
+        """Prepare the rays.
 
         Args:
             camera: Camera model, for the effects.
-            rays: Rays of the image.
+            table: Rays of the image.
             engine: Engine of the rays, whose image changer applies image effects.
             lights: Lights of the world, which may be in view.
         """
         self._camera = camera
-        self._rays = rays
+        self._table = table
+        self._rays = engine.prepare(table)
+        self._sampled_rays: TracedRays | None = None
+        """Rays of some tiles: made at the first automatic exposure."""
         self._engine = engine
         self._lights = lights
 
     @property
     def memory_bytes(self) -> int:
         """Size of all arrays."""
-        return self._rays.memory_bytes
+        sampled = self._sampled_rays
+        return self._rays.memory_bytes + (sampled.memory_bytes if sampled else 0)
 
     def render(
         self,
@@ -203,6 +210,8 @@ class TraceView:
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
         is_linear = bool(effects)
+        if any(effect.name == "AutoExposure" for effect in effects):
+            thresholds = self._expect_gain(camera_state, effects, thresholds)
         frame, stage_ms = self._trace(
             camera_state, effects, thresholds, labels, is_linear=is_linear
         )
@@ -220,6 +229,23 @@ class TraceView:
         frame, _ = self._trace(camera_state, effects, NO_THRESHOLDS, None, is_linear=True)
         exposed = self._expose_image(camera_state, frame)
         return self._engine.image_changer.change(exposed, effects, NO_THRESHOLDS).image
+
+    def _expect_gain(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, Threshold],
+    ) -> Mapping[str, Threshold]:
+        """Thresholds by the gain that the light of some tiles of the sharp frame gives."""
+        # Loaded with the effect itself.
+        from catoptra_server.effects.kernels.grey_levels import mean_luminance
+        from catoptra_server.effects.sensor.auto_exposure import expect_gain
+
+        if self._sampled_rays is None:
+            self._sampled_rays = self._engine.prepare(self._table.sample_tiles(_SAMPLED_TILES))
+        light = self._sampled_rays.render_linear(replace(camera_state, shutter=None))
+        mean = _SAMPLED_TILES * mean_luminance(light, self._camera)
+        return expect_gain(thresholds, effects, mean)
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""
@@ -253,3 +279,5 @@ class TraceView:
     def close(self) -> None:
         """Free the rays."""
         self._rays.close()
+        if self._sampled_rays is not None:
+            self._sampled_rays.close()

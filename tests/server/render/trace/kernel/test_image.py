@@ -149,11 +149,32 @@ def test_stage_counts_the_pixels_that_change_visibly(
         found = changer.change(exposed, (effect,), {name: allowed}).changes
         expected = measure_change(image, everywhere)
         one = found["Defocus" if name == "DefocusByDepth" else name]
-        # Once an effect is on, the rest is not counted. Changes are known to a hundredth of a level.
+        # Once an effect is on, the rest is not counted. Changes are known to 0.01 of a level.
         share = expected.visible_share if allowed.covers(one) else 1.0
         if expected.largest > 0.5:
             assert one.visible_share == pytest.approx(share, abs=6 / (97 * 71))
         assert one.visible_share >= expected.visible_share - 6 / (97 * 71)
+
+
+@pytest.mark.parametrize("name", ["Vignetting", "Exposure", "ChromaticAberration", "Diffraction"])
+def test_change_of_light_above_the_well_counts_what_spills_over_beside(
+    changer: KernelImageChanger, name: str
+) -> None:
+    camera, effect = camera_of_size(97, 71), make_effect(name, STRONG.get(name))
+    blooming = make_effect("Blooming", {"overflow_fraction": 0.5})
+    context = make_context(camera)
+    bright = np.zeros((71, 97, 3), dtype=np.float32)
+    bright[20:50, 30:60] = np.linspace(3.0, 4.0, 30, dtype=np.float32)[:, None]
+    exposed = ExposedImage(bright, camera, context)
+    for levels in (0.0, 20.0):
+        threshold = Threshold(levels, (1.0, 1.5), 1.0, (1.0, 0.5))
+        native = changer.change(exposed, (effect,), {name: threshold})
+        change = native.changes[name].largest
+        with_it = changer.change(exposed, (effect, blooming), {}).image
+        without = changer.change(exposed, (blooming,), {}).image
+        plain = blooming.apply(native.image, camera, context)
+        assert measure_change(without, plain).largest <= change + 0.02
+        assert measure_change(with_it, plain).largest <= levels + 0.02
 
 
 def test_blur_by_range_is_measured_against_the_disc_of_infinity(

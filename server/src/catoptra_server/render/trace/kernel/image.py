@@ -168,6 +168,7 @@ class KernelImageChanger:
                 threshold = run.thresholds.get(effect.name, _EVERYWHERE)
                 stage.struct.limits = change_limits(threshold, exposed.light[..., 0].size)
                 stage.struct.least_gain, stage.struct.largest_gain = threshold.gains
+                stage.struct.spill[:] = threshold.spill
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.

@@ -397,11 +397,12 @@ class KernelEngine:
         if _is_measured(thresholds, "MotionBlur"):
             struct.blur_threshold = thresholds["MotionBlur"].plain_change
         # Those of the first effect include all others'.
+        for one in [*thresholds.values()][:1]:
+            struct.least_gain, struct.largest_gain = one.gains
+            struct.spill[:] = one.spill
         for one in thresholds.values():
             if one.is_measured:
                 struct.limits = change_limits(one, num_pixels)
-            struct.least_gain = min(struct.least_gain, one.gains[0])
-            struct.largest_gain = max(struct.largest_gain, one.gains[1])
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)

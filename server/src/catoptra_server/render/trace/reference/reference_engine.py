@@ -17,7 +17,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import EffectChange, Gains, Threshold
+from catoptra_server.effects import EffectChange, Threshold
 from catoptra_server.effects.kernels.grey_levels import measure_change
 from catoptra_server.render.image_changer import NumpyImageChanger, encode_srgb
 from catoptra_server.render.renderer import Image, LinearImage, advance, sample_shutter
@@ -190,7 +190,7 @@ class _ReferenceRays:
         if "Shadows" in measured and first_state(exposure).has_shadows:
             changes["Shadows"] = self._measure_shadows(exposure, sharp, request.thresholds)
         if "Fog" in measured and first_state(exposure).fog is not None:
-            changes["Fog"] = self._measure(sharp, request.thresholds["Fog"].gains, fog=None)
+            changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = EffectChange(np.inf if is_seen else 0.0)
@@ -205,25 +205,27 @@ class _ReferenceRays:
     ) -> EffectChange:
         """Change by shadows; of all instants where the sharp frame shows none."""
         threshold = thresholds["Shadows"]
-        change = self._measure(sharp, threshold.gains, has_shadows=False)
+        change = self._measure(sharp, threshold, has_shadows=False)
         is_moving = isinstance(exposure, CameraState) and exposure.shutter is not None
         if not (is_moving and threshold.covers(change)):
             return change
         instants = sample_shutter(exposure, self._table.height_px)
         changes = [
             change,
-            *(self._measure(state, threshold.gains, has_shadows=False) for state, _ in instants),
+            *(self._measure(state, threshold, has_shadows=False) for state, _ in instants),
         ]
         # Different pixels may change at different instants.
         share = min(1.0, sum(one.visible_share for one in changes))
         return EffectChange(max(one.largest for one in changes), share)
 
-    def _measure(self, exposure: TracedExposure, gains: Gains, **without: Any) -> EffectChange:
+    def _measure(
+        self, exposure: TracedExposure, threshold: Threshold, **without: Any
+    ) -> EffectChange:
         """Difference of the picture from frames without an effect."""
         states = tuple(replace(state, **without) for state in camera_states(exposure))
         plain = states[0] if len(states) == 1 else MovingExposure(states)
         light, without_it = (self._render(each, mean_pixels, 0.0) for each in (exposure, plain))
-        return measure_change(light, without_it, gains)
+        return measure_change(light, without_it, threshold)
 
     def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
         """(h, w) inverses of the pixels' mean inverse ranges, metres."""

@@ -7,6 +7,7 @@
 
 #include "encoding.h"
 #include "facet_plane.h"
+#include "measures.h"
 #include "pixels.h"
 
 #include <math.h>
@@ -213,23 +214,32 @@ static uint32_t find_whole_pixels(const FrameState *state, int tile) {
     return whole;
 }
 
+/* First pixel in a tile of one of its cells. */
+static int first_pixel(int cell) { return cell / CELLS * 2 * TILE_PX + cell % CELLS * 2; }
+
+static int is_cell_whole(uint32_t whole, int cell) {
+    return (whole >> first_pixel(cell) & 0x33) == 0x33;
+}
+
+static size_t find_cell(const FrameState *state, int tile, int cell) {
+    int32_t number = state->rays->tiles[tile], columns = state->rays->tile_columns;
+    return (size_t)(CELLS * (number / columns) + cell / CELLS) * (size_t)(CELLS * columns) +
+           (size_t)(CELLS * (number % columns) + cell % CELLS);
+}
+
 void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]) {
     BlurPlan *plan = state->plan;
-    int32_t number = state->rays->tiles[tile];
     size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
     memcpy(plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS, means,
            sizeof(float) * CHANNELS * BLOCK_RAYS);
     uint32_t whole = find_whole_pixels(state, tile);
     float gain = state->frame->largest_gain;
     for (int cell = 0; cell < CELLS * CELLS; cell++) {
-        int row = CELLS * (number / state->rays->tile_columns) + cell / CELLS;
-        int column = CELLS * (number % state->rays->tile_columns) + cell % CELLS;
-        uint8_t *at = plan->cells + (size_t)row * (size_t)plan->cell_columns + (size_t)column;
-        int first = cell / CELLS * 2 * TILE_PX + cell % CELLS * 2;
-        if ((whole >> first & 0x33) != 0x33)
+        uint8_t *at = plan->cells + find_cell(state, tile, cell);
+        if (!is_cell_whole(whole, cell))
             continue;
         for (int channel = 0; channel < CHANNELS; channel++) {
-            const float *m = means[channel] + first;
+            const float *m = means[channel] + first_pixel(cell);
             float low = fminf(fminf(m[0], m[1]), fminf(m[TILE_PX], m[TILE_PX + 1]));
             float high = fmaxf(fmaxf(m[0], m[1]), fmaxf(m[TILE_PX], m[TILE_PX + 1]));
             at[plane * (size_t)channel] = code_of_light(gain * low);
@@ -317,14 +327,20 @@ static float *spread_speeds(const FrameState *state, float time) {
 }
 
 /* Greatest contrast within reach of a cell of a tile, grey levels. */
-static float find_contrast(const BlurPlan *plan, const uint8_t *cells, int row, int column, int cell) {
+static float find_contrast(const FrameState *state, const uint8_t *cells, int row, int column,
+                           int cell) {
+    const BlurPlan *plan = state->plan;
+    float to_light = 1.0f / state->frame->largest_gain;
     size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
     const uint8_t *at = cells + (size_t)(CELLS * row + cell / CELLS) * (size_t)plan->cell_columns +
                         CELLS * column + cell % CELLS;
     float contrast = 0.0f;
     for (int channel = 0; channel < CHANNELS; channel++) {
-        float difference = level_of_code(at[plane * (size_t)(CHANNELS + channel)]) -
-                           level_of_code(at[plane * (size_t)channel]);
+        uint8_t low = at[plane * (size_t)channel], high = at[plane * (size_t)(CHANNELS + channel)];
+        float light = to_light * light_of_code(high), dark = to_light * light_of_code(low);
+        float difference = level_of_code(high) - level_of_code(low);
+        if (high > low)
+            difference += spilt_levels(state->frame, light, light - dark);
         contrast = difference > contrast ? difference : contrast;
     }
     return contrast;
@@ -381,7 +397,7 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
                 continue;
             float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
             for (int cell = 0; cell < CELLS * CELLS; cell++) {
-                float contrast = find_contrast(state->plan, cells, row, column, cell);
+                float contrast = find_contrast(state, cells, row, column, cell);
                 if (is_blurred && is_visible(state->frame, contrast, displacements[at]))
                     want_cell(state, row, column, cell,
                               count_instants(state->frame, displacements[at]));
@@ -392,11 +408,35 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
         }
 }
 
+static uint8_t extreme_of(const uint8_t *codes, size_t count, int is_greatest) {
+    uint8_t extreme = is_greatest ? 0 : 255;
+    for (size_t i = 0; i < count; i++)
+        extreme = (codes[i] > extreme) == is_greatest ? codes[i] : extreme;
+    return extreme;
+}
+
+/* What comes in beyond the rim is in no sharp frame: cells at the rim count as if all of the
+ * picture's light met there. */
+static void fill_rim(const FrameState *state) {
+    BlurPlan *plan = state->plan;
+    size_t columns = (size_t)plan->cell_columns, plane = (size_t)plan->cell_rows * columns;
+    uint8_t extremes[2 * CHANNELS];
+    for (int i = 0; i < 2 * CHANNELS; i++)
+        extremes[i] = extreme_of(plan->cells + plane * (size_t)i, plane, i >= CHANNELS);
+    for (int tile = 0; tile < state->rays->num_tiles; tile++) {
+        uint32_t whole = find_whole_pixels(state, tile);
+        for (int cell = 0; whole != 0xffff && cell < CELLS * CELLS; cell++)
+            for (int i = 0; !is_cell_whole(whole, cell) && i < 2 * CHANNELS; i++)
+                plan->cells[plane * (size_t)i + find_cell(state, tile, cell)] = extremes[i];
+    }
+}
+
 int choose_instants(const FrameState *state) {
     BlurPlan *plan = state->plan;
     const Frame *frame = state->frame;
     int rows = plan->cell_rows, columns = plan->cell_columns;
     size_t plane = (size_t)rows * (size_t)columns;
+    fill_rim(state);
     float *displacements = frame->exposure > 0.0f ? spread_speeds(state, frame->exposure) : NULL;
     float *rolled = frame->readout > 0.0f ? spread_speeds(state, 0.5f * frame->readout) : NULL;
     uint8_t *scratch = malloc(plane);

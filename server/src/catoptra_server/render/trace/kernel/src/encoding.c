@@ -7,7 +7,7 @@
 
 enum { STEPS = 4096, NEWTON_STEPS = 12, CODES = 256, WHITE_CODE = 223, CODES_PER_OCTAVE = 4 };
 
-static float levels[STEPS + 2], code_levels[CODES];
+static float levels[STEPS + 2], code_levels[CODES], code_lights[CODES];
 
 /* x^(1 / 2.4) = q * cbrt(q^2) with q the fourth root of x, at least 0.2: the cube root by Newton's method, since
  * the last bits of a library's `pow` depend on the processor. */
@@ -24,7 +24,9 @@ void prepare_encoding(void) {
         return;
     double light = 1.0, step = sqrt(sqrt(2.0));
     for (int code = 0; code < CODES; code++) {
-        code_levels[code] = (float)(255.0 * (code > WHITE_CODE ? encode(light *= step)
+        if (code > WHITE_CODE)
+            code_lights[code] = (float)(light *= step);
+        code_levels[code] = (float)(255.0 * (code > WHITE_CODE ? encode(light)
                                                                : (double)code / WHITE_CODE));
     }
     for (int i = 0; i < STEPS + 2; i++) {
@@ -43,6 +45,8 @@ uint8_t code_of_light(float linear) {
 }
 
 float level_of_code(uint8_t code) { return code_levels[code]; }
+
+float light_of_code(uint8_t code) { return code_lights[code]; }
 
 float encode_level(float linear) {
     float position = (linear > 0.0f ? linear < 1.0f ? linear : 1.0f : 0.0f) * (float)STEPS;

@@ -14,6 +14,9 @@ uint8_t code_of_light(float linear);
 /* The grey level of a code; beyond white the curve goes on. */
 float level_of_code(uint8_t code);
 
+/* The light of a code beyond white; 0 up to white. */
+float light_of_code(uint8_t code);
+
 /* Fill the tables; before any other thread encodes. */
 void prepare_encoding(void);
 

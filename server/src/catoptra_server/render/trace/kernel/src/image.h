@@ -32,6 +32,7 @@ typedef struct {
     int32_t num_rows;   /* of a blur's table, or of a glare's sources */
     ChangeLimits limits;
     float least_gain, largest_gain; /* from the stage's light to that of the finished picture */
+    float spill[2];     /* gain up to the well; part of what is above that reaches other pixels */
     float numbers[4];
     uint32_t key[4];
     const void *maps[4];

@@ -240,8 +240,13 @@ static void blur_cell(const Pass *pass, const Cell *cell, float rows[CELL_ROWS][
 static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *kernels,
                                      CellRange range, int masked) {
     float near_values[3][CELL_ROWS][CELL_COLUMNS];
-    float contrast = range.high - range.low;
-    float bound = bound_change(pass->stage, range.low, kernels->exchange * contrast);
+    CellKernels far_kernels = *kernels;
+    float high = largest_row(kernels->far_row);
+    find_reach(pass->stage, high, &far_kernels);
+    float exchange = kernels->exchange > far_kernels.exchange ? kernels->exchange
+                                                              : far_kernels.exchange;
+    LightChange light = {range.low, range.high, exchange * (range.high - range.low)};
+    float bound = bound_change(pass->stage, light);
     if (bound <= read_largest(&pass->change) &&
         !(bound > VISIBLE_LEVELS && is_counted(&pass->change, &pass->stage->limits)))
         return;

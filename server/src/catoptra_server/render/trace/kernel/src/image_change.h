@@ -1,6 +1,7 @@
 /* The change of the finished picture's pixels in encoded grey levels, and bounds of it that cost
  * little. On its way to the picture light is multiplied by any of the stage's gains: a difference
- * shows most where the larger value just reaches white.
+ * shows most where the larger value just reaches white. What spills over at a full well shows most in
+ * a black pixel beside.
  *
  * Only where a bound says that nothing larger and no visible change can be found are pixels left
  * out, so that the result depends neither on threads nor on the order of cells. Of a cell that stays
@@ -36,15 +37,28 @@ static inline Floats16 grey_levels(Floats16 light) {
     return select16(is_curved, curved, clipped * (12.92f * 255.0f));
 }
 
-/* Largest change of light of at least `low` that changes by at most `difference`: the curve is
- * concave, so the darkest changes most; of what reaches beyond white, below white. */
-static inline float bound_change(const ImageStage *stage, float low, float difference) {
+/* Light that changes, and by how much at most. */
+typedef struct {
+    float low, high, difference;
+} LightChange;
+
+/* Change of a black pixel beside light that changes above the well. */
+static inline float spilt_levels(const ImageStage *stage, LightChange light) {
+    float excess = stage->spill[0] * light.high - 1.0f, change = stage->spill[0] * light.difference;
+    change = stage->spill[1] * (change < excess ? change : excess);
+    return change > 0.0f ? grey_levels((Floats16){change})[0] : 0.0f;
+}
+
+/* Largest change of light: the curve is concave, so the darkest changes most; of what reaches beyond
+ * white, below white. */
+static inline float bound_change(const ImageStage *stage, LightChange light) {
+    float low = light.low, difference = light.difference;
     float change = stage->largest_gain * difference, base = stage->largest_gain * low;
     change = change < 1.0f ? change : 1.0f;
     base = base < 1.0f - change ? base : 1.0f - change;
     base = base > 0.0f ? base : 0.0f;
     Floats16 levels = grey_levels((Floats16){base, base + change});
-    return levels[1] - levels[0] + 1e-2f;
+    return levels[1] - levels[0] + 1e-2f + spilt_levels(stage, light);
 }
 
 static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
@@ -70,27 +84,31 @@ static inline void load_row(const Versions *versions, const Cell *cell, int row,
     *after = select16(columns_below(cell->columns), *after, *before);
 }
 
-/* Bound of the change between two versions of a cell. */
-static inline float bound_versions(const ImageStage *stage, const Versions *versions,
-                                   const Cell *cell) {
-    Floats16 lows = (Floats16){0} + versions->before[0], differences = {0};
+/* Extremes of two versions of a cell. */
+static inline LightChange compare_versions(const Versions *versions, const Cell *cell) {
+    Floats16 lows = (Floats16){0} + versions->before[0], highs = lows, differences = {0};
     for (int row = 0; row < cell->rows; row++) {
         Floats16 before, after;
         load_row(versions, cell, row, &before, &after);
         Floats16 least = least16(before, after), most = most16(before, after);
         lows = least16(least, lows);
+        highs = most16(most, highs);
         differences = most16(most - least, differences);
     }
-    float difference = largest_of(differences);
-    return difference == 0.0f ? 0.0f : bound_change(stage, smallest_of(lows), difference);
+    return (LightChange){smallest_of(lows), largest_of(highs), largest_of(differences)};
 }
 
 /* Note the change between two versions, in three colours, of a cell. */
 static inline void measure_versions(const ImageStage *stage, ChangeMeasure *measure,
                                     const Versions versions[3], const Cell *cell) {
-    float bound = 0.0f;
-    for (int channel = 0; channel < 3; channel++)
-        bound = fmaxf(bound, bound_versions(stage, &versions[channel], cell));
+    float bound = 0.0f, spilt = 0.0f;
+    for (int channel = 0; channel < 3; channel++) {
+        LightChange light = compare_versions(&versions[channel], cell);
+        if (light.difference == 0.0f)
+            continue;
+        bound = fmaxf(bound, bound_change(stage, light));
+        spilt = fmaxf(spilt, spilt_levels(stage, light));
+    }
     int counts = bound > VISIBLE_LEVELS && is_counted(measure, &stage->limits);
     if (bound <= read_largest(measure) && !counts)
         return;
@@ -106,11 +124,13 @@ static inline void measure_versions(const ImageStage *stage, ChangeMeasure *meas
         largest = most16(change, largest);
         visible -= change > VISIBLE_LEVELS; /* minus one where it is */
     }
-    raise_largest(measure, largest_of(largest));
+    float change = largest_of(largest) + spilt;
+    raise_largest(measure, change < 255.0f ? change : 255.0f);
     int pixels = 0;
     for (int x = 0; x < CELL_COLUMNS; x++)
         pixels += visible[x];
-    count_visible(measure, pixels);
+    /* What spills may change any pixel. */
+    count_visible(measure, spilt > VISIBLE_LEVELS ? stage->limits.max_visible + 1 : pixels);
 }
 
 /* A cell of both images of a pass. */
@@ -135,7 +155,8 @@ static inline int is_plain(Pass *pass, CellRange range, float fraction) {
     const ImageStage *stage = pass->stage;
     if (range.low == range.high)
         return 1;
-    float bound = bound_change(stage, range.low, fraction * (range.high - range.low));
+    LightChange light = {range.low, range.high, fraction * (range.high - range.low)};
+    float bound = bound_change(stage, light);
     if (stage->limits.max_change < 0.0f || bound > stage->limits.plain_change)
         return 0;
     raise_largest(&pass->change, bound);

@@ -220,6 +220,7 @@ typedef struct {
     float readout;  /* from the first row's exposure to that of a row after the last, likewise */
     float blur_threshold;  /* grey levels; changes up to it may be left out. Negative: none is */
     float least_gain, largest_gain; /* from the frame's light to that of the finished picture */
+    float spill[2]; /* gain up to the well; part of what is above that reaches other pixels */
     int32_t max_instants;  /* limit of the instants of a pixel's exposure */
     float fog_density;     /* extinction per metre; 0: clear air */
     float airlight[3];     /* linear radiance */

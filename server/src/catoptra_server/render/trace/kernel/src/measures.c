@@ -12,6 +12,11 @@
 /* Twice the table's error: of the difference of two levels. */
 #define TABLE_ERROR 0.01f
 
+float spilt_levels(const Frame *frame, float larger, float difference) {
+    float excess = frame->spill[0] * larger - 1.0f, change = frame->spill[0] * difference;
+    return encode_level(frame->spill[1] * (change < excess ? change : excess));
+}
+
 /* On its way to the picture light is multiplied by any of the frame's gains: a difference shows most
  * where the larger value just reaches white. */
 float level_change(const Frame *frame, float one, float other) {
@@ -20,7 +25,8 @@ float level_change(const Frame *frame, float one, float other) {
         return 0.0f;
     if (gain * larger > 1.0f)
         gain = 1.0f / larger > frame->least_gain ? 1.0f / larger : frame->least_gain;
-    return fabsf(encode_level(gain * one) - encode_level(gain * other));
+    float change = fabsf(encode_level(gain * one) - encode_level(gain * other));
+    return fminf(change + spilt_levels(frame, larger, fabsf(one - other)), 255.0f);
 }
 
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
@@ -42,13 +48,15 @@ void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Ve
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
  * shows most where it begins at the darkest value; of what reaches beyond white, below white. */
-static float bound_change(float gain, const float *one, const float *other) {
-    Floats16 a = gain * load16(one), b = gain * load16(other);
-    float lowest = clip(smallest_of(least16(a, b)));
-    float difference = clip(largest_of(most16(a, b) - least16(a, b)));
+static float bound_change(const Frame *frame, float factor, const float *one, const float *other) {
+    Floats16 a = factor * load16(one), b = factor * load16(other);
+    float change = largest_of(most16(a, b) - least16(a, b));
+    float spilt = spilt_levels(frame, largest_of(most16(a, b)), change);
+    float lowest = clip(frame->largest_gain * smallest_of(least16(a, b)));
+    float difference = clip(frame->largest_gain * change);
     if (lowest + difference > 1.0f)
         lowest = 1.0f - difference;
-    return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR;
+    return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR + spilt;
 }
 
 static Vec3 mean_of(const PixelSums *sums, int pixel, float factor) {
@@ -61,8 +69,7 @@ void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, con
     const Frame *frame = state->frame;
     float factor = 1.0f / (float)(state->rays->samples * state->rays->samples), bound = 0.0f;
     for (int channel = 0; channel < 3; channel++)
-        bound = fmaxf(bound, bound_change(factor * frame->largest_gain, one->sum[channel],
-                                          other->sum[channel]));
+        bound = fmaxf(bound, bound_change(frame, factor, one->sum[channel], other->sum[channel]));
     int counts = bound > unseen_levels(state, measure) && is_counted(measure, &frame->limits);
     if (bound <= read_largest(measure) && !counts)
         return;

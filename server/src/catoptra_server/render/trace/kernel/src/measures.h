@@ -23,6 +23,9 @@ struct Measures {
 float level_change(const Frame *frame, float one, float other);
 float colour_change(const Frame *frame, Vec3 one, Vec3 other);
 
+/* Change of a black pixel beside light that changes by a difference, above the well. */
+float spilt_levels(const Frame *frame, float larger, float difference);
+
 /* Change up to which a pixel does not count as visible: lamps without a ray add to the shadows'. */
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure);
 
