@@ -10,6 +10,7 @@ import pytest
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import ImageEffect
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
@@ -72,6 +73,20 @@ def test_decisions_along_a_path_of_2_mm_steps_do_not_flicker() -> None:
     assert (decided[1:] != decided[:-1]).sum(axis=0).max() <= 1
 
 
+def test_raster_decides_on_image_effects_as_trace_and_draws_all_scene_effects_that_it_does(
+    device: GlDevice,
+) -> None:
+    drawn = (draw_pair("corridor", 1.0, renderer=name)[0] for name in ("trace", "raster"))
+    by_trace, by_raster = (
+        {decision.effect: decision.enabled for decision in one.effect_decisions} for one in drawn
+    )
+    image_effects = by_trace.keys() - set(SCENE_EFFECTS)
+    assert all(by_raster[name] == by_trace[name] for name in image_effects)
+    # Raster measures no scene effect: what no bound proves off it draws.
+    assert all(by_raster[name] >= by_trace[name] for name in SCENE_EFFECTS)
+
+
+SCENE_EFFECTS = ("SelfView", "Shadows", "Fog", "RollingShutter", "MotionBlur")
 # Telecentric: cos^4 is 1 everywhere.
 HALL_CAMERA = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
 STRENGTHLESS: tuple[ImageEffect, ...] = (

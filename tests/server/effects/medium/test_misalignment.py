@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_maps
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.displacement_measurement import (
     add_margin,
     assert_displacement_negligible,
@@ -109,6 +112,27 @@ def test_bound_in_grey_levels_holds_for_edges_and_the_rim(offset_m: float, sampl
     assert (bound < 2.0) == (offset_m == 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("width_px", "offset_m"), [(241, 1e-9), (241, 1e-6), (241, 1e-3), (640, 1e-9), (640, 1e-4)]
+)
+def test_rim_of_a_camera_that_is_off_is_as_smooth_as_without(
+    width_px: int, offset_m: float
+) -> None:
+    camera = make_omni_camera(width_px=width_px)
+    effect = Misalignment(x_m=offset_m)
+    white = np.repeat(camera_coverage(camera, 3)[..., None], 3, axis=-1)
+    moved = effect.apply(white, camera, CAPTURE_CONTEXT)
+    levels = 255.0 * np.abs(srgb_from_linear(moved) - srgb_from_linear(white)).max()
+    assert levels <= effect.bound(SceneSummary(1.0), camera).value * (1.0 + 1e-6) + 1e-4
+    # Steps from pixel to pixel: those of a jagged rim are larger.
+    steps, calm = (
+        sum(np.square(np.diff(one[..., 1], axis=axis)).sum() for axis in (0, 1))
+        for one in (moved, white)
+    )
+    assert steps <= 1.01 * calm
+
+
+@cache
 def camera_coverage(camera: OmniCamera, samples: int) -> Floats:
     """Fraction of the samples of each pixel that see the mirror, (h, w), as renderers have it."""
     return camera.direction_from_pixel(pixel_sample_positions(camera, samples))[1].mean(axis=2)

@@ -4,9 +4,9 @@ gain = clip(target / mean, min_gain, max_gain), with the mean luminance (Rec. 70
 that see the mirror, in linear radiance: one gain for the whole image, so no cube face is brighter
 than its neighbour. The result is the state at which a control loop settles, not the loop: a frame
 depends on no frame before, so equal camera states give equal bytes in every request. Domain: a
-black image has max_gain. What is left out of a frame for its little change counts by the gain that
-a sample of the frame's light gives, with a reserve. The default target is the 18 % of a photographer's grey card. Criterion:
-the change of the grey that changes most, over all gains that the scene's radiance allows.
+black image has max_gain. The default target is the 18 % of a photographer's grey card. Criterion:
+the change of the grey that changes most, over all gains that the scene's radiance allows. Changes
+by earlier effects count by the gain that a sample of the frame's light gives, with a reserve.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class AutoExposure:
 
 
 _RESERVE = 1.5
-"""Between the gain of a sample of the light and that of the whole image: the effects before take a
-fifth of the light, those left out change the mean by less than a level, samples miss a twentieth."""
+"""Between the gain of a sample of the light and that of the whole image: effects before may take a
+quarter of the light, those left out less than 1 % of the mean, and samples miss a twentieth."""
 
 
 def expect_gain(

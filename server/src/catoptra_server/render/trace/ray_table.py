@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -81,13 +82,13 @@ class RayTable:
 
     def sample_tiles(self, step: int) -> RayTable:
         """Every `step`-th tile of the same image."""
-        tiles = slice(None, None, step)
-        return RayTable(
-            self.width_px,
-            self.height_px,
-            self.samples,
-            *(one[tiles].copy() for one in (self.tiles, self.directions, self.valid)),
-            *(None if one is None else one[tiles].copy() for one in (self.origins, self.times)),
+        return replace(
+            self,
+            tiles=self.tiles[::step].copy(),
+            directions=self.directions[::step].copy(),
+            valid=self.valid[::step].copy(),
+            origins=None if self.origins is None else self.origins[::step].copy(),
+            times=None if self.times is None else self.times[::step].copy(),
         )
 
     @property

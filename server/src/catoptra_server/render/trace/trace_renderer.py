@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 EngineName = Literal["kernel", "reference"]
 EngineRequest = Literal["auto", "kernel", "reference"]
 # A prime: the sampled tiles are in all columns of an image.
-_SAMPLED_TILES = 17
+_TILES_A_SAMPLE, _MIN_SAMPLED_TILES = 17, 64
 
 
 class TraceRenderer:
@@ -241,10 +241,12 @@ class TraceView:
         from catoptra_server.effects.kernels.grey_levels import mean_luminance
         from catoptra_server.effects.sensor.auto_exposure import expect_gain
 
+        num_tiles = len(self._table.tiles)
+        step = min(_TILES_A_SAMPLE, max(1, num_tiles // _MIN_SAMPLED_TILES))
         if self._sampled_rays is None:
-            self._sampled_rays = self._engine.prepare(self._table.sample_tiles(_SAMPLED_TILES))
+            self._sampled_rays = self._engine.prepare(self._table.sample_tiles(step))
         light = self._sampled_rays.render_linear(replace(camera_state, shutter=None))
-        mean = _SAMPLED_TILES * mean_luminance(light, self._camera)
+        mean = mean_luminance(light, self._camera) * num_tiles / len(range(0, num_tiles, step))
         return expect_gain(thresholds, effects, mean)
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
