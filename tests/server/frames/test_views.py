@@ -483,11 +483,11 @@ def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
 
 def test_camera_when_the_frame_shows_no_effect_reports_it_as_off_by_measurement() -> None:
     fakes, decisions = Fakes(), []
-    for fakes.changes["Quantisation"] in (EffectChange(0.25), EffectChange(0.75)):
+    for fakes.changes["Quantisation"] in (EffectChange(0.25), EffectChange(2.25)):
         decisions += fakes.render(mirror(Quantisation(8))).effect_decisions
     assert [(one.enabled, one.basis.value, one.change) for one in decisions] == [
         (False, "measured", 0.25),
-        (True, "measured", 0.75),
+        (True, "measured", 2.25),
     ]
 
 

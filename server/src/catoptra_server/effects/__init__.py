@@ -357,9 +357,10 @@ class EffectSettings:
 
     settings: tuple[EffectSetting, ...] = ()
     """In optical order."""
-    max_change: float = 0.5
+    # Chosen by the figure in docs/EFFECTS.md.
+    max_change: float = 2.0
     """`auto` leaves out effects that change no pixel of the finished picture by more, levels,"""
-    visible_share: float = 0.0
+    visible_share: float = 1.0
     """and at most this share of its pixels by more than VISIBLE_LEVELS."""
     threshold_px: float | None = None
     """`auto` also leaves out effects that displace light by at most this; None: grey levels decide

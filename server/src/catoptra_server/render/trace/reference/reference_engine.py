@@ -206,8 +206,9 @@ class _ReferenceRays:
         """Change by shadows; of all instants where the sharp frame shows none."""
         threshold = thresholds["Shadows"]
         change = self._measure(sharp, threshold, has_shadows=False)
-        is_moving = isinstance(exposure, CameraState) and exposure.shutter is not None
-        if not (is_moving and threshold.covers(change)):
+        if isinstance(exposure, MovingExposure) or exposure.shutter is None:
+            return change
+        if not threshold.covers(change):
             return change
         instants = sample_shutter(exposure, self._table.height_px)
         changes = [
