@@ -231,6 +231,8 @@ static void find_shown(const BlurTile *blur, const TileContent *content, float c
     const TriangleSet *set = content->triangles;
     shown->is_known = move_triangles(blur->state, blur->tile, set, centre, steps, &shown->scene);
     shown->content = *content;
+    if (shown->is_known)
+        shown->content.proofs = &shown->scene.proofs;
     if (shown->is_known && list_moving(set, &shown->scene, &shown->listed))
         shown->content.short_list = &shown->listed;
 }
@@ -314,15 +316,20 @@ static int is_unit_wanted(const FrameState *state, int cells, int unit) {
 void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result) {
     int32_t number = state->rays->tiles[tile];
     int steps = state->plan->instants[number];
+    if (!steps)
+        return;
+    TileContent lit = *content;
+    if (state->frame->has_shadows && lit.triangle >= 0)
+        lit.proof = prove_moving_plane(state, tile, lit.triangle);
     /* One radiance at every instant is that of the sharp frame. */
-    if (!steps || is_single_radiance(state, tile, content))
+    if (is_single_radiance(state, tile, &lit))
         return;
     BlurTile blur; /* not initialized: its units are large */
     blur.state = state;
     blur.tile = tile;
     blur.top = number / state->rays->tile_columns * TILE_PX;
     blur.order = state->is_rolling ? &state->view->by_row : &state->view->by_cell;
-    blur.content = content;
+    blur.content = &lit;
     blur.result = result;
     int is_any = 0;
     for (int unit = 0; unit < blur.order->units; unit++) {

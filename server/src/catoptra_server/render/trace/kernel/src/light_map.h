@@ -24,6 +24,15 @@ typedef struct {
     uint32_t seen, hidden;
 } LightProof;
 
+enum { MAX_PROVEN = 16 };
+
+/* The same on the parts of a few static facets that a part of the image shows. */
+typedef struct {
+    int count;
+    int32_t triangle[MAX_PROVEN];
+    LightProof proof[MAX_PROVEN];
+} FacetProofs;
+
 /* How high dynamic objects reach in each cell of all maps of a frame; NULL without objects, or if
  * memory is short (`*failed`). */
 float *raise_objects(const FrameState *state, int *failed);

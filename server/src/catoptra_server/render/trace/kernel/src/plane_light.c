@@ -35,8 +35,9 @@ static int is_varying(const FrameState *state, const Light *light, int known) {
     return state->frame->has_shadows && known == LIGHT_UNKNOWN;
 }
 
-int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
-                     PlaneLight *found) {
+/* Light of lights that is the same all over a facet; with `lamps`, point lights may be others. */
+static int add_lights(const FrameState *state, int32_t triangle, LightProof proof,
+                      PlaneLight *found, uint32_t *lamps) {
     const Scene *scene = state->scene;
     uint8_t flags = scene->mesh->arrays.flags[triangle];
     *found = (PlaneLight){vec3(scene->sharp_radiance + 3 * (size_t)triangle), {0, 0, 0}, 1};
@@ -51,6 +52,12 @@ int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof
         int known = known_of(i, proof);
         if (!(incidence > 0.0f))
             continue;
+        if (lamps && light->kind == LIGHT_POINT && i < 32 &&
+            !(state->frame->has_shadows && known == LIGHT_UNKNOWN)) {
+            *lamps |= (uint32_t)(known != LIGHT_HIDDEN) << i;
+            found->is_table &= known != LIGHT_HIDDEN;
+            continue;
+        }
         if (is_varying(state, light, known))
             return 0;
         if (!state->frame->has_shadows)
@@ -63,6 +70,17 @@ int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof
     if (!found->is_table)
         found->radiance = add(vec3(scene->ambient_radiance + 3 * (size_t)triangle), seen);
     return 1;
+}
+
+int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
+                     PlaneLight *found) {
+    return add_lights(state, triangle, proof, found, NULL);
+}
+
+int find_light_beside_lamps(const FrameState *state, int32_t triangle, LightProof proof,
+                            PlaneLight *found, uint32_t *lamps) {
+    *lamps = 0;
+    return add_lights(state, triangle, proof, found, lamps);
 }
 
 int is_light_proven(const FrameState *state, int32_t triangle, LightProof proof) {
