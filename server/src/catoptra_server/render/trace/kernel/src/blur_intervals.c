@@ -134,13 +134,12 @@ static void find_plane_corners(const FrameState *state, const Box *box, int32_t 
                  vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle), corners);
 }
 
-LightProof prove_moving_plane(const FrameState *state, int tile, int32_t triangle) {
+int enclose_moving_plane(const FrameState *state, int tile, int32_t triangle, Vec3 corners[4]) {
     Box box;
-    Vec3 corners[4];
     if (!enclose_plane(state, tile, triangle, &box))
-        return (LightProof){0, 0};
+        return 0;
     find_plane_corners(state, &box, triangle, corners);
-    return prove_lights(state, triangle, corners);
+    return 1;
 }
 
 static void light_background(const FrameState *state, MovingScene *scene) {

@@ -3,16 +3,6 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "plane_light.h"
 
-/* Cosine to a directional light, or the height of a point light above the facet's plane: above zero
- * if the light shines on the facet. */
-static float find_incidence(const FrameState *state, const Light *light, int32_t triangle) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle), towards = vec3(light->vector);
-    if (light->kind == LIGHT_POINT)
-        towards = subtract(towards, plane_point(state, triangle));
-    return light->lights_scene ? dot(normal, towards) : 0.0f;
-}
-
 /* What is known of a light that shines on a facet; the first 32 lights have a bit. */
 static int known_of(int light, LightProof proof) {
     if (light >= 32)

@@ -6,6 +6,7 @@
 #include "direct_light.h"
 #include "facet_plane.h"
 #include "hit_textures.h"
+#include "lanes.h"
 #include "occlusion.h"
 
 #include <stdlib.h>
