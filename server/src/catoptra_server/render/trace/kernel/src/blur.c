@@ -5,7 +5,10 @@
 #include "blur.h"
 
 #include "blur_plan.h"
+#include "fog.h"
 #include "measures.h"
+#include "occlusion.h"
+#include "plane_light.h"
 #include "pixels.h"
 
 #include <math.h>
@@ -17,6 +20,10 @@
 /* The same for the first division, which is compared with the sharp frame: where texture and light
  * differ by little at three instants they differ by little between these. */
 #define FIRST_TOLERANCE 1.5f
+
+/* Square of what an exposure shows of a plane, relative to the distance of a lamp: light is at most
+ * 12 times as curved, and a mean deviates by a 24th of that. */
+#define MAX_EVEN_SIZE 2e-3f
 
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
@@ -235,6 +242,8 @@ static void find_shown(const BlurTile *blur, const TileContent *content, float c
     const TriangleSet *set = content->triangles;
     shown->is_known = move_triangles(blur->state, blur->tile, set, centre, steps, &shown->scene);
     shown->content = *content;
+    if (shown->is_known)
+        shown->content.proofs = &shown->scene.proofs;
     if (shown->is_known && list_moving(set, &shown->scene, &shown->listed))
         shown->content.short_list = &shown->listed;
 }
@@ -321,18 +330,61 @@ static int is_unit_wanted(const FrameState *state, int cells, int unit) {
     return state->is_rolling ? cells >> (unit / 2 * 2) & 3 : cells >> unit & 1;
 }
 
+/* Whether the light of a lamp on the part of a plane between four corners is even: the mean along a
+ * part of it is that in the middle to a thousandth. */
+static int is_even(const Light *lamp, const Vec3 corners[4]) {
+    Vec3 across = subtract(corners[3], corners[0]), down = subtract(corners[2], corners[1]);
+    float size = fmaxf(dot(across, across), dot(down, down));
+    for (int i = 0; i < 4; i++) {
+        Vec3 to_lamp = subtract(vec3(lamp->vector), corners[i]);
+        if (!(size < MAX_EVEN_SIZE * dot(to_lamp, to_lamp)))
+            return 0;
+    }
+    return 1;
+}
+
+/* What is known of lights and sky during the exposure on the plane that fills a tile; whether they
+ * leave all of it as it is in the sharp frame. */
+static int light_plane(const FrameState *state, int tile, TileContent *content) {
+    int32_t triangle = content->triangle;
+    const Scene *scene = state->scene;
+    Vec3 corners[4];
+    PlaneLight light;
+    uint32_t lamps;
+    if (!enclose_moving_plane(state, tile, triangle, corners))
+        return 0;
+    if (state->frame->has_shadows)
+        content->proof = prove_lights(state, triangle, corners);
+    content->is_open = content->is_open || !has_occlusion(scene, triangle) ||
+                       find_sky_view(scene, triangle, corners) == SKY_OPEN;
+    int is_plain = content->is_open && content->object == OBJECT_NONE && !has_fog(state) &&
+                   !(scene->mesh->arrays.flags[triangle] & FACET_TEXTURED);
+    if (!is_plain || (state->measures->blurs_unseen_shadows && content->proof.hidden) ||
+        !find_light_beside_lamps(state, triangle, content->proof, &light, &lamps))
+        return 0;
+    for (int i = 0; i < scene->num_lights; i++)
+        if (i < 32 && lamps >> i & 1 && !is_even(&scene->lights[i], corners))
+            return 0;
+    return 1;
+}
+
 void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result) {
     int32_t number = state->rays->tiles[tile];
     int steps = state->plan->instants[number];
-    /* One radiance at every instant is that of the sharp frame. */
-    if (!steps || is_single_radiance(state, tile, content))
+    if (!steps)
+        return;
+    TileContent lit = *content;
+    /* Light that is the same at every instant, or changes evenly, is that of the sharp frame. */
+    if (lit.triangle >= 0 && light_plane(state, tile, &lit))
+        return;
+    if (is_single_radiance(state, tile, &lit))
         return;
     BlurTile blur; /* not initialized: its units are large */
     blur.state = state;
     blur.tile = tile;
     blur.top = number / state->rays->tile_columns * TILE_PX;
     blur.order = state->is_rolling ? &state->view->by_row : &state->view->by_cell;
-    blur.content = content;
+    blur.content = &lit;
     blur.result = result;
     int is_any = 0;
     for (int unit = 0; unit < blur.order->units; unit++) {

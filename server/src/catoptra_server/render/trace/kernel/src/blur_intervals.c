@@ -4,6 +4,7 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_intervals.h"
 
+#include "lanes.h"
 #include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
@@ -17,9 +18,14 @@
 #define MIN_VOLUME 1e-6f
 /* Rays between the corners of a tile meet a plane beside the parallelogram of theirs by less. */
 #define MARGIN 0.05f
+/* Square of a step between two times, relative to the distance of a lamp: its light, at most
+ * 12 times as curved as such steps are long, deviates from a chord by less than 0.5 %. */
+#define MAX_EVEN_STEP 0.005f
+/* That of direct_light.c. */
+#define MIN_SQUARED_DISTANCE 1e-6f
 
-typedef float Floats __attribute__((vector_size(4 * BLOCK_RAYS)));
-typedef int32_t Masks __attribute__((vector_size(4 * BLOCK_RAYS))); /* 0 or -1; or bits */
+typedef Floats16 Floats;
+typedef Ints16 Masks; /* 0 or -1; or bits */
 
 int collect_triangles(const FrameState *state, const CandidateList *candidates, TriangleSet *set) {
     set->count = 0;
@@ -72,23 +78,35 @@ static int enclose_footprint(const FrameState *state, int tile, float time, Vec3
     return 1;
 }
 
+static const Box NOWHERE = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+/* What the exposure shows of a triangle's plane in a tile; 0 if some ray does not meet it. */
+static int enclose_plane(const FrameState *state, int tile, int32_t triangle, Box *box) {
+    Vec3 first = plane_point(state, triangle);
+    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    float half = 0.5f * state->frame->exposure + 0.5f * state->frame->readout;
+    *box = NOWHERE;
+    for (int i = -1; i <= 1; i++)
+        if (!enclose_footprint(state, tile, 0.5f + (float)i * half, first, normal, box))
+            return 0;
+    for (int axis = 0; axis < 3; axis++) {
+        float margin = MARGIN * (box->high[axis] - box->low[axis]);
+        box->low[axis] -= margin;
+        box->high[axis] += margin;
+    }
+    return 1;
+}
+
 /* What the exposure shows of a triangle at most: what a tile sees of its plane, and itself. */
 static Box enclose_visible(const FrameState *state, int tile, int32_t triangle) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 first = plane_point(state, triangle);
-    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    Box whole = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    Box footprint = whole;
+    Box whole = NOWHERE, plane;
     for (int corner = 0; corner < 3; corner++)
         enclose_point(&whole, scene_corner(state, triangle, corner));
-    float half = 0.5f * state->frame->exposure + 0.5f * state->frame->readout;
-    for (int i = -1; i <= 1; i++)
-        if (!enclose_footprint(state, tile, 0.5f + (float)i * half, first, normal, &footprint))
-            return whole;
+    if (!enclose_plane(state, tile, triangle, &plane))
+        return whole;
     for (int axis = 0; axis < 3; axis++) {
-        float margin = MARGIN * (footprint.high[axis] - footprint.low[axis]);
-        whole.low[axis] = fmaxf(whole.low[axis], footprint.low[axis] - margin);
-        whole.high[axis] = fminf(whole.high[axis], footprint.high[axis] + margin);
+        whole.low[axis] = fmaxf(whole.low[axis], plane.low[axis]);
+        whole.high[axis] = fminf(whole.high[axis], plane.high[axis]);
     }
     return whole;
 }
@@ -110,6 +128,20 @@ static void find_corners(const Box *box, Vec3 first, Vec3 normal, Vec3 corners[4
     }
 }
 
+static void find_plane_corners(const FrameState *state, const Box *box, int32_t triangle,
+                               Vec3 corners[4]) {
+    find_corners(box, plane_point(state, triangle),
+                 vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle), corners);
+}
+
+int enclose_moving_plane(const FrameState *state, int tile, int32_t triangle, Vec3 corners[4]) {
+    Box box;
+    if (!enclose_plane(state, tile, triangle, &box))
+        return 0;
+    find_plane_corners(state, &box, triangle, corners);
+    return 1;
+}
+
 static void light_background(const FrameState *state, MovingScene *scene) {
     const Scene *lit = state->scene;
     Vec3 light = vec3(lit->sharp_radiance + 3 * (size_t)lit->mesh->arrays.num_triangles);
@@ -119,52 +151,61 @@ static void light_background(const FrameState *state, MovingScene *scene) {
 /* The instants between the parts of the exposure, and the edges of a tile's beam in the world. */
 typedef struct {
     int count;
-    Pose poses[MAX_PARTS + 1];
+    const Pose *poses;
     Vec3 edges[MAX_PARTS + 1][4];
     Vec3 mirror_edges[4];
 } Instants;
 
-static void light_triangle(const FrameState *state, int tile, const Instants *instants,
-                           MovingTriangle *moving) {
+static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving) {
+    const FrameState *state = scene->state;
     int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};
-    if (moving->is_constant && (state->frame->has_shadows || is_occluded)) {
+    if (state->frame->has_shadows || (moving->is_constant && is_occluded)) {
         Vec3 corners[4];
         Box box = enclose_visible(state, tile, triangle);
-        find_corners(&box, plane_point(state, triangle),
-                     vec3(mesh->normals + 3 * (size_t)triangle), corners);
+        find_plane_corners(state, &box, triangle, corners);
         if (state->frame->has_shadows)
             proof = prove_lights(state, triangle, corners);
         if (is_occluded)
             moving->is_occluded = find_sky_view(state->scene, triangle, corners) != SKY_OPEN;
     }
     PlaneLight light = {.radiance = {0, 0, 0}};
-    moving->is_constant =
-        moving->is_constant && find_plane_light(state, triangle, proof, &light);
+    moving->is_constant = moving->is_constant && find_light_beside_lamps(state, triangle, proof,
+                                                                         &light, &moving->lamps);
     /* Rays measure what shadows take where the sharp frame shows none. */
-    if (state->measures->blurs_unseen_shadows && max_abs(light.lost) > 0.0f)
+    if (state->measures->blurs_unseen_shadows && (proof.hidden || max_abs(light.lost) > 0.0f))
         moving->is_constant = 0;
     moving->radiance = light.radiance;
-    if (!moving->is_constant || !moving->is_occluded)
+    if (state->frame->has_shadows && scene->proofs.count < MAX_PROVEN) {
+        scene->proofs.triangle[scene->proofs.count] = triangle;
+        scene->proofs.proof[scene->proofs.count++] = proof;
+    }
+    if (!moving->is_constant)
+        return;
+    for (int i = 0; moving->lamps && i <= scene->parts; i++)
+        moving->normal[i] = rotate_back(scene->poses[i].rotation,
+                                        vec3(mesh->normals + 3 * (size_t)triangle));
+    if (!moving->is_occluded)
         return;
     moving->light = light.radiance;
     moving->ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
-    for (int i = 0; i < instants->count; i++)
-        moving->atlas[i] = find_atlas_rays(state->scene, triangle, &instants->poses[i]);
+    for (int i = 0; i <= scene->parts; i++)
+        moving->atlas[i] = find_atlas_rays(state->scene, triangle, &scene->poses[i]);
 }
 
-static int find_instants(const FrameState *state, int tile, float centre, int parts,
+static int find_instants(const FrameState *state, int tile, float centre, int parts, Pose *poses,
                          Instants *instants) {
     const Beam *beam = &state->view->levels[0].beams[state->rays->tiles[tile]];
     if (!list_beam_edges(beam, instants->mirror_edges))
         return 0;
     instants->count = parts + 1;
+    instants->poses = poses;
     for (int i = 0; i <= parts; i++) {
-        Pose *pose = &instants->poses[i];
+        Pose *pose = &poses[i];
         float phase = (float)i / (float)parts - 0.5f;
         rigid_pose_at(state->frame->camera, state->frame->num_poses, 1,
                       centre + phase * state->frame->exposure, pose);
@@ -283,18 +324,18 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
                    int steps, MovingScene *scene) {
     int parts = count_parts(steps);
     Instants instants;
-    if (parts > MAX_PARTS || !find_instants(state, tile, centre, parts, &instants))
+    if (parts > MAX_PARTS || !find_instants(state, tile, centre, parts, scene->poses, &instants))
         return 0;
     scene->parts = parts;
     scene->bins = (steps > 2 ? 32 : 16) / parts;
     scene->centre = centre;
     scene->state = state;
-    scene->count = 0;
+    scene->count = scene->proofs.count = 0;
     for (int at = 0; at < set->count; at++)
         if (!move_triangle(set, at, &instants, scene))
             return 0;
     for (int i = 0; i < scene->count; i++)
-        light_triangle(state, tile, &instants, &scene->triangles[i]);
+        light_triangle(tile, scene, &scene->triangles[i]);
     light_background(state, scene);
     return 1;
 }
@@ -443,6 +484,80 @@ static void add_occluded_times(const MovingScene *scene, const Visible *visible,
                 weights[i] * (light[channel] - (1.0f - factors[i]) * ambient[channel]);
 }
 
+/* Where the rays of a block meet a triangle's plane at the ends of the parts, and for how long they
+ * see it about each. */
+typedef struct {
+    Floats x, y, z, share;
+} Meeting;
+
+static void find_meetings(const MovingScene *scene, const Visible *visible,
+                          const Directions *rays, Meeting meetings[MAX_PARTS + 1]) {
+    float step = 1.0f / (float)scene->bins, weight = step / (float)scene->parts;
+    for (int i = 0; i <= scene->parts; i++) {
+        Floats distance = 1.0f / project(rays, visible->triangle->sum[i]);
+        meetings[i] = (Meeting){rays->x * distance, rays->y * distance, rays->z * distance, {0}};
+    }
+    for (int bin = 0; bin < scene->parts * scene->bins; bin++) {
+        float nearness = ((float)(bin % scene->bins) + 0.5f) * step;
+        Masks is_seen = -(visible->seen >> bin & 1);
+        Floats share = (Floats)(is_seen & (Masks)(weight - (Floats){0}));
+        meetings[bin / scene->bins].share += (1.0f - nearness) * share;
+        meetings[bin / scene->bins + 1].share += nearness * share;
+    }
+}
+
+/* Add the light of a lamp over those times; 0 where it does not change evenly. */
+static int add_lamp(const MovingScene *scene, const MovingTriangle *triangle, const Light *light,
+                    const Meeting meetings[MAX_PARTS + 1], float radiance[3][BLOCK_RAYS]) {
+    Floats sum = {0}, x = {0}, y = {0}, z = {0}, shared = {0};
+    Masks is_uneven = {0};
+    for (int i = 0; i <= scene->parts; i++) {
+        const Pose *pose = &scene->poses[i];
+        Vec3 n = triangle->normal[i];
+        Vec3 lamp = rotate_back(pose->rotation,
+                                subtract(vec3(light->vector), vec3(pose->translation)));
+        Floats last_x = x, last_y = y, last_z = z;
+        x = lamp.x - meetings[i].x;
+        y = lamp.y - meetings[i].y;
+        z = lamp.z - meetings[i].z;
+        Floats squared = x * x + y * y + z * z;
+        squared = select16(squared > MIN_SQUARED_DISTANCE, squared, splat16(MIN_SQUARED_DISTANCE));
+        Floats cosine = n.x * x + n.y * y + n.z * z, length;
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            length[lane] = __builtin_sqrtf(squared[lane]);
+        cosine = select16(cosine > 0.0f, cosine, splat16(0.0f));
+        /* A plane need not be met at a time at which no ray sees the triangle. */
+        Floats factor = meetings[i].share * cosine / (squared * length);
+        sum += select16(meetings[i].share > 0.0f, factor, splat16(0.0f));
+        last_x -= x;
+        last_y -= y;
+        last_z -= z;
+        Floats moved = last_x * last_x + last_y * last_y + last_z * last_z;
+        is_uneven |= (shared > 0.0f) & (meetings[i].share > 0.0f) &
+                     ~(moved < MAX_EVEN_STEP * squared);
+        shared = meetings[i].share;
+    }
+    if (any(is_uneven))
+        return 0;
+    Vec3 albedo =
+        vec3(scene->state->scene->mesh->arrays.albedo + 3 * (size_t)triangle->triangle);
+    add_times(multiply(albedo, vec3(light->intensity)), sum, radiance);
+    return 1;
+}
+
+/* Add the light of the lamps that a triangle sees; 0 where one does not change evenly. */
+static int add_lamps(const MovingScene *scene, const Visible *visible, const Directions *rays,
+                     float radiance[3][BLOCK_RAYS]) {
+    const Scene *lit = scene->state->scene;
+    Meeting meetings[MAX_PARTS + 1];
+    find_meetings(scene, visible, rays, meetings);
+    for (int light = 0; visible->triangle->lamps >> light && light < lit->num_lights; light++)
+        if (visible->triangle->lamps >> light & 1 &&
+            !add_lamp(scene, visible->triangle, &lit->lights[light], meetings, radiance))
+            return 0;
+    return 1;
+}
+
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
     int32_t all = (int32_t)(0xffffffffu >> (32 - scene->parts * scene->bins));
@@ -469,6 +584,9 @@ int integrate_block(const MovingScene *scene, const RayBlock *rays, float radian
             add_occluded_times(scene, &visible[i], rays, &directions, weights, radiance);
         else
             add_times(visible[i].triangle->radiance, weights, radiance);
+        if (visible[i].triangle->lamps &&
+            !add_lamps(scene, &visible[i], &directions, radiance))
+            return 0;
         left &= ~visible[i].seen;
     }
     if (any(left))

@@ -4,7 +4,8 @@
  * edge is a plane through the viewpoint, whose side is nearly linear in time over a part of the
  * exposure: its sides at a few instants give the sides at 16 or 32 times, as the bits of a word, and
  * so do the distances of two triangles. What a ray sees of a triangle of one radiance is a count of
- * bits; of one from which a part of the sky is hidden, times a mean factor (blur_occlusion.h).
+ * bits; of one from which a part of the sky is hidden, times a mean factor (blur_occlusion.h). Light
+ * of lamps that nothing occludes changes as evenly as such a factor.
  * Source: Gribel et al. 2010, "Analytical motion blur rasterization with compression"; they keep
  * intervals, where we keep bits.
  */
@@ -13,6 +14,7 @@
 
 #include "blur_occlusion.h"
 #include "candidates.h"
+#include "light_map.h"
 #include "ray_order.h"
 #include "short_list.h"
 
@@ -36,6 +38,8 @@ typedef struct {
     int is_constant;             /* it is the same all over the part of the image, but for */
     int is_occluded;             /* the sky's share, which differs from point to point: */
     Vec3 light, ambient;         /* radiance under the open sky, before the sensor; its share */
+    uint32_t lamps;              /* bit mask of point lights that all of it sees */
+    Vec3 normal[MAX_PARTS + 1];
     AtlasRays atlas[MAX_PARTS + 1];
     int32_t triangle;
     int source; /* place in the set */
@@ -46,7 +50,9 @@ typedef struct {
     int bins;         /* times of a part */
     float centre;     /* time of its middle */
     const FrameState *state;
+    Pose poses[MAX_PARTS + 1]; /* of the camera at the ends of the parts */
     Vec3 background;
+    FacetProofs proofs;
     MovingTriangle triangles[MAX_MOVING];
 } MovingScene;
 
@@ -61,8 +67,12 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
 /* The triangles as a list to be moved to instants of that exposure; 0 if there are too many. */
 int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *list);
 
+/* Corners of a part of the plane that fills a tile which holds all that the exposure shows; 0 if some
+ * ray does not meet it. */
+int enclose_moving_plane(const FrameState *state, int tile, int32_t triangle, Vec3 corners[4]);
+
 /* Add the mean radiance over the exposure, as sensed, of a block of directions in the mirror frame
- * to (3, 16); 0, and nothing added, where a triangle is seen whose radiance varies. */
+ * to (3, 16); 0, with any part of it added, where a triangle is seen whose radiance varies. */
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]);
 
 #endif

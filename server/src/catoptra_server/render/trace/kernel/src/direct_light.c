@@ -6,6 +6,7 @@
 #include "direct_light.h"
 
 #include "instances.h"
+#include "lanes.h"
 #include "measures.h"
 
 #include <math.h>
@@ -63,28 +64,16 @@ static void find_radial(Vec3 from, const HitPoints *points, Incidence *found) {
 }
 
 /* Rays whose light is added one by one, instead of from the tables. */
-static uint32_t find_added(const FrameState *state, const Light *light, const HitBlock *hits,
-                           uint32_t lit) {
-    const uint8_t *flags = state->scene->mesh->arrays.flags;
+static uint32_t find_added(const FrameState *state, const Light *light,
+                           const SurfaceBlock *surface) {
     int is_in_table = light->kind == LIGHT_DIRECTIONAL && !state->frame->has_shadows;
-    uint32_t added = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(lit >> lane & 1))
-            continue;
-        int is_added = hits->object[lane] != OBJECT_STATIC ||
-                       (light->lights_scene &&
-                        !(is_in_table && !(flags[hits->triangle[lane]] & FACET_CORNER_COLOURS)));
-        added |= (uint32_t)is_added << lane;
-    }
-    return added;
+    uint32_t scene = is_in_table ? surface->coloured : 0xffff;
+    return surface->lit & (surface->objects | (light->lights_scene ? scene : 0));
 }
 
 /* Facets turned away from a light are dark without a ray. */
 static uint32_t find_facing(const Incidence *light, uint32_t among) {
-    uint32_t facing = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        facing |= (uint32_t)(light->factor[lane] > 0.0f) << lane;
-    return facing & among;
+    return bits16(load16(light->factor) > splat16(0.0f)) & among;
 }
 
 static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoints *points,
@@ -171,15 +160,20 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
                               const Incidence *incidence, uint32_t facing) {
     const Scene *scene = state->scene;
     const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
-    if (light < 32 && surface->proof.seen >> light & 1)
-        return 0;
-    if (light < 32 && surface->proof.hidden >> light & 1)
-        return facing;
+    uint32_t hidden = 0;
+    for (int i = 0; i < surface->num_proven && light < 32; i++) {
+        uint32_t rays = facing & surface->proven[i].rays;
+        LightProof proof = surface->proven[i].proof;
+        hidden |= proof.hidden >> light & 1 ? rays : 0;
+        facing &= (proof.hidden | proof.seen) >> light & 1 ? ~rays : 0xffff;
+    }
+    if (!facing)
+        return hidden;
     facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
-        return 0;
+        return hidden;
     Uncertainty found = look_up_light(state, light, hits, surface, facing);
-    uint32_t occluded = found.hidden;
+    uint32_t occluded = hidden | found.hidden;
     if (!(found.unknown | found.behind_objects))
         return occluded;
     RayBlock shadow;
@@ -207,7 +201,7 @@ static void add_reflected(const Light *light, const SurfaceBlock *surface, const
 void add_light(const FrameState *state, int number, const RayBlock *rays, const HitBlock *hits,
                SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost) {
     const Light *light = &state->scene->lights[number];
-    uint32_t added = find_added(state, light, hits, surface->lit);
+    uint32_t added = find_added(state, light, surface);
     if (!added)
         return;
     Incidence incidence;

@@ -13,7 +13,13 @@ typedef struct {
     uint32_t lit;      /* those that reflect light */
     uint32_t textured; /* those with a texture */
     uint32_t dim;      /* rays whose hits lack a part of the sky; computed or not */
-    LightProof proof;  /* of all computed rays */
+    uint32_t objects;  /* rays that meet dynamic objects */
+    uint32_t coloured; /* those whose facets have colours at their corners */
+    int num_proven;
+    struct {
+        uint32_t rays; /* computed ones that meet one facet */
+        LightProof proof;
+    } proven[MAX_PROVEN];
     _Alignas(64) float unseen[3][BLOCK_RAYS]; /* light, before textures, that nobody misses */
 } SurfaceBlock;
 

@@ -205,11 +205,22 @@ static int find_in_quad(const FrameState *state, int light, int32_t surface,
     return is_on_map(map, &widened) ? find_in_box(state, map, surface, &widened) : LIGHT_UNKNOWN;
 }
 
+float find_incidence(const FrameState *state, const Light *light, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle), towards = vec3(light->vector);
+    if (light->kind == LIGHT_POINT)
+        towards = subtract(towards, plane_point(state, triangle));
+    return light->lights_scene ? dot(normal, towards) : 0.0f;
+}
+
 LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
     const LightMaps *maps = state->scene->light_maps;
     LightProof proof = {0, 0};
     int count = maps ? state->scene->num_lights : 0;
     for (int light = 0; light < count && light < 32; light++) {
+        /* What is turned away from a light is dark without a proof. */
+        if (!(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
+            continue;
         int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);
         proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;
         proof.hidden |= (uint32_t)(found == LIGHT_HIDDEN) << light;

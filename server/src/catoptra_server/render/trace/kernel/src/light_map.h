@@ -24,6 +24,15 @@ typedef struct {
     uint32_t seen, hidden;
 } LightProof;
 
+enum { MAX_PROVEN = 16 };
+
+/* The same on the parts of a few static facets that a part of the image shows. */
+typedef struct {
+    int count;
+    int32_t triangle[MAX_PROVEN];
+    LightProof proof[MAX_PROVEN];
+} FacetProofs;
+
 /* How high dynamic objects reach in each cell of all maps of a frame; NULL without objects, or if
  * memory is short (`*failed`). */
 float *raise_objects(const FrameState *state, int *failed);
@@ -31,7 +40,11 @@ float *raise_objects(const FrameState *state, int *failed);
 /* What is known of a light at a point on a facet of the static scene, or of an object (-1). */
 int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point);
 
-/* What is known of all lights on the part of a static facet between four points. */
+/* Cosine to a directional light, or the height of a point light above a static facet's plane: above
+ * zero if the light shines on the facet. */
+float find_incidence(const FrameState *state, const Light *light, int32_t triangle);
+
+/* What is known of the lights that shine on the part of a static facet between four points. */
 LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
 
 #endif

@@ -3,16 +3,6 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "plane_light.h"
 
-/* Cosine to a directional light, or the height of a point light above the facet's plane: above zero
- * if the light shines on the facet. */
-static float find_incidence(const FrameState *state, const Light *light, int32_t triangle) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle), towards = vec3(light->vector);
-    if (light->kind == LIGHT_POINT)
-        towards = subtract(towards, plane_point(state, triangle));
-    return light->lights_scene ? dot(normal, towards) : 0.0f;
-}
-
 /* What is known of a light that shines on a facet; the first 32 lights have a bit. */
 static int known_of(int light, LightProof proof) {
     if (light >= 32)
@@ -35,8 +25,9 @@ static int is_varying(const FrameState *state, const Light *light, int known) {
     return state->frame->has_shadows && known == LIGHT_UNKNOWN;
 }
 
-int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
-                     PlaneLight *found) {
+/* Light of lights that is the same all over a facet; with `lamps`, point lights may be others. */
+static int add_lights(const FrameState *state, int32_t triangle, LightProof proof,
+                      PlaneLight *found, uint32_t *lamps) {
     const Scene *scene = state->scene;
     uint8_t flags = scene->mesh->arrays.flags[triangle];
     *found = (PlaneLight){vec3(scene->sharp_radiance + 3 * (size_t)triangle), {0, 0, 0}, 1};
@@ -51,6 +42,12 @@ int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof
         int known = known_of(i, proof);
         if (!(incidence > 0.0f))
             continue;
+        if (lamps && light->kind == LIGHT_POINT && i < 32 &&
+            !(state->frame->has_shadows && known == LIGHT_UNKNOWN)) {
+            *lamps |= (uint32_t)(known != LIGHT_HIDDEN) << i;
+            found->is_table &= known != LIGHT_HIDDEN;
+            continue;
+        }
         if (is_varying(state, light, known))
             return 0;
         if (!state->frame->has_shadows)
@@ -63,6 +60,17 @@ int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof
     if (!found->is_table)
         found->radiance = add(vec3(scene->ambient_radiance + 3 * (size_t)triangle), seen);
     return 1;
+}
+
+int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
+                     PlaneLight *found) {
+    return add_lights(state, triangle, proof, found, NULL);
+}
+
+int find_light_beside_lamps(const FrameState *state, int32_t triangle, LightProof proof,
+                            PlaneLight *found, uint32_t *lamps) {
+    *lamps = 0;
+    return add_lights(state, triangle, proof, found, lamps);
 }
 
 int is_light_proven(const FrameState *state, int32_t triangle, LightProof proof) {

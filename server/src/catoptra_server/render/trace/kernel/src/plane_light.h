@@ -14,6 +14,11 @@ typedef struct {
 int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
                      PlaneLight *found);
 
+/* The same but for the light of point lights that nothing occludes: bit mask of those, of the
+ * first 32. Nothing is said of what is lost of others. */
+int find_light_beside_lamps(const FrameState *state, int32_t triangle, LightProof proof,
+                            PlaneLight *found, uint32_t *lamps);
+
 /* Whether every light that reaches a facet is proven to be seen, or to be hidden. */
 int is_light_proven(const FrameState *state, int32_t triangle, LightProof proof);
 

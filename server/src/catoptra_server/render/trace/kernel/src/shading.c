@@ -6,6 +6,7 @@
 #include "direct_light.h"
 #include "facet_plane.h"
 #include "hit_textures.h"
+#include "lanes.h"
 #include "occlusion.h"
 
 #include <stdlib.h>
@@ -129,6 +130,7 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec
 static void look_up(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                     SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     surface->computed = surface->lit = surface->textured = surface->dim = 0;
+    surface->objects = surface->coloured = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(rays->active >> lane & 1))
             continue;
@@ -143,6 +145,8 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
         surface->computed |= 1u << lane;
         surface->lit |= (uint32_t)!(flags & FACET_UNLIT) << lane;
         surface->textured |= (uint32_t)!!(flags & FACET_TEXTURED) << lane;
+        surface->objects |= (uint32_t)(object != OBJECT_STATIC) << lane;
+        surface->coloured |= (uint32_t)!!(flags & FACET_CORNER_COLOURS) << lane;
     }
 }
 
@@ -179,6 +183,21 @@ static LightProof prove_block(const FrameState *state, int32_t triangle, const H
     return prove_lights(state, triangle, corners);
 }
 
+static void add_proof(SurfaceBlock *surface, uint32_t rays, LightProof proof) {
+    surface->proven[surface->num_proven].rays = rays;
+    surface->proven[surface->num_proven++].proof = proof;
+}
+
+/* What is known of the lights where the computed rays meet some facets. */
+static void find_proven(const FacetProofs *proofs, const HitBlock *hits, SurfaceBlock *surface) {
+    for (int i = 0; i < proofs->count; i++) {
+        uint32_t rays = bits16(load_ints16(hits->triangle) == proofs->triangle[i]) &
+                        surface->computed & ~surface->objects;
+        if (rays)
+            add_proof(surface, rays, proofs->proof[i]);
+    }
+}
+
 static void set_all(float values[3][BLOCK_RAYS], Vec3 value) {
     float parts[3] = {value.x, value.y, value.z};
     for (int channel = 0; channel < 3; channel++)
@@ -195,6 +214,8 @@ static void look_up_plane(const FrameState *state, int32_t triangle, SurfaceBloc
     surface->lit = is_computed && !(flags & FACET_UNLIT) ? 0xffff : 0;
     surface->textured = is_computed && flags & FACET_TEXTURED ? 0xffff : 0;
     surface->dim = has_occlusion(state->scene, triangle) ? 0xffff : 0;
+    surface->objects = 0;
+    surface->coloured = flags & FACET_CORNER_COLOURS ? 0xffff : 0;
     if (!is_computed)
         set_all(radiance, table_entry(state, OBJECT_STATIC, triangle));
 }
@@ -210,10 +231,9 @@ static void begin_plane(const FrameState *state, const RayBlock *rays, int32_t t
         return;
     find_plane_points(plane, vec3(mesh->normals + 3 * (size_t)triangle), rays, &surface->points);
     set_all(surface->albedo, vec3(mesh->albedo + 3 * (size_t)triangle));
-    if (proof)
-        surface->proof = *proof;
-    else if (state->frame->has_shadows)
-        surface->proof = prove_block(state, triangle, &surface->points);
+    if (state->frame->has_shadows && !surface->num_proven)
+        add_proof(surface, 0xffff,
+                  proof ? *proof : prove_block(state, triangle, &surface->points));
 }
 
 static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
@@ -240,9 +260,9 @@ static void multiply_block(float values[3][BLOCK_RAYS], float factors[3][BLOCK_R
 }
 
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 const LightProof *proof, int is_open, float radiance[3][BLOCK_RAYS],
-                 LostLight *lost) {
-    SurfaceBlock surface = {.proof = {0, 0}};
+                 const LightProof *proof, const FacetProofs *proofs, int is_open,
+                 float radiance[3][BLOCK_RAYS], LostLight *lost) {
+    SurfaceBlock surface = {.num_proven = 0};
     int32_t triangle = proof && rays->active == 0xffff ? hits->triangle[0] : -1;
     if (triangle >= 0)
         look_up_plane(state, triangle, &surface, radiance);
@@ -257,6 +277,8 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
         triangle = find_common_triangle(hits, surface.computed);
     int is_plane = triangle >= 0 &&
                    !(state->scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS);
+    if (proofs)
+        find_proven(proofs, hits, &surface);
     FacetPlane plane;
     if (is_plane) {
         plane = find_facet_plane(state, triangle);

@@ -14,10 +14,10 @@ int is_tabulated(const FrameState *state, int object, int triangle);
 Vec3 table_entry(const FrameState *state, int object, int triangle);
 
 /* Radiance, (3, 16), and what of it is lost by shadows; rays that are not active are left as they
- * are. `proof` is NULL, or what is known of the one static facet that all hits lie on; `lost` may be
- * NULL, and its rays are set before. `is_open`: nothing hides the sky from any hit. */
+ * are. `proof` is NULL, or what is known of the one static facet that all hits lie on; `proofs` is
+ * NULL, or what is known of some of several; `lost` may be NULL, and its rays are set before.
+ * `is_open`: nothing hides the sky from any hit. */
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 const LightProof *proof, int is_open, float radiance[3][BLOCK_RAYS],
-                 LostLight *lost);
+                 const LightProof *proof, const FacetProofs *proofs, int is_open, float radiance[3][BLOCK_RAYS], LostLight *lost);
 
 #endif

@@ -228,7 +228,7 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
     PlaneLight light;
     if (!is_known || rays->active != 0xffff ||
         !find_plane_light(state, content->triangle, content->proof, &light)) {
-        shade_block(state, rays, hits, is_known ? &content->proof : NULL,
+        shade_block(state, rays, hits, is_known ? &content->proof : NULL, content->proofs,
                     is_known && content->is_open, radiance, lost);
         return;
     }
