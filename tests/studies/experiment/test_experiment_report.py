@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
-from catoptra_studies.experiment.experiment_setups import SETUPS
+from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare
 from catoptra_studies.reports import ReportFigure
@@ -39,8 +39,9 @@ def report(tmp_path):
         subtitle="now",
         num_runs=1,
         claims=[
-            Claim("a", "confirmed claim", "1 < 2", RunShare(2, 3)),
-            Claim("b", "other claim", "2 < 1", RunShare(1, 2)),
+            Claim("a", "confirmed claim", "1 < 2", RunShare(15, 20)),
+            Claim("b", "other claim", "2 < 1", RunShare(1, 20)),
+            Claim("c", "third claim", "1 < 3", RunShare(12, 20)),
         ],
         differences=[Difference("they", "we", "because")],
         camera_figures=[figure],
@@ -60,9 +61,10 @@ def test_report_is_self_contained(report):
 
 def test_report_has_each_claim_and_its_evaluation(report):
     text, _ = report
-    assert "<td>confirmed claim</td><td>1 &lt; 2</td><td>2 of 3 runs (21% to 94%)</td>" in text
+    assert "<td>confirmed claim</td><td>1 &lt; 2</td><td>15 of 20 runs (53% to 89%)</td>" in text
     assert text.count('<td class="yes">yes</td>') == 1
     assert text.count('<td class="no">no</td>') == 1
+    assert text.count('<td class="not">not decided in 20 runs</td>') == 1
     assert "<td>they</td><td>we</td><td>because</td>" in text
 
 
@@ -79,6 +81,12 @@ def test_report_shows_statistics_and_missing_values(report):
     assert "0-0.5 m: 25%" in text
     assert text.count("none") >= 2
     assert "$" not in text
+
+
+def test_report_states_the_quantile_of_the_gate_that_ran(report):
+    text, _ = report
+    rate = PAPER_FILTER.gate.false_rejection_rate
+    assert f"exceeds the {1.0 - rate:.0%} quantile" in " ".join(text.split())
 
 
 @pytest.mark.parametrize("term", ["sim", "real", "P0", "R", "gate", "odometry alone", "error"])

@@ -1,7 +1,8 @@
 """The paper's findings as statements about a run, and how many runs of an experiment satisfy them.
 
 The paper has one run of each set-up, so a finding is confirmed where the typical run shows the
-same: in more than half of the runs. What the typical run does not show is no claim but a
+same: in more than half of all runs that there could be. The driven runs decide that only where the
+interval of their share excludes one half. What the typical run does not show is no claim but a
 difference, with numbers and the likely reason.
 
 A share of runs has an interval of 95 %: Wilson's score interval (Wilson 1927, JASA 22, p. 209).
@@ -103,8 +104,20 @@ class Claim:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether more than half of the runs satisfy the statement."""
-        return self.runs.share > 0.5
+        """Whether the interval of the satisfying runs lies above one half."""
+        return self.runs.interval[0] > 0.5
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether the interval lies below one half."""
+        return self.runs.interval[1] < 0.5
+
+    @property
+    def verdict(self) -> str:
+        """yes, no, or that so few runs do not decide."""
+        if self.is_confirmed:
+            return "yes"
+        return "no" if self.is_refuted else f"not decided in {self.runs.num_runs} runs"
 
 
 def _odometry_diverges(paper: _Run, _: _Run) -> bool:
