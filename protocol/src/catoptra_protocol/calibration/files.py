@@ -100,6 +100,8 @@ def format_numbers(values: tuple[float, ...]) -> str:
 
 
 _MAX_NUMBERS = 4096
+# Names in an error: of rigs with as many cameras as are built.
+_MAX_LISTED = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +190,12 @@ class Fields:
         if not isinstance(value, Mapping):
             raise self.make_error(name, "an object with fields")
         return Fields(self.file, value, self._path_of(name))
+
+    def check_camera(self, name: str, cameras: Sequence[str]) -> None:
+        """Reject the name of a camera that the file has not; the error has the first of its own."""
+        if name not in cameras:
+            listed = ", ".join(map(str, cameras[:_MAX_LISTED])) or "none"
+            raise self.make_error(name, f"a camera of this file, which has {listed}")
 
     def get_item(self, name: str, index: int) -> Fields:
         """An object of a list in this one."""
