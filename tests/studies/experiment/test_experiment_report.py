@@ -13,8 +13,9 @@ import pytest
 from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
-from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare
+from catoptra_studies.experiment.paper_claims import Claim, Difference
 from catoptra_studies.reports import ReportFigure
+from catoptra_studies.run_statistics import RunShare
 from helpers.configs import REPOSITORY
 from studies.experiment.test_metrics import make_filter_run
 

@@ -7,9 +7,10 @@ import json
 import pytest
 
 from catoptra_studies.experiment import demo_command, seeds_command
-from catoptra_studies.experiment.paper_claims import Claim, RunShare
+from catoptra_studies.experiment.paper_claims import Claim
 from catoptra_studies.experiment.seeds_command import SeedResult
 from catoptra_studies.reports import write_json
+from catoptra_studies.run_statistics import RunShare
 from studies.experiment.test_paper_claims import make_setups
 
 

@@ -40,9 +40,9 @@ from catoptra_studies.experiment.paper_claims import (
     UNTYPICAL_STATEMENTS,
     Claim,
     evaluate_claims,
-    pool_shares,
 )
 from catoptra_studies.reports import markdown_table, replace_block, wrap_paragraph, write_json
+from catoptra_studies.run_statistics import pool_shares
 
 
 @dataclass(frozen=True, slots=True)
