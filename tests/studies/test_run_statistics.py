@@ -68,11 +68,11 @@ def test_pairs_differ_by_the_sign_test_with_holms_steps():
     close = runs + np.where(runs < 12, -1.0, 1.0)
     first, second, third = compare_pairs({"a": runs, "b": runs + 1.0, "c": close})
     # 20 of 20 runs: 2 / 2^20, times three tests.
-    assert (first.first, first.second) == ("a", "b")
+    assert (first.lower, first.higher) == ("a", "b")
     assert first.p_value == pytest.approx(3 * 2 / 2**20)
-    assert str(first.first_smaller) == "20 of 20 runs (84% to 100%)"
+    assert str(first.runs) == "20 of 20 runs (84% to 100%)"
     # b equals c in eight runs, and c is smaller in the other twelve.
-    assert (second.first, second.second, second.first_smaller) == ("b", "c", RunShare(0, 12))
+    assert (second.lower, second.higher, second.runs) == ("c", "b", RunShare(12, 12))
     assert second.p_value == pytest.approx(2 * 2 / 2**12)
     # 12 of 20, which were once called a confirmation: p is 0.50.
     assert third.p_value == pytest.approx(0.5034, abs=1e-4)

@@ -80,11 +80,11 @@ LEVEL = 0.05
 class PairDifference:
     """Two subjects over the same runs."""
 
-    first: str
-    second: str
+    lower: str
+    higher: str
 
-    first_smaller: RunShare
-    """Runs with the smaller value for the first, of those in which the values differ."""
+    runs: RunShare
+    """Runs with the smaller value for `lower`, of those in which the values differ."""
 
     p_value: float
     """Chance of such a share or a more extreme one where neither is better, by Holm's steps."""
@@ -99,12 +99,13 @@ def compare_pairs(values: Mapping[str, Floats]) -> list[PairDifference]:
     """Compare subjects with (n,) values of the same runs, those that differ most first."""
     pairs = []
     for first, second in combinations(values, 2):
-        smaller, larger = (
-            int(difference.sum())
-            for difference in (values[first] < values[second], values[first] > values[second])
-        )
-        share = RunShare(smaller, smaller + larger)
-        pairs.append(PairDifference(first, second, share, _sign_test(share)))
+        counts = {
+            first: int((values[first] < values[second]).sum()),
+            second: int((values[first] > values[second]).sum()),
+        }
+        lower, higher = sorted(counts, key=counts.__getitem__, reverse=True)
+        share = RunShare(counts[lower], sum(counts.values()))
+        pairs.append(PairDifference(lower, higher, share, _sign_test(share)))
     pairs.sort(key=lambda pair: pair.p_value)
     # The k-th smallest of m is multiplied by m - k, and is never below the one before.
     adjusted = accumulate(
@@ -114,7 +115,7 @@ def compare_pairs(values: Mapping[str, Floats]) -> list[PairDifference]:
 
 
 def _sign_test(share: RunShare) -> float:
-    """Two-sided p of a share of runs where both outcomes have equal chances; 1 of no runs."""
-    fewer = min(share.num_satisfying, share.num_runs - share.num_satisfying)
-    ways = sum(math.comb(share.num_runs, count) for count in range(fewer + 1))
+    """Two-sided p of a share of at least half, where both outcomes have equal chances."""
+    num_others = share.num_runs - share.num_satisfying
+    ways = sum(math.comb(share.num_runs, count) for count in range(num_others + 1))
     return min(1.0, 2.0 * ways / 2.0**share.num_runs)
