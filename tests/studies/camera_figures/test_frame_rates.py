@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from catoptra_server.config.robot_file import read_robot
@@ -17,7 +19,7 @@ from helpers.configs import FIELD, OMNI_ROBOT
 
 
 def make_row(polygons: int, cpu_ms: float) -> FrameRate:
-    return FrameRate("field", "trace", str(polygons), polygons, 0.0, 0.0, cpu_ms, {})
+    return FrameRate("field", "trace", "idle", str(polygons), polygons, 0.0, 0.0, cpu_ms, {})
 
 
 def test_spread_compares_the_slowest_with_the_fastest_mesh() -> None:
@@ -35,6 +37,8 @@ def test_payloads_are_those_of_the_papers_figure_and_4096_polygons() -> None:
     payloads = [row.payload for row in rows]
     assert payloads == ["no camera", "16", "64", "256", "1024", "4096", "per pixel", "LMS200"]
     assert [row.num_polygons for row in rows] == [0, 16, 64, 256, 1024, 4096, 0, 0]
+    assert {row.conditions for row in rows} == {rows[0].conditions}
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d, load \d+\.\d on \d+ processors", rows[0].conditions)
     assert rows[-1].stage_ms.keys() == {"perspective", "scanner"}
     assert all(row.fps == pytest.approx(1e3 / row.wall_ms) for row in rows)
 

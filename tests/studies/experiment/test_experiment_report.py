@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
-from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, SETUPS
+from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER, SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import Claim, Difference
 from catoptra_studies.reports import ReportFigure
@@ -32,7 +32,9 @@ def report(tmp_path):
     """The text of a small report, and the bytes of its figure."""
     png = tmp_path / "a.png"
     cv2.imwrite(str(png), np.zeros((4, 4, 3), dtype=np.uint8))
-    filters = {"paper": {"title": "P0 < 1", **summarize_runs([make_filter_run(0, largest_m=0.25)])}}
+    # As many filters as the experiment has.
+    runs = [make_filter_run(number, largest_m=0.2 + 0.05 * number) for number in range(3)]
+    filters = {settings.name: {"title": "P0 < 1", **summarize_runs(runs)} for settings in FILTERS}
     setups = {"sim": {"title": "a & b", "measurements": NOTHING, "filters": filters}}
     figure = ReportFigure("a.png", "Title", "less < more", 'the "alt"')
     path = write_html_report(
@@ -69,6 +71,26 @@ def test_report_has_each_claim_and_its_evaluation(report):
     assert "<td>they</td><td>we</td><td>because</td>" in text
 
 
+def test_tables_are_not_wider_than_the_page(report):
+    text, _ = report
+    page_px = 16 * int(re.search(r"body \{[^}]*max-width: (\d+)rem", text)[1])
+    is_wrapped = "nowrap" not in text
+    widths = {}
+    for table in re.findall(r"<table>.*?</table>", text):
+        rows = re.findall(r"<tr>(.*?)</tr>", table)
+        cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+        columns = zip(*cells, strict=True)
+        widths[cells[-1][0]] = sum(_column_px(column, is_wrapped=is_wrapped) for column in columns)
+    assert len(widths) == 5
+    assert max(widths.values()) < page_px
+
+
+def _column_px(cells, *, is_wrapped):
+    # 0.64 em a character: digits of DejaVu Sans, the widest of usual fonts; padding of 0.8 em.
+    parts = [part for cell in cells for part in (cell.split(" ") if is_wrapped else [cell])]
+    return 16 * (0.64 * 0.9 * max(map(len, parts)) + 1.6)
+
+
 def test_report_escapes_its_texts(report):
     text, _ = report
     assert "less &lt; more" in text
@@ -78,7 +100,7 @@ def test_report_escapes_its_texts(report):
 
 def test_report_shows_statistics_and_missing_values(report):
     text, _ = report
-    assert "0.25 [0.25, 0.25]" in text
+    assert "0.25 [0.205,\u00a00.295]" in text
     assert "0-0.5 m: 25%" in text
     assert text.count("none") >= 2
     assert "$" not in text

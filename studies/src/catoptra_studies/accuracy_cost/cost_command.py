@@ -108,9 +108,9 @@ def _make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--robot", default="p2at_omni", metavar="FILE",
         help="robot ini with a mirror camera, or a bundled name (default p2at_omni)")  # fmt: skip
-    add("--world", nargs="+", default=["four_legged_2006", "corridor"], metavar="FILE",
+    add("--world", nargs="+", default=["four_legged_2006", "corridors_and_rooms"], metavar="FILE",
         help="world ini or name; frame rates are measured in all, all else in the first "
-        "(default four_legged_2006 corridor)")  # fmt: skip
+        "(default four_legged_2006 corridors_and_rooms)")  # fmt: skip
     add("--size", type=_parse_size, default=360, metavar="N",
         help="pixels along the side of the square image (default 360)")  # fmt: skip
     add("--quick", action="store_true", help="fewer levels and frames, one drive for each level")

@@ -8,6 +8,7 @@ Frames are timed in turn, so that a disturbance of the machine falls on all payl
 from __future__ import annotations
 
 import math
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
+from catoptra_server.runtime.memory import count_processors
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
@@ -59,6 +61,9 @@ class FrameRate:
 
     world: str
     renderer: str
+
+    conditions: str
+    """Date and load of the machine, of this world and renderer."""
 
     payload: str
     """Equipment of the robot: no camera, a mesh by the number of polygons, per pixel, or LMS200."""
@@ -180,11 +185,13 @@ def measure_frame_rates(
         }
         payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
         draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
+        conditions = _describe_load()
         timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
     return tuple(
         FrameRate(
             world=subject.world.name,
             renderer=renderer_kind.value,
+            conditions=conditions,
             payload=payload.name,
             num_polygons=payload.num_polygons,
             fps=1e3 / timing.wall_ms,
@@ -192,6 +199,15 @@ def measure_frame_rates(
         )
         for payload, timing in zip(payloads, timings, strict=True)
     )
+
+
+def _describe_load() -> str:
+    """Date, and how many programs compete for the processors, before the measurement adds its own.
+
+    The average of the last minute.
+    """
+    load = os.getloadavg()[0]
+    return f"{time.strftime('%Y-%m-%d')}, load {load:.1f} on {count_processors()} processors"
 
 
 def _surfaces() -> dict[str, MirrorSurface]:
@@ -255,14 +271,18 @@ _RENDERER_COLOURS = {"trace": BLUE, "raster": TEAL}
 
 
 def draw_frame_rates(page: Page, inputs: FigureInputs) -> FigureCaption:
-    """Measure and draw the frame rates of all payloads in the subject's world, with trace."""
-    rows = measure_frame_rates(
-        inputs.subject,
-        inputs.drive,
-        RendererKind.TRACE,
-        num_rounds=inputs.num_timed_frames,
-        on_round=lambda: None,
-    )
+    """Measure and draw the frame rates of all payloads in both worlds, with trace."""
+    rows = [
+        row
+        for subject in (inputs.subject, inputs.rooms)
+        for row in measure_frame_rates(
+            subject,
+            inputs.drive,
+            RendererKind.TRACE,
+            num_rounds=inputs.num_timed_frames,
+            on_round=lambda: None,
+        )
+    ]
     draw_frame_rate_panels(page, rows)
     return _caption(rows, inputs.num_timed_frames)
 
@@ -293,7 +313,8 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
             label=renderer,
         )  # fmt: skip
         axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
-    axes.set_title(f"frames a second in {world}", loc="left", fontsize=8.5)
+    conditions = "\n".join(dict.fromkeys(row.conditions for row in rows))
+    axes.set_title(f"frames a second in {world}\n{conditions}", loc="left", fontsize=8)
     axes.set_xticks(
         range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7
     )
@@ -305,7 +326,12 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
 
 
 def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
-    spread = frame_time_spread(tuple(rows), min_polygons=PAPER_POLYGON_COUNTS[0])
+    spread = max(
+        frame_time_spread(
+            tuple(row for row in rows if row.world == world), min_polygons=PAPER_POLYGON_COUNTS[0]
+        )
+        for world in {row.world for row in rows}
+    )
     view = _PERSPECTIVE_VIEW
     return FigureCaption(
         title="Frame rate by the payload of a robot",
@@ -313,12 +339,15 @@ def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
             f"A perspective view of {view.width_px} × {view.height_px} pixels, as USARSim shows on "
             "its screen, rendered with nothing else, with the mirror camera through meshes or by "
             "the exact model (per pixel), or with a laser scanner LMS200. Medians of "
-            f"{num_frames} frames on this machine, by the renderer trace on its processor. The "
-            "paper found no influence of the number of polygons; here the slowest mesh takes "
-            f"{100 * spread:.0f} % more processor time than the fastest. Other programs that "
-            "ran at the same time lower the bars."
+            f"{num_frames} frames on this machine, by the renderer trace on its processor; the "
+            "load of the machine is above each panel, and one near the number of processors or "
+            "more lowers the bars. The paper measured in two maps, the soccer field and "
+            "DM-Mapping_250. The latter is not available here: the second panel shows a map of "
+            "corridors and rooms that was written for this figure. The paper found no influence of "
+            "the number of polygons; here the slowest mesh takes at most "
+            f"{100 * spread:.0f} % more processor time than the fastest."
         ),
         alt="Bars of frames a second: highest without a camera, and similar for all meshes.",
         metrics={"width_px": view.width_px, "height_px": view.height_px, "frames": num_frames},
-        timings={row.payload: round(row.fps, 1) for row in rows},
+        timings={f"{row.world}: {row.payload}": round(row.fps, 1) for row in rows},
     )

@@ -139,7 +139,8 @@ def _filter_table(setup: Mapping[str, Any]) -> str:
 def _format_statistics(statistics: Mapping[str, float] | None) -> str:
     if statistics is None:
         return "none"
-    return f"{statistics['median']:.3g} [{statistics['p05']:.3g}, {statistics['p95']:.3g}]"
+    # Wrapped between median and bracket alone: in one line the columns are wider than the page.
+    return f"{statistics['median']:.3g} [{statistics['p05']:.3g},\u00a0{statistics['p95']:.3g}]"
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:
