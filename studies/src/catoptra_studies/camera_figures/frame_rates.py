@@ -298,7 +298,7 @@ def draw_frame_rate_panels(page: Page, rows: Sequence[FrameRate]) -> None:
         # One scale for all worlds; only the first panel has numbers.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
-    add_legend(page, axes, loc="upper right", ncols=2)
+    add_legend(page, axes, loc="lower right", ncols=2)
 
 
 def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
@@ -313,7 +313,7 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
             label=renderer,
         )  # fmt: skip
         axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
-    conditions = "\n".join(dict.fromkeys(row.conditions for row in rows))
+    conditions = "\n".join(dict.fromkeys(f"{row.renderer}: {row.conditions}" for row in rows))
     axes.set_title(f"frames a second in {world}\n{conditions}", loc="left", fontsize=8)
     axes.set_xticks(
         range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7

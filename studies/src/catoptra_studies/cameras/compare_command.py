@@ -145,7 +145,7 @@ def _run_errors(filter_runs: Sequence[FilterRun]) -> tuple[Floats, Floats]:
 
 def _summarize_runs(runs: _Runs) -> _Row:
     """Medians over the runs with their intervals; nan without runs."""
-    row = {}
+    row: _Row = {}
     for key in _DRIVE_KEYS:
         numbers = median_with_interval(runs[key]) if runs else (math.nan,) * 3
         row |= dict(zip((key, f"{key}_low", f"{key}_high"), numbers, strict=True))
