@@ -64,7 +64,7 @@ def test_figure_10_has_both_maps_and_says_which_one_is_not_the_papers(
     assert list(dict.fromkeys(worlds)) == ["DM-spqrSoccer2006_250", "corridors-and-rooms"]
     (entry,) = (one for one in index["figures"] if one["paper_reference"] == "Figure 10")
     assert "DM-Mapping_250. The latter is not available here" in entry["caption"]
-    assert "load of the machine" in entry["caption"]
+    assert "load by other programs" in entry["caption"]
 
 
 def test_exact_model_is_exact_to_the_rounding_of_its_rays(index: dict[str, Any]) -> None:

@@ -239,10 +239,10 @@ def _format_frame_rates(results: CostResults) -> str:
     ]
     header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
     loads = "; ".join(
-        f"{world}, {renderer}: {by_cell[world, renderer, payloads[0]].conditions}"
+        f"{by_cell[world, renderer, payloads[0]].conditions} ({world}, {renderer})"
         for world, renderer in columns
     )
-    loads = f"Measured with the load of the machine before: {loads}. Elapsed and processor time:"
+    loads = f"Measured on {loads}. Elapsed and processor time:"
     sentences = (*_conclusions(results), *_explanations(results))
     bullets = "\n".join(wrap_paragraph(sentence, bullet="* ") for sentence in sentences)
     return f"""\

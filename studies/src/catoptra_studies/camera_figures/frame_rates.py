@@ -12,14 +12,14 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
-from catoptra_server.runtime.memory import count_processors
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.robot_description import DriveBase, Mount
 from catoptra_server.simulation.sensors import SensorContext, SensorEnvironment
@@ -63,7 +63,7 @@ class FrameRate:
     renderer: str
 
     conditions: str
-    """Date and load of the machine, of this world and renderer."""
+    """Date, and load of the machine by other programs while this world was measured."""
 
     payload: str
     """Equipment of the robot: no camera, a mesh by the number of polygons, per pixel, or LMS200."""
@@ -185,13 +185,13 @@ def measure_frame_rates(
         }
         payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
         draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
-        conditions = _describe_load()
-        timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
+        with _measure_load() as load:
+            timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
     return tuple(
         FrameRate(
             world=subject.world.name,
             renderer=renderer_kind.value,
-            conditions=conditions,
+            conditions=f"{time.strftime('%Y-%m-%d')}, {load[0]}",
             payload=payload.name,
             num_polygons=payload.num_polygons,
             fps=1e3 / timing.wall_ms,
@@ -201,13 +201,33 @@ def measure_frame_rates(
     )
 
 
-def _describe_load() -> str:
-    """Date, and how many programs compete for the processors, before the measurement adds its own.
+@contextmanager
+def _measure_load() -> Iterator[list[str]]:
+    """Yield a list that gets what other programs used while the block ran.
 
-    The average of the last minute.
+    Not the load average: that one counts what this program did in the minutes before.
     """
-    load = os.getloadavg()[0]
-    return f"{time.strftime('%Y-%m-%d')}, load {load:.1f} on {count_processors()} processors"
+    load: list[str] = []
+    begin = _busy_s(), time.process_time(), time.perf_counter()
+    yield load
+    busy_s, own_s, wall_s = (
+        end - start
+        for end, start in zip(
+            (_busy_s(), time.process_time(), time.perf_counter()), begin, strict=True
+        )
+    )
+    others = f"{max(0.0, busy_s - own_s) / wall_s:.1f}" if math.isfinite(busy_s) else "unknown"
+    load.append(f"load by others: {others} of {os.cpu_count()} processors")
+
+
+def _busy_s() -> float:
+    """Processor time of all programs since the start of the machine; nan where Linux is not."""
+    try:
+        first, *_ = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return math.nan
+    user, nice, system, _idle, _wait, *interrupts = map(int, first.split()[1:8])
+    return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
 
 
 def _surfaces() -> dict[str, MirrorSurface]:
@@ -340,12 +360,11 @@ def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
             "its screen, rendered with nothing else, with the mirror camera through meshes or by "
             "the exact model (per pixel), or with a laser scanner LMS200. Medians of "
             f"{num_frames} frames on this machine, by the renderer trace on its processor; the "
-            "load of the machine is above each panel, and one near the number of processors or "
-            "more lowers the bars. The paper measured in two maps, the soccer field and "
-            "DM-Mapping_250. The latter is not available here: the second panel shows a map of "
-            "corridors and rooms that was written for this figure. The paper found no influence of "
-            "the number of polygons; here the slowest mesh takes at most "
-            f"{100 * spread:.0f} % more processor time than the fastest."
+            "load by other programs is above each panel, and lowers the bars. The paper measured "
+            "in two maps, the soccer field and DM-Mapping_250. The latter is not available here: "
+            "the second panel shows a map of corridors and rooms that was written for this figure. "
+            "The paper found no influence of the number of polygons; here the slowest mesh takes "
+            f"at most {100 * spread:.0f} % more processor time than the fastest."
         ),
         alt="Bars of frames a second: highest without a camera, and similar for all meshes.",
         metrics={"width_px": view.width_px, "height_px": view.height_px, "frames": num_frames},
