@@ -105,7 +105,7 @@ def test_conclusion_follows_from_the_processor_times(
     "sentence",
     [
         "The camera with 1024 polygons takes 4.0 ms of it, the scanner 0.2.",
-        "Measured on noon, load by others: 0.2 of 2 processors (field, raster).",
+        "Measured on noon, load by others: 0.2 of 2 processors (field raster).",
         "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0",
         "within a centimetre of the best, 256 polygons (uv), 2x2 is enough",
     ],

@@ -21,6 +21,7 @@ from catoptra_studies.camera_figures.frame_rates import (
     SCANNER,
     FrameRate,
     frame_time_spread,
+    group_conditions,
 )
 from catoptra_studies.reports import format_number, markdown_table, wrap_paragraph
 
@@ -239,8 +240,10 @@ def _format_frame_rates(results: CostResults) -> str:
     ]
     header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
     loads = "; ".join(
-        f"{by_cell[world, renderer, payloads[0]].conditions} ({world}, {renderer})"
-        for world, renderer in columns
+        f"{stated} ({names})"
+        for stated, names in group_conditions(
+            (row.conditions, f"{row.world} {row.renderer}") for row in results.frame_rates
+        ).items()
     )
     loads = f"Measured on {loads}. Elapsed and processor time:"
     sentences = (*_conclusions(results), *_explanations(results))

@@ -11,7 +11,7 @@ import math
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -313,12 +313,20 @@ def draw_frame_rate_panels(page: Page, rows: Sequence[FrameRate]) -> None:
     max_fps = max(row.fps for row in rows)
     width = (1400 - 60 * (len(worlds) - 1)) // len(worlds)
     for index, world in enumerate(worlds):
-        axes = add_axes(page, 90 + index * (width + 60), 120, width, 440)
+        axes = add_axes(page, 90 + index * (width + 60), 120, width, 415)
         _draw_panel(axes, [row for row in rows if row.world == world], world)
         # One scale for all worlds; only the first panel has numbers.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
     add_legend(page, axes, loc="lower right", ncols=2)
+
+
+def group_conditions(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Names, joined by commas, of the measurements under each of some conditions."""
+    grouped: dict[str, dict[str, None]] = {}
+    for conditions, name in pairs:
+        grouped.setdefault(conditions, {})[name] = None
+    return {conditions: ", ".join(names) for conditions, names in grouped.items()}
 
 
 def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
@@ -333,8 +341,9 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
             label=renderer,
         )  # fmt: skip
         axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
-    conditions = "\n".join(dict.fromkeys(f"{row.renderer}: {row.conditions}" for row in rows))
-    axes.set_title(f"frames a second in {world}\n{conditions}", loc="left", fontsize=8)
+    by_conditions = group_conditions((row.conditions, row.renderer) for row in rows)
+    conditions = "\n".join(f"{names}: {stated}" for stated, names in by_conditions.items())
+    axes.set_title(f"frames a second in {world}\n{conditions}", loc="left", fontsize=7)
     axes.set_xticks(
         range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7
     )
