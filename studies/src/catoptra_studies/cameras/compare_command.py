@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_output(parser, "out/compare", "folder for comparison.csv, .json and .png")
     add = parser.add_argument
     add("--runs", type=int, default=20, metavar="N",
-        help="drives with each camera, half a minute on two cores (default 20)")  # fmt: skip
+        help="drives with each camera (default 20)")  # fmt: skip
     add("--seed", type=int, default=0,
         help="seed of all random numbers: all results but the times follow from it")  # fmt: skip
     return run_study("catoptra-studies compare", parser.parse_args(arguments), _run)
