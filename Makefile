@@ -63,8 +63,9 @@ $(TOOLS): $(INSTALLED)
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0]
 	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0)
 
-experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50]
-	$(BIN)/catoptra-studies seeds --output out/experiment-seeds --seeds $(or $(SEEDS),50)
+experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50] [UPDATE=yes: docs]
+	$(BIN)/catoptra-studies seeds --output out/experiment-seeds --seeds $(or $(SEEDS),50) \
+	  $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 # One page a machine: PORT=0 takes free ports for a second one.
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
@@ -122,9 +123,9 @@ bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars 
 
 # The report and tables that the repository has change with UPDATE=yes alone: they are those of one
 # machine, which they name.
-cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=yes] [UPDATE=yes: COST.md, README] [MACHINE=text]
+cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=yes] [UPDATE=yes: server/COST.md, server/cost.json, README] [MACHINE=text]
 	$(BIN)/catoptra-studies cost --output out/cost $(if $(QUICK),--quick) --machine "$(MACHINE)" \
-	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --readme README.md)
+	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --readme README.md --data server/cost.json)
 	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
 effects: $(READY) ## Draw each effect, compare decisions with the truth, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]

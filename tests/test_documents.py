@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.config.robot_file import read_robot
+from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
+from catoptra_studies.accuracy_cost.cost_results import read_cost_results
 from helpers.configs import OMNI_ROBOT, REPOSITORY
 from helpers.documents import find_command_faults, find_commands, find_option_faults, read_blocks
 
@@ -76,7 +78,8 @@ def test_ini_block_of_the_effects_page_is_a_part_of_a_robot_file(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("target", "tracked"), [("cost", "README.md"), ("cost", "COST.md"), ("effects", "EFFECTS.md")]
+    ("target", "tracked"),
+    [("cost", "README.md"), ("cost", "COST.md"), ("cost", "cost.json"), ("effects", "EFFECTS.md")],
 )
 def test_target_names_a_tracked_file_with_update_alone(target: str, tracked: str) -> None:
     for update, expected in (((), False), (("UPDATE=no",), False), (("UPDATE=yes",), True)):
@@ -89,3 +92,39 @@ def test_target_names_a_tracked_file_with_update_alone(target: str, tracked: str
         ).stdout
         assert f"out/{target}" in recipe
         assert (tracked in recipe) is expected
+
+
+# Written by `make cost UPDATE=yes`: tables by hand would state what nobody measured.
+def test_cost_report_and_table_are_those_of_the_measured_numbers() -> None:
+    results = read_cost_results(REPOSITORY / "server/cost.json")
+    report = (REPOSITORY / "server/COST.md").read_text(encoding="utf-8")
+    assert report == format_cost_report(results)
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    block = readme.partition("<!-- cost: begin")[2].partition("-->\n")[2]
+    assert block.partition("\n<!-- cost: end -->")[0] == format_summary_table(results)
+
+
+def _table_rows(path: Path, head: str) -> list[list[str]]:
+    """Cells of the rows of the tables whose first cell of the head is given."""
+    tables = re.findall(
+        rf"^\| {head}[^\n]*\n\|[-| :]+\n((?:\|.*\n)+)", path.read_text("utf-8"), re.M
+    )
+    return [
+        [cell.strip() for cell in row.strip("|").split("|")]
+        for table in tables
+        for row in table.splitlines()
+    ]
+
+
+def test_measured_properties_of_the_readme_are_those_of_docs_measured() -> None:
+    measured = (REPOSITORY / "docs/measured.md").read_text(encoding="utf-8")
+    known = set(re.findall(r"\d+(?:\.\d+)?", measured))
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    rows = readme.partition("| claim | measured |\n|---|---|\n")[2].partition("\n\n")[0]
+    faults = {
+        row: unknown
+        for row in rows.splitlines()
+        if (unknown := set(re.findall(r"\d+(?:\.\d+)?", row)) - known)
+    }
+    assert rows
+    assert faults == {}

@@ -45,11 +45,11 @@ def test_line_when_printed_keeps_brackets(capsys: pytest.CaptureFixture[str]) ->
     assert "catoptra-studies[server]" in capsys.readouterr().out
 
 
-def test_table_when_printed_ends_rows_with_yes_or_no(capsys: pytest.CaptureFixture[str]) -> None:
-    print_table(("claim", "measured", "confirmed"), [(("a", "1"), True), (("b", "2"), False)])
+def test_table_when_printed_ends_rows_with_the_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(("claim", "measured", "confirmed"), [("a", "1", "yes"), ("b", "2", "not decided")])
     printed = capsys.readouterr().out
     assert "yes" in printed
-    assert "no" in printed
+    assert "not decided" in printed
 
 
 def test_progress_when_hidden_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:

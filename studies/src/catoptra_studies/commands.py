@@ -107,16 +107,17 @@ def print_line(text: str) -> None:
     _print_plain(Console(), text)
 
 
-def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]]) -> None:
-    """Print a table whose last column says yes or no.
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table whose last column says yes, no, or why neither.
 
     Args:
-        header: Titles of the columns, the yes-or-no column last.
-        rows: For each row the cells of the other columns, and whether the last one says yes.
+        header: Titles of the columns.
+        rows: Cells of each row.
     """
     table = Table(*header)
-    for cells, is_confirmed in rows:
-        table.add_row(*cells, "[green]yes" if is_confirmed else "[red]no")
+    for *cells, answer in rows:
+        colour = {"yes": "green", "no": "red"}.get(answer, "yellow")
+        table.add_row(*cells, f"[{colour}]{answer}")
     Console().print(table)
 
 

@@ -128,7 +128,7 @@ def test_calibration_file_is_the_camera(tmp_path: Path) -> None:
     ("lines", "message"),
     [
         (("CalibrationFile=none.yaml",), "none.yaml"),
-        (("CalibrationFile=chain.yaml", "CalibrationCamera=cam7"), r"cam7=.*missing"),
+        (("CalibrationFile=chain.yaml", "CalibrationCamera=cam7"), r"cam7=.*which has cam0"),
         (("CalibrationFile=chain.yaml", "FieldOfView=300"), r"FieldOfView=.*first fold"),
         (("CalibrationFile=chain.yaml", "ResolutionX=640"), r"ResolutionX='640'.*expected 512"),
         (("CalibrationFile=chain.yaml", "ResolutionY=480"), r"ResolutionY='480'.*expected 512"),

@@ -59,6 +59,8 @@ def test_start_when_unknown_is_refused_with_the_known_ones() -> None:
         spawn_pose(Init("P2AT", start="nowhere"), STARTS)
     with pytest.raises(SpawnError, match="needs a start: this world has none; or give a Location"):
         spawn_pose(Init("P2AT"), ())
+    with pytest.raises(SpawnError, match="needs a start: this world has Edge; or give a Location"):
+        spawn_pose(Init("P2AT"), (replace(STARTS[0], name="Edge"),))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -41,7 +41,10 @@ def make_level(
 
 def make_frame_rate(payload: str, ms: float) -> FrameRate:
     polygons = int(payload) if payload.isdigit() else 0
-    return FrameRate("field", "raster", payload, polygons, 1e3 / ms, ms, ms, {"perspective": 2.0})
+    return FrameRate(
+        "field", "raster", "noon, load by others: 0.2 of 2 processors",
+        payload, polygons, 1e3 / ms, ms, ms, {"perspective": 2.0},
+    )  # fmt: skip
 
 
 @pytest.fixture

@@ -75,7 +75,13 @@ def test_short_table_has_a_row_for_each_key_level(results: CostResults) -> None:
     rows = format_summary_table(results).splitlines()
     assert len(rows) == 2 + len(results.levels)
     assert "90%" in rows[2]
-    assert rows[3].count(" - |") == 3  # not driven by
+    assert rows[3].count(" - |") == 4  # not driven by
+    # Both filters, each under its name.
+    assert split_row(rows[0])[-2:] == [
+        "paper's filter, mean error",
+        "consistent filter, mean error",
+    ]
+    assert split_row(rows[2])[-2:] == ["0.040 m", "0.026 m"]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +104,8 @@ def test_conclusion_follows_from_the_processor_times(
 @pytest.mark.parametrize(
     "sentence",
     [
-        "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2.",
+        "The camera with 1024 polygons takes 4.0 ms of it, the scanner 0.2.",
+        "Measured on noon, load by others: 0.2 of 2 processors (field raster).",
         "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0",
         "within a centimetre of the best, 256 polygons (uv), 2x2 is enough",
     ],

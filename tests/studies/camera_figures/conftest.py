@@ -14,7 +14,12 @@ def inputs() -> Iterator[FigureInputs]:
     """The paper's robot on its field, rendered small; only the rings have their full size."""
     rings = WORLDS / "incidence_rings.ini"
     with open_figure_inputs(
-        OMNI_ROBOT, FIELD, rings, resolution_scale=0.25, num_timed_frames=1
+        OMNI_ROBOT,
+        FIELD,
+        rings,
+        WORLDS / "corridors_and_rooms.ini",
+        resolution_scale=0.25,
+        num_timed_frames=1,
     ) as inputs:
         yield inputs
 

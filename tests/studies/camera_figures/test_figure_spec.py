@@ -24,7 +24,7 @@ def test_frame_is_rendered_at_the_resolution_scale(inputs: FigureInputs) -> None
 def test_viewpoint_when_a_pose_is_given_is_there() -> None:
     pose = PlanarPose(1.0, -0.5, math.radians(90.0))
     rings = WORLDS / "incidence_rings.ini"
-    with open_figure_inputs(OMNI_ROBOT, FIELD, rings, pose=pose) as inputs:
+    with open_figure_inputs(OMNI_ROBOT, FIELD, rings, rings, pose=pose) as inputs:
         viewpoint = inputs.subject.camera_states[0].world_from_mirror
 
     assert viewpoint.translation == pytest.approx([1.0, -0.5, -0.6])

@@ -57,6 +57,16 @@ def test_every_decimal_number_of_a_caption_is_a_metric(index: dict[str, Any]) ->
             assert any(abs(float(text) - n) <= 1.01 * rounding for n in numbers), entry["caption"]
 
 
+def test_figure_10_has_both_maps_and_says_which_one_is_not_the_papers(
+    index: dict[str, Any],
+) -> None:
+    worlds = [name.partition(":")[0] for name in index["timings"]["frame_rates"]]
+    assert list(dict.fromkeys(worlds)) == ["DM-spqrSoccer2006_250", "corridors-and-rooms"]
+    (entry,) = (one for one in index["figures"] if one["paper_reference"] == "Figure 10")
+    assert "DM-Mapping_250. The latter is not available here" in entry["caption"]
+    assert "load by other programs" in entry["caption"]
+
+
 def test_exact_model_is_exact_to_the_rounding_of_its_rays(index: dict[str, Any]) -> None:
     # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
     assert 0.0 < index["metrics"]["polygon_error"]["exact_model_max_px"] < 2e-5
@@ -81,5 +91,12 @@ def test_robot_without_a_camera_is_rejected_with_a_remedy(
 
 
 def run(folder: Path, *, robot: Path) -> int:
-    worlds = ["--world", str(FIELD), "--rings-world", str(WORLDS / "incidence_rings.ini")]
+    worlds = [
+        "--world",
+        str(FIELD),
+        "--rooms-world",
+        str(WORLDS / "corridors_and_rooms.ini"),
+        "--rings-world",
+        str(WORLDS / "incidence_rings.ini"),
+    ]
     return main(["--robot", str(robot), *worlds, "--output", str(folder)])

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_studies.camera_figures import frame_rates
 from catoptra_studies.camera_figures.frame_rates import (
     NUM_WARM_UP_ROUNDS,
     DrawFunction,
@@ -17,7 +20,7 @@ from helpers.configs import FIELD, OMNI_ROBOT
 
 
 def make_row(polygons: int, cpu_ms: float) -> FrameRate:
-    return FrameRate("field", "trace", str(polygons), polygons, 0.0, 0.0, cpu_ms, {})
+    return FrameRate("field", "trace", "idle", str(polygons), polygons, 0.0, 0.0, cpu_ms, {})
 
 
 def test_spread_compares_the_slowest_with_the_fastest_mesh() -> None:
@@ -35,6 +38,9 @@ def test_payloads_are_those_of_the_papers_figure_and_4096_polygons() -> None:
     payloads = [row.payload for row in rows]
     assert payloads == ["no camera", "16", "64", "256", "1024", "4096", "per pixel", "LMS200"]
     assert [row.num_polygons for row in rows] == [0, 16, 64, 256, 1024, 4096, 0, 0]
+    assert {row.conditions for row in rows} == {rows[0].conditions}
+    load = r"\d{4}-\d\d-\d\d, load by others: \d+\.\d of \d+ processors"
+    assert re.fullmatch(load, rows[0].conditions)
     assert rows[-1].stage_ms.keys() == {"perspective", "scanner"}
     assert all(row.fps == pytest.approx(1e3 / row.wall_ms) for row in rows)
 
@@ -65,3 +71,15 @@ def test_stages_are_medians_without_the_warm_up() -> None:
     )
     assert took.stage_ms == {"trace": 2.0}
     assert took.wall_ms >= 0.0
+
+
+def test_load_counts_the_other_programs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Ten seconds: twelve of processors, four of them this program's.
+    clocks = {"busy": iter((100.0, 112.0)), "own": iter((1.0, 5.0)), "wall": iter((50.0, 60.0))}
+    monkeypatch.setattr(frame_rates, "_busy_s", lambda: next(clocks["busy"]))
+    monkeypatch.setattr(frame_rates.time, "process_time", lambda: next(clocks["own"]))
+    monkeypatch.setattr(frame_rates.time, "perf_counter", lambda: next(clocks["wall"]))
+    monkeypatch.setattr(frame_rates.os, "cpu_count", lambda: 2)
+    with frame_rates._measure_load() as load:
+        assert load == []
+    assert load == ["load by others: 0.8 of 2 processors"]

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
-from catoptra_studies.experiment.experiment_setups import SETUPS
+from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER, SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
-from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare
+from catoptra_studies.experiment.paper_claims import Claim, Difference
 from catoptra_studies.reports import ReportFigure
+from catoptra_studies.run_statistics import RunShare
 from helpers.configs import REPOSITORY
 from studies.experiment.test_metrics import make_filter_run
 
@@ -31,7 +32,9 @@ def report(tmp_path):
     """The text of a small report, and the bytes of its figure."""
     png = tmp_path / "a.png"
     cv2.imwrite(str(png), np.zeros((4, 4, 3), dtype=np.uint8))
-    filters = {"paper": {"title": "P0 < 1", **summarize_runs([make_filter_run(0, largest_m=0.25)])}}
+    # As many filters as the experiment has.
+    runs = [make_filter_run(number, largest_m=0.2 + 0.05 * number) for number in range(3)]
+    filters = {settings.name: {"title": "P0 < 1", **summarize_runs(runs)} for settings in FILTERS}
     setups = {"sim": {"title": "a & b", "measurements": NOTHING, "filters": filters}}
     figure = ReportFigure("a.png", "Title", "less < more", 'the "alt"')
     path = write_html_report(
@@ -39,8 +42,9 @@ def report(tmp_path):
         subtitle="now",
         num_runs=1,
         claims=[
-            Claim("a", "confirmed claim", "1 < 2", RunShare(2, 3)),
-            Claim("b", "other claim", "2 < 1", RunShare(1, 2)),
+            Claim("a", "confirmed claim", "1 < 2", RunShare(15, 20)),
+            Claim("b", "other claim", "2 < 1", RunShare(1, 20)),
+            Claim("c", "third claim", "1 < 3", RunShare(12, 20)),
         ],
         differences=[Difference("they", "we", "because")],
         camera_figures=[figure],
@@ -60,10 +64,34 @@ def test_report_is_self_contained(report):
 
 def test_report_has_each_claim_and_its_evaluation(report):
     text, _ = report
-    assert "<td>confirmed claim</td><td>1 &lt; 2</td><td>2 of 3 runs (21% to 94%)</td>" in text
+    assert "<td>confirmed claim</td><td>1 &lt; 2</td><td>15 of 20 runs (53% to 89%)</td>" in text
     assert text.count('<td class="yes">yes</td>') == 1
     assert text.count('<td class="no">no</td>') == 1
+    assert text.count('<td class="not">not decided in 20 runs</td>') == 1
     assert "<td>they</td><td>we</td><td>because</td>" in text
+
+
+def test_tables_are_not_wider_than_the_page(report):
+    text, _ = report
+    page_px = 16 * int(re.search(r"body \{[^}]*max-width: (\d+)rem", text)[1])
+    is_wrapped = "nowrap" not in text
+    widths = {}
+    for table in re.findall(r"<table>.*?</table>", text):
+        rows = re.findall(r"<tr>(.*?)</tr>", table)
+        cells = [re.findall(r"(<t[hd][^>]*>.*?)</t[hd]>", row) for row in rows]
+        columns = zip(*cells, strict=True)
+        widths[cells[-1][0]] = sum(_column_px(column, is_wrapped=is_wrapped) for column in columns)
+    assert len(widths) == 5
+    assert max(widths.values()) < page_px
+
+
+def _column_px(cells, *, is_wrapped):
+    # 0.64 em a character: digits of DejaVu Sans, the widest of usual fonts; padding of 0.8 em.
+    parts = []
+    for cell in cells:
+        tag, _, content = cell.partition(">")
+        parts += [content] if tag == '<td class="n"' and not is_wrapped else content.split(" ")
+    return 16 * (0.64 * 0.9 * max(map(len, parts)) + 1.6)
 
 
 def test_report_escapes_its_texts(report):
@@ -75,10 +103,16 @@ def test_report_escapes_its_texts(report):
 
 def test_report_shows_statistics_and_missing_values(report):
     text, _ = report
-    assert "0.25 [0.25, 0.25]" in text
+    assert "0.25 [0.205,\u00a00.295]" in text
     assert "0-0.5 m: 25%" in text
     assert text.count("none") >= 2
     assert "$" not in text
+
+
+def test_report_states_the_quantile_of_the_gate_that_ran(report):
+    text, _ = report
+    rate = PAPER_FILTER.gate.false_rejection_rate
+    assert f"exceeds the {1.0 - rate:.0%} quantile" in " ".join(text.split())
 
 
 @pytest.mark.parametrize("term", ["sim", "real", "P0", "R", "gate", "odometry alone", "error"])

@@ -100,6 +100,8 @@ def format_numbers(values: tuple[float, ...]) -> str:
 
 
 _MAX_NUMBERS = 4096
+# Names in an error: of rigs with as many cameras as are built.
+_MAX_LISTED = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,12 +191,16 @@ class Fields:
             raise self.make_error(name, "an object with fields")
         return Fields(self.file, value, self._path_of(name))
 
+    def check_camera(self, name: str, cameras: Sequence[str]) -> None:
+        """Reject the name of a camera that the file has not; the error has the first of its own."""
+        if name not in cameras:
+            listed = ", ".join(map(str, cameras[:_MAX_LISTED])) or "none"
+            raise self.make_error(name, f"a camera of this file, which has {listed}")
+
     def get_item(self, name: str, index: int) -> Fields:
         """An object of a list in this one."""
         value = self.values.get(name)
-        if not isinstance(value, list) or len(value) <= index:
-            raise self.make_error(name, f"a list with at least {index + 1} objects")
-        if not isinstance(value[index], Mapping):
+        if not (isinstance(value, list) and isinstance(value[index], Mapping)):
             raise self.make_error(name, "a list of objects with fields")
         return Fields(self.file, value[index], f"{self._path_of(name)}[{index}]")
 

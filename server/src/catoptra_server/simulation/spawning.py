@@ -277,12 +277,18 @@ class RobotMeshes:
 
 def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
     """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
-    omni, tower = description.mirror_camera, _tower(description)
-    if omni is None or tower is None:
+    omni = description.mirror_camera
+    if omni is None:
         return None
     is_configured = any(setting.effect.name == "SelfView" for setting in omni.effects.settings)
     # Only where configured: a mesh that no effect shows is never built.
-    return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
+    return build_carrier_mesh(description) if is_configured else None
+
+
+def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
+    """Mesh of the body below an omnidirectional camera, without what carries mirror or lens."""
+    shape, tower = _dimensions(description), _tower(description)
+    return build_robot_mesh(shape) if tower is None else build_ego_body_mesh(shape, tower)
 
 
 # As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to

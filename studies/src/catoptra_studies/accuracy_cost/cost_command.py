@@ -17,7 +17,11 @@ from catoptra_server.runtime.memory import count_processors
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
 from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
 from catoptra_studies.accuracy_cost.cost_results import read_cost_results, write_cost_results
-from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig, measure_rendering
+from catoptra_studies.accuracy_cost.cost_study import (
+    CostStudyConfig,
+    measure_all_frame_rates,
+    measure_rendering,
+)
 from catoptra_studies.accuracy_cost.localization_study import (
     measure_localization,
     select_key_levels,
@@ -43,6 +47,10 @@ def _measure(parsed: argparse.Namespace) -> None:
     config = _study_config(parsed)
     path = parsed.output / "cost.json"
     with open_progress() as progress:
+        if parsed.frame_rates_only:
+            rows = measure_all_frame_rates(config, progress)
+            write_cost_results(replace(read_cost_results(path), frame_rates=rows), path)
+            return
         results = measure_rendering(config, progress)
         # Written twice: half an hour of measuring must not be lost with a drive that fails.
         write_cost_results(results, path)
@@ -61,6 +69,8 @@ def _write_report(parsed: argparse.Namespace) -> None:
     print_line(summary)
     if parsed.readme:
         replace_block(parsed.readme, "cost", summary)
+    if parsed.data:
+        write_cost_results(results, parsed.data)
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
@@ -108,9 +118,9 @@ def _make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--robot", default="p2at_omni", metavar="FILE",
         help="robot ini with a mirror camera, or a bundled name (default p2at_omni)")  # fmt: skip
-    add("--world", nargs="+", default=["four_legged_2006", "corridor"], metavar="FILE",
+    add("--world", nargs="+", default=["four_legged_2006", "corridors_and_rooms"], metavar="FILE",
         help="world ini or name; frame rates are measured in all, all else in the first "
-        "(default four_legged_2006 corridor)")  # fmt: skip
+        "(default four_legged_2006 corridors_and_rooms)")  # fmt: skip
     add("--size", type=_parse_size, default=360, metavar="N",
         help="pixels along the side of the square image (default 360)")  # fmt: skip
     add("--quick", action="store_true", help="fewer levels and frames, one drive for each level")
@@ -121,8 +131,11 @@ def _make_parser() -> argparse.ArgumentParser:
     add_output(parser, "out/cost", "folder for cost.json and plots")
     add("--report", type=Path, metavar="FILE", help="report to write (default: COST.md in DIR)")
     add("--readme", type=Path, metavar="FILE", help="file whose cost block gets the short table")
+    add("--data", type=Path, metavar="FILE", help="copy of cost.json to write besides")
     add("--machine", default="", metavar="TEXT", help="remark about the machine for the report")
     add("--report-only", action="store_true", help="measure nothing: write the report of cost.json")
+    add("--frame-rates-only", action="store_true",
+        help="measure Figure 10 again, and keep all else of cost.json")  # fmt: skip
     return parser
 
 

@@ -21,6 +21,7 @@ from catoptra_studies.camera_figures.frame_rates import (
     SCANNER,
     FrameRate,
     frame_time_spread,
+    group_conditions,
 )
 from catoptra_studies.reports import format_number, markdown_table, wrap_paragraph
 
@@ -55,12 +56,16 @@ def format_cost_report(results: CostResults) -> str:
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
 
 
+# Medians over the drives of a drive's mean position error.
+_FILTER_COLUMNS = ("paper's filter, mean error", "consistent filter, mean error")
+
+
 def format_summary_table(results: CostResults) -> str:
     """Table of the key levels for the README, with localization where robots were driven."""
     localization = results.localization
     rows_by_level = {row.level: row for row in localization.rows} if localization else {}
     header = ["level", "ms", "bound px", "RMSE", "SSIM"]
-    header += ["beacons found", "bearing", "filter's error"] if rows_by_level else []
+    header += ["beacons found", "bearing", *_FILTER_COLUMNS] if rows_by_level else []
     rows = []
     for level in _sort_by_error(level for level in results.levels if level.is_key):
         row = [
@@ -74,11 +79,12 @@ def format_summary_table(results: CostResults) -> str:
             row += [
                 f"{localized.detection_rate:.0%}",
                 f"{localized.bearing_rms_deg:.2g}°",
+                f"{localized.ekf_mean_m:.3f} m",
                 f"{localized.consistent_ekf_mean_m:.3f} m",
             ]
         # A key level without drives, as after a run that was interrupted.
         elif rows_by_level:
-            row += ["-", "-", "-"]
+            row += ["-", "-", "-", "-"]
         rows.append(row)
     return markdown_table(header, rows)
 
@@ -233,13 +239,23 @@ def _format_frame_rates(results: CostResults) -> str:
         for payload in payloads
     ]
     header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
+    loads = "; ".join(
+        f"{stated} ({names})"
+        for stated, names in group_conditions(
+            (row.conditions, f"{row.world} {row.renderer}") for row in results.frame_rates
+        ).items()
+    )
+    loads = f"Measured on {loads}. Elapsed and processor time:"
     sentences = (*_conclusions(results), *_explanations(results))
     bullets = "\n".join(wrap_paragraph(sentence, bullet="* ") for sentence in sentences)
     return f"""\
 ## The paper's Figure 10: frames a second
 
 A frame consists of a perspective view of 640 x 480 px, as on USARSim's screen, and of the robot's
-payload. Mirror meshes by their polygons, with one sample a pixel as in the paper.
+payload. Mirror meshes by their polygons, with one sample a pixel as in the paper. Its second map is
+not available: corridors-and-rooms was written in its place.
+
+{wrap_paragraph(loads)}
 
 {markdown_table(header, rows)}
 
@@ -253,7 +269,7 @@ def _columns(results: CostResults) -> list[tuple[str, str]]:
 
 
 def _format_frame_rate(row: FrameRate | None) -> str:
-    return f"{row.fps:.0f} ({row.wall_ms:.1f} ms)" if row else "-"
+    return f"{row.fps:.0f} ({row.wall_ms:.1f}, {row.cpu_ms:.1f} ms)" if row else "-"
 
 
 def _conclusions(results: CostResults) -> Iterator[str]:
@@ -268,14 +284,15 @@ def _conclusions(results: CostResults) -> Iterator[str]:
         by_payload = {row.payload: row for row in rows}
         # 1024 polygons are the finest mesh of the paper's Figure 10.
         empty_ms, camera_ms, scanner_ms = (
-            by_payload[payload].wall_ms for payload in (NO_CAMERA, "1024", SCANNER)
+            by_payload[payload].cpu_ms for payload in (NO_CAMERA, "1024", SCANNER)
         )
         yield (
             f"{' '.join(column)}: over the paper's 16 to 1024 polygons the processor time of a "
             f"frame differs by {spread_paper:.0%}, up to 4096 by {spread_all:.0%}; from 256 to "
             f"4096, where the mesh fills the mirror, by {spread_covered:.0%}: "
             f"{_conclusion(spread_all, spread_covered)}. The camera with 1024 polygons takes "
-            f"{camera_ms - empty_ms:.1f} ms, the scanner {max(scanner_ms - empty_ms, 0.0):.1f}."
+            f"{camera_ms - empty_ms:.1f} ms of it, "
+            f"the scanner {max(scanner_ms - empty_ms, 0.0):.1f}."
         )
 
 

@@ -17,8 +17,9 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.camera_figures.frame_rates import FrameRate
 from catoptra_studies.reports import replace_non_finite, write_json
 
-# 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
-FORMAT_VERSION = 2
+# 3: conditions of frame rates. An older file is rejected, not translated: `make cost` writes a new
+# one.
+FORMAT_VERSION = 3
 _RowT = TypeVar("_RowT")
 
 

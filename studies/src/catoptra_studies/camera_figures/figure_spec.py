@@ -42,6 +42,9 @@ class FigureInputs:
     rings: StudySubject
     """The same camera among circles of equal incidence angle."""
 
+    rooms: StudySubject
+    """The same camera in the second map of Figure 10."""
+
     drive: DriveBase
     """Drive of the robot, which carries the scanner of Figure 10."""
 
@@ -86,17 +89,19 @@ def open_figure_inputs(
     robot_file: Path,
     world_file: Path,
     rings_file: Path,
+    rooms_file: Path,
     *,
     pose: PlanarPose | None = None,
     resolution_scale: float = 1.0,
     num_timed_frames: int = 15,
 ) -> Iterator[FigureInputs]:
-    """Read the files and start the renderers of both subjects.
+    """Read the files and start the renderers of all subjects.
 
     Args:
         robot_file: Robot with an omnidirectional camera.
         world_file: World to show.
         rings_file: World with circles of equal incidence angle around the first start.
+        rooms_file: Second map of Figure 10.
         pose: Pose of the robot in the world; None stands near the world's first start.
         resolution_scale: Factor on the sizes of all frames but the rings', which are measured.
         num_timed_frames: Frames of each payload that Figure 10 times.
@@ -117,8 +122,12 @@ def open_figure_inputs(
         open_study_subject(
             robot_file, rings_file, poses=centre, kinds=FIGURE_RENDERERS
         ) as rings,
+        open_study_subject(
+            robot_file, rooms_file, num_poses=len(poses), kinds=FIGURE_RENDERERS
+        ) as rooms,
     ):  # fmt: skip
-        yield FigureInputs(subject, rings, read_robot(robot_file)[0].drive, num_timed_frames)
+        drive = read_robot(robot_file)[0].drive
+        yield FigureInputs(subject, rings, rooms, drive, num_timed_frames)
 
 
 def write_figures(

@@ -56,9 +56,10 @@ def _run(parsed: argparse.Namespace) -> int:
     robot_file = find_configuration("robots", parsed.robot)
     world_file = find_configuration("worlds", parsed.world)
     rings_file = find_configuration("worlds", parsed.rings_world)
+    rooms_file = find_configuration("worlds", parsed.rooms_world)
     with (
         open_figure_inputs(
-            robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
+            robot_file, world_file, rings_file, rooms_file, pose=_planar_pose(parsed.pose)
         ) as inputs,
         open_progress() as progress,
     ):
@@ -85,6 +86,8 @@ def _make_parser() -> argparse.ArgumentParser:
         help="world ini or name (default four_legged_2006)")  # fmt: skip
     add("--rings-world", default="incidence_rings", metavar="FILE",
         help="world with a circle every 5 degrees (default incidence_rings)")  # fmt: skip
+    add("--rooms-world", default="corridors_and_rooms", metavar="FILE",
+        help="second map of Figure 10 (default corridors_and_rooms)")  # fmt: skip
     add_output(parser, "out/figures", "folder for the PNG files and figures.json")
     add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
         help="robot's pose: metres, degrees clockwise (default: near the first start)")  # fmt: skip

@@ -8,11 +8,13 @@ Frames are timed in turn, so that a disturbance of the machine falls on all payl
 from __future__ import annotations
 
 import math
+import os
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderSettings, View
@@ -59,6 +61,9 @@ class FrameRate:
 
     world: str
     renderer: str
+
+    conditions: str
+    """Date, and load of the machine by other programs while this world was measured."""
 
     payload: str
     """Equipment of the robot: no camera, a mesh by the number of polygons, per pixel, or LMS200."""
@@ -180,11 +185,13 @@ def measure_frame_rates(
         }
         payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
         draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
-        timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
+        with _measure_load() as load:
+            timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
     return tuple(
         FrameRate(
             world=subject.world.name,
             renderer=renderer_kind.value,
+            conditions=f"{time.strftime('%Y-%m-%d')}, {load[0]}",
             payload=payload.name,
             num_polygons=payload.num_polygons,
             fps=1e3 / timing.wall_ms,
@@ -192,6 +199,35 @@ def measure_frame_rates(
         )
         for payload, timing in zip(payloads, timings, strict=True)
     )
+
+
+@contextmanager
+def _measure_load() -> Iterator[list[str]]:
+    """Yield a list that gets what other programs used while the block ran.
+
+    Not the load average: that one counts what this program did in the minutes before.
+    """
+    load: list[str] = []
+    begin = _busy_s(), time.process_time(), time.perf_counter()
+    yield load
+    busy_s, own_s, wall_s = (
+        end - start
+        for end, start in zip(
+            (_busy_s(), time.process_time(), time.perf_counter()), begin, strict=True
+        )
+    )
+    others = f"{max(0.0, busy_s - own_s) / wall_s:.1f}" if math.isfinite(busy_s) else "unknown"
+    load.append(f"load by others: {others} of {os.cpu_count()} processors")
+
+
+def _busy_s() -> float:
+    """Processor time of all programs since the start of the machine; nan where Linux is not."""
+    try:
+        first, *_ = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return math.nan
+    user, nice, system, _idle, _wait, *interrupts = map(int, first.split()[1:8])
+    return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
 
 
 def _surfaces() -> dict[str, MirrorSurface]:
@@ -255,14 +291,18 @@ _RENDERER_COLOURS = {"trace": BLUE, "raster": TEAL}
 
 
 def draw_frame_rates(page: Page, inputs: FigureInputs) -> FigureCaption:
-    """Measure and draw the frame rates of all payloads in the subject's world, with trace."""
-    rows = measure_frame_rates(
-        inputs.subject,
-        inputs.drive,
-        RendererKind.TRACE,
-        num_rounds=inputs.num_timed_frames,
-        on_round=lambda: None,
-    )
+    """Measure and draw the frame rates of all payloads in both worlds, with trace."""
+    rows = [
+        row
+        for subject in (inputs.subject, inputs.rooms)
+        for row in measure_frame_rates(
+            subject,
+            inputs.drive,
+            RendererKind.TRACE,
+            num_rounds=inputs.num_timed_frames,
+            on_round=lambda: None,
+        )
+    ]
     draw_frame_rate_panels(page, rows)
     return _caption(rows, inputs.num_timed_frames)
 
@@ -273,12 +313,20 @@ def draw_frame_rate_panels(page: Page, rows: Sequence[FrameRate]) -> None:
     max_fps = max(row.fps for row in rows)
     width = (1400 - 60 * (len(worlds) - 1)) // len(worlds)
     for index, world in enumerate(worlds):
-        axes = add_axes(page, 90 + index * (width + 60), 120, width, 440)
+        axes = add_axes(page, 90 + index * (width + 60), 120, width, 415)
         _draw_panel(axes, [row for row in rows if row.world == world], world)
         # One scale for all worlds; only the first panel has numbers.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
-    add_legend(page, axes, loc="upper right", ncols=2)
+    add_legend(page, axes, loc="lower right", ncols=2)
+
+
+def group_conditions(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Names, joined by commas, of the measurements under each of some conditions."""
+    grouped: dict[str, dict[str, None]] = {}
+    for conditions, name in pairs:
+        grouped.setdefault(conditions, {})[name] = None
+    return {conditions: ", ".join(names) for conditions, names in grouped.items()}
 
 
 def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
@@ -293,7 +341,9 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
             label=renderer,
         )  # fmt: skip
         axes.bar_label(artists, fmt="%.0f", fontsize=6, padding=1.5, color=MUTED)
-    axes.set_title(f"frames a second in {world}", loc="left", fontsize=8.5)
+    by_conditions = group_conditions((row.conditions, row.renderer) for row in rows)
+    conditions = "\n".join(f"{names}: {stated}" for stated, names in by_conditions.items())
+    axes.set_title(f"frames a second in {world}\n{conditions}", loc="left", fontsize=7)
     axes.set_xticks(
         range(len(payloads)), [name.replace(" ", "\n") for name in payloads], fontsize=7
     )
@@ -305,7 +355,12 @@ def _draw_panel(axes: Axes, rows: Sequence[FrameRate], world: str) -> None:
 
 
 def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
-    spread = frame_time_spread(tuple(rows), min_polygons=PAPER_POLYGON_COUNTS[0])
+    spread = max(
+        frame_time_spread(
+            tuple(row for row in rows if row.world == world), min_polygons=PAPER_POLYGON_COUNTS[0]
+        )
+        for world in {row.world for row in rows}
+    )
     view = _PERSPECTIVE_VIEW
     return FigureCaption(
         title="Frame rate by the payload of a robot",
@@ -313,12 +368,14 @@ def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
             f"A perspective view of {view.width_px} × {view.height_px} pixels, as USARSim shows on "
             "its screen, rendered with nothing else, with the mirror camera through meshes or by "
             "the exact model (per pixel), or with a laser scanner LMS200. Medians of "
-            f"{num_frames} frames on this machine, by the renderer trace on its processor. The "
-            "paper found no influence of the number of polygons; here the slowest mesh takes "
-            f"{100 * spread:.0f} % more processor time than the fastest. Other programs that "
-            "ran at the same time lower the bars."
+            f"{num_frames} frames on this machine, by the renderer trace on its processor; the "
+            "load by other programs is above each panel, and lowers the bars. The paper measured "
+            "in two maps, the soccer field and DM-Mapping_250. The latter is not available here: "
+            "the second panel shows a map of corridors and rooms that was written for this figure. "
+            "The paper found no influence of the number of polygons; here the slowest mesh takes "
+            f"at most {100 * spread:.0f} % more processor time than the fastest."
         ),
         alt="Bars of frames a second: highest without a camera, and similar for all meshes.",
         metrics={"width_px": view.width_px, "height_px": view.height_px, "frames": num_frames},
-        timings={row.payload: round(row.fps, 1) for row in rows},
+        timings={f"{row.world}: {row.payload}": round(row.fps, 1) for row in rows},
     )

@@ -102,7 +102,7 @@ def resolution_curve(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
 def floor_view(camera: OmniCamera, height_m: float) -> tuple[float, float]:
     """Ring of the floor that a camera looking straight down shows in all directions.
 
-    The robot itself hides none of it.
+    By the model alone: what the robot hides is known by labels (`CameraStage.hidden_floor_m`).
 
     Args:
         camera: Camera model; of a non-central one, its central approximation.

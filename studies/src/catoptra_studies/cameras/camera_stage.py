@@ -9,7 +9,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -18,12 +21,15 @@ from catoptra_server.config.camera_file import CameraFile, carry_camera, read_ca
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.labels import LabelledImage
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.renderers import choose_renderer
-from catoptra_server.render.renderer import PerPixel, Renderer, RenderSettings, View
+from catoptra_server.render.renderer import PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation.robot_description import OmniCameraDescription
-from catoptra_server.world.objects import CameraState
+from catoptra_server.simulation.spawning import build_carrier_mesh
+from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin
 from catoptra_studies.commands import open_progress
@@ -55,18 +61,42 @@ class StagedCamera:
 class CameraStage:
     """A world and its trace renderer, which is exact for every camera."""
 
-    renderer: Renderer
+    renderer: TraceRenderer
     world_file: Path
     landmarks: tuple[Landmark, ...]
     """Landmarks of the world."""
 
     cameras: tuple[StagedCamera, ...]
     states: tuple[CameraState, ...]
-    """Pose of each camera."""
+    """Pose of each camera, without the robot that carries it."""
+
+    labels: LabelRenderer
+    """Ground truth in the same world."""
 
     def render_frame(self, index: int) -> Image:
         """Frame of a camera."""
         return render_once(self._prepare(index), self.states[index])
+
+    def hidden_floor_m(self, index: int) -> float:
+        """Distance up to which the robot hides floor from a camera, by the labels of its image.
+
+        Of a pixel that shows the robot, the floor where its ray would meet it without the robot;
+        0 without such a pixel, inf where the robot reaches up to the horizon of the viewpoint.
+        """
+        staged, state = self.cameras[index], self.states[index]
+        robot = read_robot(staged.robot_file)[0]
+        world_from_robot = state.world_from_mirror @ staged.description.robot_from_mirror.inverse()
+        body = DynamicObject(build_carrier_mesh(robot), world_from_robot)
+        image = LabelledImage(staged.camera, replace(state, objects=(body,)))
+        truth = self.labels.render(image, ("ids", "point"))
+        points = truth.channels["point"][truth.channels["ids"] == truth.objects[-1].number]
+        if not len(points):
+            return 0.0
+        offset = points.astype(np.float64) - state.world_from_mirror.translation
+        # z points down: the ray goes on from the robot to the floor.
+        below = np.maximum(offset[:, 2], 0.0)
+        with np.errstate(divide="ignore"):
+            return float((np.hypot(*offset[:, :2].T) * staged.height_m / below).max())
 
     def time_frames(self, num_rounds: int) -> tuple[float, ...]:
         """Processor time of a frame of each camera in milliseconds: medians over rounds."""
@@ -124,9 +154,13 @@ def open_requested_stage(
         for camera in cameras
         for mirror in (camera.description.robot_from_mirror,)
     )
-    choice = choose_renderer(RendererKind.TRACE.value, build_scene(world), world)
-    with open_progress() as progress, closing(choice.renderer) as renderer:
-        stage = CameraStage(renderer, world_file, world.landmarks, cameras, states)
+    scene = build_scene(world)
+    with (
+        open_progress() as progress,
+        closing(TraceRenderer(scene, world)) as renderer,
+        closing(LabelRenderer(renderer, scene)) as labels,
+    ):
+        stage = CameraStage(renderer, world_file, world.landmarks, cameras, states, labels)
         yield stage, progress.add_task("cameras", len(files))
 
 

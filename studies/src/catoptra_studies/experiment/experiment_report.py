@@ -95,6 +95,7 @@ def write_html_report(
     text = Template(template.read_text(encoding="utf-8")).substitute(
         subtitle=html.escape(subtitle),
         num_runs=num_runs,
+        gate=f"{1.0 - PAPER_FILTER.gate.false_rejection_rate:.0%}",
         claims=_claim_table(claims),
         differences=_difference_table(differences),
         parameters=_parameter_table(),
@@ -113,8 +114,9 @@ def write_html_report(
 def _claim_table(claims: Sequence[Claim]) -> str:
     rows: list[list[Cell | str]] = []
     for claim in claims:
-        answer = "yes" if claim.is_confirmed else "no"
-        rows.append([claim.text, claim.criterion, str(claim.runs), Cell(answer, answer)])
+        # A class of neither verdict has no colour.
+        answer = Cell(claim.verdict, claim.verdict.partition(" ")[0])
+        rows.append([claim.text, claim.criterion, str(claim.runs), answer])
     return html_table(("Claim", "A run satisfies it where", "Satisfied in", "Confirmed"), rows)
 
 
@@ -137,7 +139,8 @@ def _filter_table(setup: Mapping[str, Any]) -> str:
 def _format_statistics(statistics: Mapping[str, float] | None) -> str:
     if statistics is None:
         return "none"
-    return f"{statistics['median']:.3g} [{statistics['p05']:.3g}, {statistics['p95']:.3g}]"
+    # Wrapped between median and bracket alone: in one line the columns are wider than the page.
+    return f"{statistics['median']:.3g} [{statistics['p05']:.3g},\u00a0{statistics['p95']:.3g}]"
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:

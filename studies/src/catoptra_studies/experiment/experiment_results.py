@@ -124,7 +124,7 @@ def summarize_experiment(
                 "satisfying_runs": claim.runs.num_satisfying,
                 "runs": claim.runs.num_runs,
                 "interval": list(claim.runs.interval),
-                "is_confirmed": claim.is_confirmed,
+                "verdict": claim.verdict,
             }
             for claim in evaluate_claims(setups)
         ],

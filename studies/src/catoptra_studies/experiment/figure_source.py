@@ -102,6 +102,7 @@ def _draw_figures(config: ExperimentConfig) -> None:
         *("--robot", str(config.find_file("robots", "p2at_omni.ini"))),
         *("--world", str(config.field_world_file)),
         *("--rings-world", str(config.find_file("worlds", "incidence_rings.ini"))),
+        *("--rooms-world", str(config.find_file("worlds", "corridors_and_rooms.ini"))),
     ]
     if subprocess.run(command, check=False).returncode != 0:
         raise CatoptraError("the figures of the camera could not be drawn: see the lines above")

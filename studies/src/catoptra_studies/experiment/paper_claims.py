@@ -1,12 +1,9 @@
 """The paper's findings as statements about a run, and how many runs of an experiment satisfy them.
 
 The paper has one run of each set-up, so a finding is confirmed where the typical run shows the
-same: in more than half of the runs. What the typical run does not show is no claim but a
+same: in more than half of all runs that there could be. The driven runs decide that only where the
+interval of their share excludes one half. What the typical run does not show is no claim but a
 difference, with numbers and the likely reason.
-
-A share of runs has an interval of 95 %: Wilson's score interval (Wilson 1927, JASA 22, p. 209).
-Unlike p ± 1.96 s this one stays within [0, 1] and keeps a width where all runs agree. Newcombe 1998
-(Statistics in Medicine 17, p. 857) compares seven intervals.
 
 Claims are counted over runs, with 50 seeds by `make experiment-seeds`: medians of 20 runs decided
 one by chance.
@@ -14,7 +11,6 @@ one by chance.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -30,44 +26,7 @@ from catoptra_studies.paper_values import (
     PAPER_RELOCK_STEP,
     PAPER_SIM_EKF_ERROR_M,
 )
-
-# Quantile of 97.5 % of the normal distribution.
-_Z = 1.959963984540054
-
-
-@dataclass(frozen=True, slots=True)
-class RunShare:
-    """Runs that satisfy a statement, of all runs."""
-
-    num_satisfying: int
-    num_runs: int
-
-    @property
-    def share(self) -> float:
-        """Fraction of the runs; nan of no runs, which no comparison confirms."""
-        return self.num_satisfying / self.num_runs if self.num_runs else math.nan
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Ends of the interval of 95 % of the share; (0, 1) of no runs."""
-        if not self.num_runs:
-            return 0.0, 1.0
-        n, z2 = self.num_runs, _Z * _Z
-        centre = (self.num_satisfying + 0.5 * z2) / (n + z2)
-        half = _Z / (n + z2) * math.sqrt(n * self.share * (1.0 - self.share) + 0.25 * z2)
-        # At 0 and n the ends are exactly 0 and 1, up to the rounding of the difference.
-        return max(0.0, centre - half), min(1.0, centre + half)
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        return f"{self.num_satisfying} of {self.num_runs} runs ({low:.0%} to {high:.0%})"
-
-
-def pool_shares(shares: Iterable[RunShare]) -> RunShare:
-    """Share of all runs of several experiments together."""
-    listed = list(shares)
-    return RunShare(sum(s.num_satisfying for s in listed), sum(s.num_runs for s in listed))
-
+from catoptra_studies.run_statistics import RunShare
 
 # Metrics of one run of a filter, as in summary.json.
 _Run = Mapping[str, Any]
@@ -103,8 +62,20 @@ class Claim:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether more than half of the runs satisfy the statement."""
-        return self.runs.share > 0.5
+        """Whether the interval of the satisfying runs lies above one half."""
+        return self.runs.interval[0] > 0.5
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether the interval lies below one half."""
+        return self.runs.interval[1] < 0.5
+
+    @property
+    def verdict(self) -> str:
+        """yes, no, or that so few runs do not decide."""
+        if self.is_confirmed:
+            return "yes"
+        return "no" if self.is_refuted else f"not decided in {self.runs.num_runs} runs"
 
 
 def _odometry_diverges(paper: _Run, _: _Run) -> bool:

@@ -34,7 +34,6 @@ from catoptra_studies.plot_style import (
     Axes,
     add_legend,
     add_text,
-    label_box,
     open_chart,
     open_page,
     show_image,
@@ -143,7 +142,7 @@ def _first_label(landmark: Landmark, landmarks: Sequence[Landmark]) -> str | Non
 
 def draw_position_errors(path: Path, panels: Sequence[tuple[str, FilterRun]]) -> None:
     """Write the errors of one run for each (title, run), above the decisions of the gate."""
-    with open_chart(path, figsize=(PAGE_WIDTH_IN, 3.7)) as figure:
+    with open_chart(path, figsize=(PAGE_WIDTH_IN, 3.9)) as figure:
         # One scale for both set-ups, else the real odometry would look no worse than the simulated.
         grid = figure.subplots(
             2,
@@ -163,7 +162,7 @@ def draw_position_errors(path: Path, panels: Sequence[tuple[str, FilterRun]]) ->
         grid[0, 0].set_ylabel("position error, m")
         grid[1, 0].set_ylabel("landmarks")
         _set_integer_ticks(grid[1, 0])
-        add_legend(figure, grid[0, 0], grid[1, 0], loc=_BELOW, ncols=4)
+        add_legend(figure, grid[0, 0], grid[1, 0], loc=_BELOW, ncols=3)
 
 
 def _set_integer_ticks(axes: Axes) -> None:
@@ -190,7 +189,7 @@ def _draw_gate_bars(axes: Axes, filter_run: FilterRun) -> None:
 
 def draw_error_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[FilterRun]]]) -> None:
     """Write the median error over the seeds with the band from 5 % to 95 %, for each panel."""
-    with open_chart(path, figsize=(PAGE_WIDTH_IN, 3.0)) as figure:
+    with open_chart(path, figsize=(PAGE_WIDTH_IN, 3.2)) as figure:
         row = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axes, (title, filter_runs) in zip(row, panels, strict=True):
             for of_odometry, colour, name in (
@@ -206,18 +205,19 @@ def draw_error_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[FilterR
             _draw_paper_limits(axes, title)
             axes.set_xlabel("step")
         row[0].set_ylabel("position error, m")
-        add_legend(figure, row[0], loc=_BELOW, ncols=4)
+        add_legend(figure, row[0], loc=_BELOW, ncols=2)
 
 
 def _draw_paper_limits(axes: Axes, title: str) -> None:
-    """Draw the paper's bound of the filter, and the error that odometry exceeds."""
+    """Draw the paper's bound of the filter, and the error that odometry exceeds.
+
+    The texts are in the legend: curves of other seeds would cross them anywhere in the axes.
+    """
     for error_m, text, line in (
         (PAPER_EKF_ERROR_M, "0.6 m, the paper's bound of the filter", "--"),
         (PAPER_ODOMETRY_ERROR_M, "1 m, exceeded by the paper's odometry", ":"),
     ):
-        axes.axhline(error_m, color=MUTED, lw=1, ls=line)
-        box = label_box(0.5, alpha=0.8)
-        axes.text(1, error_m + 0.03, text, color=MUTED, fontsize=7, bbox=box, zorder=1)
+        axes.axhline(error_m, color=MUTED, lw=1, ls=line, label=text)
     axes.set_title(title)
     # Half a step beyond the last, so that the bar of step 100 is drawn whole.
     axes.set_xlim(0, 100.5)

@@ -8,14 +8,19 @@ report has the shares over all runs, and the status that `demo` ends with for ea
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
+from operator import attrgetter, itemgetter
+from pathlib import Path
+from typing import Any
 
+from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.commands import (
     add_output,
     make_parser,
@@ -35,9 +40,9 @@ from catoptra_studies.experiment.paper_claims import (
     UNTYPICAL_STATEMENTS,
     Claim,
     evaluate_claims,
-    pool_shares,
 )
-from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
+from catoptra_studies.reports import markdown_table, replace_block, wrap_paragraph, write_json
+from catoptra_studies.run_statistics import pool_shares
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +60,7 @@ class SeedResult:
     @property
     def status(self) -> int:
         """Exit status of `demo` with this seed."""
-        return 0 if all(claim.is_confirmed for claim in self.claims) else 1
+        return 1 if any(claim.is_refuted for claim in self.claims) else 0
 
 
 def _format_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
@@ -66,36 +71,44 @@ def _format_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
         "# The paper's claims with many seeds",
         wrap_paragraph(
             f"The seeds {results[0].seed} to {results[-1].seed} with {num_runs} runs of each "
-            f"set-up: `demo` ends with status {ending}. A claim is confirmed with a seed where "
-            "more than half of its runs satisfy it. Intervals are Wilson's of 95 %, over the runs "
-            "of all seeds."
+            f"set-up: `demo` ends with status {ending}. Intervals are Wilson's of 95 %, over the "
+            "runs of all seeds. A seed confirms a claim where the interval of its own runs is "
+            "above one half, and refutes it below; between, its runs do not decide."
         ),
-        _statement_table({r.seed: r.claims for r in results}, num_runs),
+        _statement_table([r.claims for r in results], num_runs),
         "The paper's run shows these, too, but the typical run here does not; they are no claims:",
-        _statement_table({r.seed: r.untypical for r in results}, num_runs),
+        _statement_table([r.untypical for r in results], num_runs),
         f"Runs of {num_runs} that satisfy each statement, in the order of the tables above:",
         _seed_table(results),
     )
     return "\n\n".join(sections) + "\n"
 
 
-def _statement_table(by_seed: Mapping[int, Sequence[Claim]], num_runs: int) -> str:
+def _pool_seeds(by_seed: Iterable[Sequence[Claim]]) -> Iterator[tuple[Claim, Sequence[Claim]]]:
+    """Yield each statement, counted over the runs of all seeds, and its counts by seed."""
+    for claims in zip(*by_seed, strict=True):
+        yield replace(claims[0], runs=pool_shares(claim.runs for claim in claims)), claims
+
+
+def _statement_table(by_seed: Iterable[Sequence[Claim]], num_runs: int) -> str:
     rows = []
-    for claims in zip(*by_seed.values(), strict=True):
+    for pooled, claims in _pool_seeds(by_seed):
         fewest = min(claim.runs.num_satisfying for claim in claims)
-        confirmed = sum(claim.is_confirmed for claim in claims)
-        share = pool_shares(claim.runs for claim in claims)
-        low, high = share.interval
+        confirmed, refuted = (
+            sum(map(attrgetter(name), claims)) for name in ("is_confirmed", "is_refuted")
+        )
+        low, high = pooled.runs.interval
         rows.append(
             [
-                f"{claims[0].text} ({claims[0].criterion})",
-                f"{share.share:.1%}",
+                f"{pooled.text} ({pooled.criterion})",
+                f"{pooled.runs.share:.1%}",
                 f"{low:.1%} to {high:.1%}",
                 f"{fewest} of {num_runs}",
-                f"{confirmed} of {len(claims)}",
+                f"{confirmed}, {len(claims) - confirmed - refuted}, {refuted}",
             ]
         )
-    header = ("statement", "share of all runs", "interval", "worst seed", "seeds above half")
+    seeds = "seeds that confirm, do not decide, refute"
+    header = ("statement", "share of all runs", "interval", "worst seed", seeds)
     return markdown_table(header, rows)
 
 
@@ -117,7 +130,7 @@ _EXIT_FAILURE = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all seeds; return 0 where every claim is confirmed with every seed, otherwise 1."""
+    """Run all seeds; return 1 where a seed refutes a claim, otherwise 0."""
     parsed = _make_parser().parse_args(arguments)
     return run_study("seeds", parsed, _run, exit_failure=_EXIT_FAILURE)
 
@@ -131,8 +144,11 @@ def _run(parsed: argparse.Namespace) -> int:
         seed=0,
         num_training_frames=max(1, parsed.training_frames),
     )
-    results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
-    _write_report(config, results)
+    if parsed.report_only:
+        results = _read_seeds(config.output_folder)
+    else:
+        results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
+    _write_report(config.output_folder, results, parsed.page)
     return _EXIT_FAILURE if any(result.status for result in results) else 0
 
 
@@ -151,10 +167,24 @@ def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     results = [run_setup(seeded, setup, classifier) for setup in seeded.setups]
     summary = summarize_experiment(seeded, results)
     write_json(folder / "summary.json", summary)
+    return _count_statements(summary)
+
+
+def _count_statements(summary: Mapping[str, Any]) -> SeedResult:
     setups = summary["setups"]
     return SeedResult(
-        seed, tuple(evaluate_claims(setups)), tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS))
+        summary["seed"],
+        tuple(evaluate_claims(setups)),
+        tuple(evaluate_claims(setups, UNTYPICAL_STATEMENTS)),
     )
+
+
+def _read_seeds(folder: Path) -> list[SeedResult]:
+    """Evaluate the summaries that an earlier command wrote, of every seed that it finished."""
+    summaries = [json.loads(path.read_text("utf-8")) for path in folder.glob("seed_*/summary.json")]
+    if not summaries:
+        raise CatoptraError(f"{folder}: no seed_*/summary.json to report")
+    return [_count_statements(each) for each in sorted(summaries, key=itemgetter("seed"))]
 
 
 def _run_seeds(
@@ -179,18 +209,29 @@ def _end_by_signal() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
 
 
-def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> None:
-    report = config.output_folder / "seeds.md"
-    report.write_text(_format_report(results, num_runs=config.num_runs), encoding="utf-8")
-    rows = [
-        (
-            (claims[0].text, str(pool_shares(claim.runs for claim in claims))),
-            all(claim.is_confirmed for claim in claims),
-        )
-        for claims in zip(*(result.claims for result in results), strict=True)
-    ]
-    print_table(("claim of the paper", "runs of all seeds", "with every seed"), rows)
+def _write_report(folder: Path, results: Sequence[SeedResult], page: Path | None) -> None:
+    report = folder / "seeds.md"
+    num_runs = results[0].claims[0].runs.num_runs
+    report.write_text(_format_report(results, num_runs=num_runs), encoding="utf-8")
+    pooled = [claim for claim, _ in _pool_seeds(result.claims for result in results)]
+    rows = [(claim.text, str(claim.runs), claim.verdict) for claim in pooled]
+    print_table(("claim of the paper", "runs of all seeds", "confirmed"), rows)
     print_line(f"report: {report}")
+    if page is not None:
+        replace_block(page, "seeds", _format_page_block(results, num_runs))
+
+
+def _format_page_block(results: Sequence[SeedResult], num_runs: int) -> str:
+    """The statements of both kinds in short, for a page of the repository."""
+    header = ("statement", "share of all runs", "interval of 95 %", "confirmed")
+    rows = [
+        [claim.text, f"{claim.runs.share:.1%}", "{:.1%} to {:.1%}".format(*claim.runs.interval),
+         claim.verdict]
+        for claim, _ in _pool_seeds((*result.claims, *result.untypical) for result in results)
+    ]  # fmt: skip
+    no_claims = len(results[0].untypical)
+    extent = f"{len(results)} seeds of {num_runs} runs; the last {no_claims} are no claims:"
+    return f"{extent}\n\n{markdown_table(header, rows)}"
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -207,4 +248,6 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")
     add("--processes", type=int, default=os.cpu_count() or 1,
         help="seeds at the same time (default: one a processor)")  # fmt: skip
+    add("--report-only", action="store_true", help="drive nothing: report the seeds in DIR")
+    add("--page", type=Path, metavar="FILE", help="file whose block seeds gets the short table")
     return parser

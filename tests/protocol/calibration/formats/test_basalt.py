@@ -51,7 +51,6 @@ def test_distortion_has_no_place() -> None:
 def test_camera_that_the_file_has_not_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "one.json"
     path.write_text(basalt.write(PAPER, "omni"))
-    with pytest.raises(ConfigError, match=r"intrinsics.*at least 2"):
-        camera_from_file(path, camera="cam1")
-    with pytest.raises(ConfigError, match="such as cam1"):
-        camera_from_file(path, camera="left")
+    for name in ("cam1", "left"):
+        with pytest.raises(ConfigError, match=rf"{name}=.*which has cam0"):
+            camera_from_file(path, camera=name)

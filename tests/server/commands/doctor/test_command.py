@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from catoptra_server.commands.doctor import devices
+from catoptra_server.commands.doctor import command, devices
 from catoptra_server.commands.doctor.command import main
+from catoptra_server.commands.doctor.machine import ok
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 
@@ -100,6 +101,30 @@ def test_server_when_none_replies_is_a_fault(capsys: pytest.CaptureFixture[str])
         options = ("--probe", "127.0.0.1", "--control-port", port, "--image-port", port)
         status, found = run_doctor(capsys, *options)
     assert (status, [f["topic"] for f in found]) == (2, ["control", "image"])
+
+
+def test_probe_looks_at_the_ports_that_are_named_and_says_whether_a_server_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = str(unused.getsockname()[1])
+        options = ("--probe", "127.0.0.1", "--control-port", port, "--image-port", port)
+        _, found = run_doctor(capsys, *options, "--stream-port", port, "--view", port)
+        assert main(options) == 2
+    assert [one["topic"] for one in found] == ["control", "image", "stream", "live page"]
+    *findings, summary = capsys.readouterr().out.splitlines()
+    assert len(findings) == 2
+    assert summary.startswith("catoptra-server does not run on all these ports of 127.0.0.1")
+
+
+def test_probe_when_all_ports_answer_says_that_the_server_runs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [ok("control", "a server answers")]
+    monkeypatch.setattr(command, "check_running_server", lambda *_: found)
+    assert main(["--probe", "127.0.0.1"]) == 0
+    assert "catoptra-server runs on 127.0.0.1 (faults: 0" in capsys.readouterr().out
 
 
 def test_port_when_out_of_range_is_rejected() -> None:

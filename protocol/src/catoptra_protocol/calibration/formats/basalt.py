@@ -44,7 +44,10 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
         camera: Name by its place, such as cam1; empty for cam0.
     """
     root = Fields(file, parse_json(text, file)).get_child("value0")
-    index = _index_of(root, camera)
+    listed = root.values.get("intrinsics")
+    names = [f"cam{place}" for place in range(len(listed))] if isinstance(listed, list) else []
+    root.check_camera(camera or "cam0", names)
+    index = names.index(camera or "cam0")
     entry = root.get_item("intrinsics", index)
     kind = entry.get_choice("camera_type", ("ucm", "eucm", "ds", "kb4"))
     numbers = entry.get_child("intrinsics")
@@ -59,15 +62,6 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
         raise root.make_error("resolution", "[width, height] for each camera")
     size_px = Fields(file, {"resolution": resolutions[index]}, root.path).get_size_px("resolution")
     return make_camera(numbers, lambda: _lens(kind, numbers), matrix, size_px)
-
-
-def _index_of(root: Fields, camera: str) -> int:
-    if not camera:
-        return 0
-    digits = camera.removeprefix("cam")
-    if not digits.isdecimal() or len(digits) > 3:
-        raise root.make_error("intrinsics", f"a camera by its place, such as cam1, not {camera}")
-    return int(digits)
 
 
 def _lens(kind: str, numbers: Fields) -> RadialProjection:

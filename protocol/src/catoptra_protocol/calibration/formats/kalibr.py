@@ -50,7 +50,9 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
     document = parse_yaml(text, file)
     if not isinstance(document, dict):
         raise file_error(file, "cam0", "a camera", value="missing")
-    fields = Fields(file, document).get_child(camera or "cam0")
+    chain, name = Fields(file, document), camera or "cam0"
+    chain.check_camera(name, [key for key, each in document.items() if isinstance(each, dict)])
+    fields = chain.get_child(name)
     model = fields.get_choice("camera_model", _MODELS)
     lens, matrix = _read_intrinsics(fields, model)
     distortion_model = fields.get_choice("distortion_model", ("none", "radtan", "equidistant"))

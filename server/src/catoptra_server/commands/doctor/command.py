@@ -29,8 +29,10 @@ from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.runtime.options import CommandParser, parse_port
 
+_STREAM_PORT = 5005
 _EXIT_STATUS_HELP = (
-    "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start"
+    "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start or, "
+    "with --probe, does not run"
 )
 
 
@@ -48,16 +50,19 @@ def main(arguments: Sequence[str]) -> int:
     if parsed.json:
         print(json.dumps({"status": status, "findings": [f.to_json() for f in findings]}, indent=2))
     else:
-        print(_summarize(findings))
+        print(_summarize(findings, parsed.probe))
     return status
 
 
-def _summarize(findings: Sequence[Finding]) -> str:
+def _summarize(findings: Sequence[Finding], probed: str | None) -> str:
     faults, warnings = (
         sum(finding.level is level for finding in findings)
         for level in (Level.FAULT, Level.WARNING)
     )
-    outcome = "cannot start with these options" if faults else "can start"
+    if probed is not None:
+        outcome = f"does not run on all these ports of {probed}" if faults else f"runs on {probed}"
+    else:
+        outcome = "cannot start with these options" if faults else "can start"
     return f"catoptra-server {outcome} (faults: {faults}, warnings: {warnings})"
 
 
@@ -66,6 +71,9 @@ def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
     ports = {"control": parsed.control_port, "image": parsed.image_port}
     # The containers' health check, every five seconds: two connections, and no library is loaded.
     if parsed.probe is not None:
+        # These have other ports, or none, where the server's options say so.
+        named = {"stream": parsed.stream_port, "live page": parsed.view_port}
+        ports |= {name: port for name, port in named.items() if port is not None}
         yield from check_running_server(parsed.probe, ports)
         return
     yield from check_python()
@@ -74,7 +82,8 @@ def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
     yield from check_processors()
     yield from check_renderers(parsed.renderer)
     yield from _check_configurations(parsed.robot, parsed.world)
-    yield from check_ports(parsed.host, {**ports, "stream": parsed.stream_port})
+    stream_port = _STREAM_PORT if parsed.stream_port is None else parsed.stream_port
+    yield from check_ports(parsed.host, {**ports, "stream": stream_port})
     yield from check_view_port(parsed.host, parsed.view_port)
 
 
@@ -116,9 +125,10 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--host", default="127.0.0.1", help="address on which the server will listen")
     add("--control-port", type=parse_port, default=3000, metavar="PORT")
     add("--image-port", type=parse_port, default=5003, metavar="PORT")
-    add("--stream-port", type=parse_port, default=5005, metavar="PORT")
+    add("--stream-port", type=parse_port, metavar="PORT",
+        help=f"default {_STREAM_PORT}; with --probe only if given")  # fmt: skip
     add("--view", dest="view_port", type=parse_port, metavar="PORT",
-        help="port of the live page (default: 5080, or a free one)")  # fmt: skip
-    add("--probe", metavar="HOST", help="check only whether a server runs on this host")
+        help="port of the live page (default: 5080, or a free one); as the stream's")  # fmt: skip
+    add("--probe", metavar="HOST", help="check only whether a server runs there, on these ports")
     add("--json", action="store_true", help="print one JSON object instead of lines")
     return parser
