@@ -39,9 +39,12 @@ _REPEATS = 4
 _GRID = 16
 # Facets of 0.25 px and half a degree: their normals are interpolated, so they show no edges.
 _RINGS, _SECTORS = 720, 720
+# Mitsuba moves a ray's start off a surface by 9e-5 of its largest coordinate plus one: in metres
+# that is 0.1 mm, or 0.04 px at 0.15 m. Its scene is in millimetres, about the mirror's middle.
+_UNITS_PER_M = 1000.0
 # Diameters in the image: areas of 5, 13 and 50 px^2.
 _DIAMETERS_PX = (2.6, 4.0, 8.0)
-_FROM_ABOVE = 1e-3
+_NEAR_MM = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,13 +169,12 @@ def draw_by_mitsuba(case: MirrorCase, discs: list[Disc], samples: int) -> Centro
         "integrator": {"type": "path", "max_depth": 2},
         "mirror": _mitsuba_mirror(mi, case),
     }
-    look_at = mi.ScalarTransform4f().look_at
     for number, disc in enumerate(discs):
         up = np.eye(3)[int(np.argmin(np.abs(disc.centre)))]
-        pose = look_at(origin=list(disc.centre), target=[0, 0, 0], up=list(up))
+        pose = _look(mi, case, disc.centre, up)
         scene[f"disc{number}"] = {
             "type": "disk",
-            "to_world": pose.scale(disc.radius_m),
+            "to_world": pose.scale(_UNITS_PER_M * disc.radius_m),
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
         }
     loaded = mi.load_dict(scene)
@@ -196,25 +198,40 @@ def _mitsuba_camera(mi: Any, case: MirrorCase, disc: Disc) -> dict[str, Any]:
         "crop_width": WINDOW_PX, "crop_height": WINDOW_PX,
         "pixel_format": "rgb", "component_format": "float32",
     }  # fmt: skip
-    look_at = mi.ScalarTransform4f().look_at
-    sensor = {"film": film, "sampler": {"type": "stratified"}, "near_clip": _FROM_ABOVE}
+    sensor = {"film": film, "sampler": {"type": "stratified"}, "near_clip": _NEAR_MM}
     if case.surface.is_telecentric:
-        pose = look_at(origin=[0, 0, 0.1], target=[0, 0, 0], up=[1, 0, 0])
-        half_m = 0.5 * width / case.surface.focal_px
-        return sensor | {"type": "orthographic", "to_world": pose.scale([half_m, half_m, 1.0])}
-    pose = look_at(origin=[0, 0, pinhole], target=[0, 0, 0], up=[1, 0, 0])
+        pose = _look(mi, case, np.array((0.0, 0.0, 0.1)), np.eye(3)[0])
+        half = 0.5 * width / case.surface.focal_px * _UNITS_PER_M
+        return sensor | {"type": "orthographic", "to_world": pose.scale([half, half, 1.0])}
+    pose = _look(mi, case, np.array((0.0, 0.0, pinhole)), np.eye(3)[0])
     fov = 2.0 * math.degrees(math.atan(0.5 * width / case.surface.focal_px))
     return sensor | {"type": "perspective", "fov": fov, "to_world": pose}
+
+
+def _look(mi: Any, case: MirrorCase, place: Floats, up: Floats) -> Any:
+    """Mitsuba's pose at (3,) a place in the mirror frame that looks at the effective viewpoint."""
+    middle = np.array((0.0, 0.0, _middle_m(case)))
+    origin, target = _UNITS_PER_M * (place - middle), -_UNITS_PER_M * middle
+    return mi.ScalarTransform4f().look_at(origin=list(origin), target=list(target), up=list(up))
+
+
+def _middle_m(case: MirrorCase) -> float:
+    """Height half-way between vertex and rim."""
+    mirror = case.camera.mirror
+    t = np.array((mirror.t_min, case.camera.rim_t))
+    return float(mirror.surface_point(t)[1].mean())
 
 
 def _mitsuba_mirror(mi: Any, case: MirrorCase) -> Any:
     steel = {"type": "conductor", "material": "none"}
     surface, mirror = case.surface, case.camera.mirror
     pinhole = 0.0 if surface.is_telecentric else mirror.pinhole_distance_m
+    # Depth of the middle, from which heights are counted.
+    pinhole -= _middle_m(case)
     if case.name == "spherical":
         r, depth, _, _ = surface.curve(np.array((0.5 * math.pi, 0.0)))
-        return {"type": "sphere", "center": [0, 0, pinhole - depth[0]],
-                "radius": float(r[0]), "bsdf": steel}  # fmt: skip
+        return {"type": "sphere", "center": [0, 0, _UNITS_PER_M * (pinhole - depth[0])],
+                "radius": _UNITS_PER_M * float(r[0]), "bsdf": steel}  # fmt: skip
     parameter = _rings(case)
     r, depth, dr, dd = surface.curve(parameter)
     azimuth = 2.0 * math.pi * np.arange(_SECTORS) / _SECTORS
@@ -236,7 +253,7 @@ def _mitsuba_mirror(mi: Any, case: MirrorCase) -> Any:
     mesh = mi.Mesh("mirror", len(r) * _SECTORS, len(faces), has_vertex_normals=True,
                    props=properties)  # fmt: skip
     numbers = mi.traverse(mesh)
-    numbers["vertex_positions"] = spread(r, pinhole - depth)
+    numbers["vertex_positions"] = spread(_UNITS_PER_M * r, _UNITS_PER_M * (pinhole - depth))
     numbers["vertex_normals"] = spread(dd / length, dr / length)
     numbers["faces"] = faces.ravel()
     numbers.update()
