@@ -297,11 +297,14 @@ def _judge(
             error = f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}"
             bound = math.inf if name else BOUND_PX
             yield summarize(case.name + name, authority, distance, bound, "px", error=error)
-    # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours.
+    # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours, apart
+    # from a shift by the inverse distance, which Mitsuba's start off the surface is.
     place = theirs.mean[counted] - case.camera.centre_px
-    squares = float((place**2).sum())
-    factor = float((place * apart[counted]).sum()) / squares
-    rest = apart[counted] - factor * place
-    spread = math.sqrt(float((rest**2).sum()) / (2 * len(place) - 1) / squares)
-    yield Finding(f"{case.name}, scale", authority, abs(factor), abs(factor), SCALE_BOUND, "",
-                  len(place), f"{spread:.1e}")  # fmt: skip
+    unit = place / np.linalg.norm(place, axis=1, keepdims=True)
+    near = np.array([1.0 / np.linalg.norm(disc.centre) for disc in discs])[counted]
+    columns = np.stack((place.ravel(), (unit * near[:, None]).ravel()), axis=-1)
+    fit, rest, _, _ = np.linalg.lstsq(columns, apart[counted].ravel(), rcond=None)
+    variance = float(rest[0]) / (len(columns) - 2) * np.linalg.inv(columns.T @ columns)[0, 0]
+    factor = abs(float(fit[0]))
+    yield Finding(f"{case.name}, scale", authority, factor, factor, SCALE_BOUND, "",
+                  len(place), f"{math.sqrt(variance):.1e}")  # fmt: skip
