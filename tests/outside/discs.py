@@ -262,7 +262,7 @@ def _mitsuba_mirror(mi: Any, case: MirrorCase) -> Any:
 
 def _rings(case: MirrorCase) -> Floats:
     """Parameters of the mesh's rings, at even image radii to a little beyond the rim."""
-    fine = np.linspace(0.0, case.surface.last * (1.0 - 1e-9), 200_001)
+    fine = np.linspace(0.0, case.surface.last * (1.0 - 1e-9), 20_001)
     r, depth, out_r, out_d = reflect(case.surface, fine[1:])
     image = r if case.surface.is_telecentric else r / depth
     rim = np.searchsorted(np.arctan2(out_r, -out_d), case.camera.rim_rad)
@@ -270,17 +270,13 @@ def _rings(case: MirrorCase) -> Floats:
     return np.interp(np.linspace(1e-6 * end, end, _RINGS + 1), image, fine[1:])
 
 
-def compare_discs(
-    case: MirrorCase, *, per_distance: int, samples: int, mutate: bool = False
-) -> Iterator[Finding]:
-    """Compare both renderers' discs; with a scale that is off by 1e-4, too, if asked."""
+def compare_discs(case: MirrorCase, *, per_distance: int, samples: int) -> Iterator[Finding]:
+    """Compare both renderers' discs; the last finding is the scale of a camera 1e-4 too large."""
     discs = scatter_discs(case.camera, per_distance)
     theirs = draw_by_mitsuba(case, discs, samples)
     yield from _judge(case, discs, draw_ours(case.camera, discs), theirs)
-    if mutate:
-        camera = replace(case.camera, scale_px=case.camera.scale_px * (1.0 + MUTATION))
-        found = _judge(case, discs, draw_ours(camera, discs), theirs)
-        yield replace(list(found)[-1], subject=f"{case.name}, mutated")
+    camera = replace(case.camera, scale_px=case.camera.scale_px * (1.0 + MUTATION))
+    yield list(_judge(case, discs, draw_ours(camera, discs), theirs))[-1]
 
 
 def _judge(

@@ -65,7 +65,9 @@ def cast(world: World, origins: Floats, directions: Floats) -> tuple[Ids, Floats
         local, along = (origins - place) @ turn, directions @ turn
         size = np.array((*item.shape.size_m, 0.0)[:3])  # type: ignore[union-attr]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.sort(np.stack(((-0.5 * size - local) / along, (0.5 * size - local) / along)), 0)
+            ends = np.sort(
+                np.stack(((-0.5 * size - local) / along, (0.5 * size - local) / along)), 0
+            )
         enter, leave = ends[0].max(axis=-1), ends[1].min(axis=-1)
         # A ray that begins inside meets the box where it leaves.
         found = np.where(enter > 0.0, enter, leave)
@@ -86,7 +88,10 @@ def mirror_rays(case: MirrorCase) -> Rays:
             middle = 0.5 * (low + high)
             r, depth, _, _ = surface.curve(middle)
             image = surface.focal_px * (r if surface.is_telecentric else r / depth)
-            low, high = np.where(image < radius, middle, low), np.where(image < radius, high, middle)
+            low, high = (
+                np.where(image < radius, middle, low),
+                np.where(image < radius, high, middle),
+            )
         r, depth, out_r, out_d = reflect(surface, 0.5 * (low + high))
         unit = -offset[:, ::-1] / radius[:, None]
         pinhole = 0.0 if surface.is_telecentric else camera.mirror.pinhole_distance_m

@@ -220,9 +220,10 @@ def scatter_points(camera: OmniCamera, count: int, seed: int = 38) -> tuple[Floa
 
 
 def compare_mirror(case: MirrorCase, camera: OmniCamera | None = None) -> Iterator[Finding]:
-    """Compare pixels of points by a camera, in place of the case's own, with the publication."""
+    """Compare pixels of points by a case's camera, or by a mutant, with the publication."""
+    count = 20_000 if camera is None else 500
     camera, authority = camera or case.camera, f"{case.source}, transcribed"
-    points, _ = scatter_points(case.camera, 20_000)
+    points, _ = scatter_points(case.camera, count)
     ours, valid = _pixels(camera, case.camera, points)
     apart = np.hypot(*(ours - project_transcribed(case, points))[valid].T)
     yield summarize(case.name, authority, apart, BOUND_PX, "px")
@@ -240,4 +241,4 @@ def _pixels(camera: OmniCamera, true: OmniCamera, points: Floats) -> tuple[Float
     """Pixels of points that stay where they are about the pinhole, whatever the viewpoint."""
     pinhole, truth = camera.mirror.pinhole_distance_m, true.mirror.pinhole_distance_m
     shift = 0.0 if math.isinf(truth) else pinhole - truth
-    return pixel_from_point(camera, points + (0.0, 0.0, shift))
+    return pixel_from_point(camera, points + np.array((0.0, 0.0, shift)))
