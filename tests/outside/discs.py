@@ -45,6 +45,7 @@ _UNITS_PER_M = 1000.0
 # Diameters in the image: areas of 5, 13 and 50 px^2.
 _DIAMETERS_PX = (2.6, 4.0, 8.0)
 _NEAR_MM = 1.0
+_IN_HUB = ", within 8 degrees"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -285,19 +286,21 @@ def _judge(
     authority = version_of("mitsuba")
     apart, areas = ours.mean - theirs.mean, theirs.areas
     theta = np.array([disc.theta_rad for disc in discs])
+    distances = np.array([np.linalg.norm(disc.centre) for disc in discs])
     counted = (areas >= MIN_AREA_PX) & (theta >= HUB_RAD)
-    for name, chosen in (("", counted), (", within 8 degrees", theta < HUB_RAD)):
+    rows = [(f" at {m:g} m", counted & (np.abs(distances - m) < 1e-9)) for m in DISTANCES_M]
+    for name, chosen in (*rows, (_IN_HUB, theta < HUB_RAD)):
         if chosen.any():
-            distance = np.hypot(*apart[chosen].T)
             errors = [float(np.median(c.standard_errors[chosen])) for c in (theirs, ours)]
             error = f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}"
-            bound = math.inf if name else BOUND_PX
-            yield summarize(case.name + name, authority, distance, bound, "px", error=error)
-    # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours, apart
-    # from a shift by the inverse distance, which Mitsuba's start off the surface is.
+            bound = math.inf if name == _IN_HUB else BOUND_PX
+            apart_px = np.hypot(*apart[chosen].T)
+            yield summarize(case.name + name, authority, apart_px, bound, "px", error=error)
+    # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours; a
+    # shift by the inverse distance is Mitsuba's start off the surface.
     place = theirs.mean[counted] - case.camera.centre_px
     unit = place / np.linalg.norm(place, axis=1, keepdims=True)
-    near = np.array([1.0 / np.linalg.norm(disc.centre) for disc in discs])[counted]
+    near = 1.0 / distances[counted]
     columns = np.stack((place.ravel(), (unit * near[:, None]).ravel()), axis=-1)
     fit, rest, _, _ = np.linalg.lstsq(columns, apart[counted].ravel(), rcond=None)
     variance = float(rest[0]) / (len(columns) - 2) * np.linalg.inv(columns.T @ columns)[0, 0]

@@ -103,8 +103,8 @@ PARTS = {
         "Discs of 5 to 50 px^2 at 0.15, 0.3, 1 and 3 m, images of 360 px: distances of centroids "
         "in Mitsuba's pictures from those in ours, and the standard error (median) of each. The "
         "mirror is a smooth conductor that Mitsuba traces in float32: a sphere of its own, else a "
-        "mesh of 720 x 720 facets with normals of the publication's surface. Within 8 degrees of the axis "
-        "the mesh's hub is the limit, and nothing is required. Mitsuba starts a reflected ray 9e-5 "
+        "mesh of 720 x 720 facets with normals of the publication's surface. Within 8 degrees of "
+        "the axis the mesh's hub is the limit, and nothing is required. Mitsuba starts a reflected ray 9e-5 "
         "of its largest coordinate off the surface, which is up to 0.01 px at 0.15 m on the cone. "
         "Scale: the factor between positions about the centre, as a fraction.",
         _run_discs,
