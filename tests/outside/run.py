@@ -104,8 +104,8 @@ PARTS = {
         "in Mitsuba's pictures from those in ours, and the standard error (median) of each. The "
         "mirror is a smooth conductor that Mitsuba traces in float32: a sphere of its own, else a "
         "mesh of 720 x 720 facets with normals of the publication's surface. Within 8 degrees of "
-        "the axis the mesh's hub is the limit, and nothing is required. Mitsuba starts a reflected ray 9e-5 "
-        "of its largest coordinate off the surface, which is up to 0.01 px at 0.15 m on the cone. "
+        "the axis the mesh's hub is the limit, and nothing is required. Mitsuba starts a reflected "
+        "ray 9e-5 of its largest coordinate off the surface: up to 0.01 px at 0.15 m on the cone. "
         "Scale: the factor between positions about the centre, as a fraction.",
         _run_discs,
     ),
