@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -135,6 +135,14 @@ effects: $(READY) ## Draw each effect, compare decisions with the truth, find th
 cameras: $(READY) ## Draw a gallery of all camera models in one world; writes out/cameras: [CAMERAS=a,b] [WORLD=name]
 	$(BIN)/catoptra-studies cameras --output out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
 	  $(if $(WORLD),--world $(WORLD))
+
+# Without a registry the proof itself says what is missing, and ends with 2.
+FOREIGN = $$($(BIN)/python -c 'import tomllib; print(*tomllib.load(open("server/pyproject.toml", "rb"))["project"]["optional-dependencies"]["outside"])')
+outside: $(READY) $(TOOLS) ## Compare cameras, pictures and labels with Mitsuba, OpenCV, COLMAP and others, 10 minutes on two cores; writes docs/PROOF.md
+	-@$(BIN)/python -c 'import astropy, ds_msp, mitsuba, pycolmap, scipy' 2>/dev/null \
+	  || { $(call show_packages,$(BIN)/pip install --constraint constraints.txt $(FOREIGN)); \
+	  $(call show_packages,$(BIN)/pip install --no-deps ds-msp==0.22.2); }
+	PYTHONPATH=tests $(BIN)/python -m outside.run
 
 dataset-extras: $(READY) ## Install Ray, pyarrow, webdataset and pycocotools, with which more tests of data sets run; 0.5 GB
 	$(BIN)/pip install --constraint constraints.txt ray==2.60.0 pyarrow==26.0.1 webdataset==1.0.2 pycocotools==2.0.11
