@@ -135,6 +135,7 @@ EQUIANGULAR = f"{MIRROR}.equiangular.EquiangularMirror.radius_ratio_from_t"
 PROFILE = f"{MIRROR}.profile.ProfileMirror.radius_ratio_from_t"
 MEASURED = f"{MIRROR}.radial_table_mirror.RadialTableMirror.radius_ratio_from_t"
 
+
 def unified_by_square(lens: Any, ratio: Floats) -> Floats:
     """1 - (xi^2 - 1) m^2, squared."""
     root = 1.0 - np.square(ratio) * ((lens.xi - 1.0) * (lens.xi + 1.0))
