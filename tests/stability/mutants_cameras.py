@@ -118,6 +118,7 @@ WIDE = "catoptra_protocol.optics.lenses"
 EQUISOLID = f"{WIDE}.equisolid.EquisolidLens.radius_ratio_from_t"
 EQUIDISTANT = f"{WIDE}.equidistant.EquidistantLens.radius_ratio_from_t"
 KANNALA_BRANDT = f"{WIDE}.kannala_brandt.KannalaBrandtLens.radius_ratio_from_t"
+EXCESS = "catoptra_protocol.optics.derivatives._excess"
 UNIFIED_INVERSE = f"{WIDE}.unified.UnifiedLens.t_from_undistorted_ratio"
 EUCM_MODULE, SPHERES = f"{WIDE}.enhanced_unified", f"{WIDE}.double_sphere"
 UNIFIED_FOLD = f"{WIDE}.unified.UnifiedLens.fold_rad"
@@ -148,7 +149,13 @@ def unified_by_sum(x: Floats, z: Floats, alpha: float) -> tuple[Floats, Floats, 
     return alpha * d + (1.0 - alpha) * z, d, (1.0 - alpha) * d + alpha * z
 
 
+def excess_by_difference(length: Floats, total: Floats, square: Floats) -> Floats:
+    """2 d - (d + z), whatever the sign of z."""
+    return 2.0 * length - total
+
+
 MUTATIONS = [
+    Mutation("derivative by a difference", "jacobian", EXCESS, excess_by_difference),
     Mutation("a square of the radius", "wide_angle", UNIFIED_INVERSE, unified_by_square),
     Mutation("EUCM's sum", "wide_angle", f"{EUCM_MODULE}.project_unified", unified_by_sum),
     Mutation("double sphere's sum", "wide_angle", f"{SPHERES}.project_unified", unified_by_sum),

@@ -65,7 +65,8 @@ def _solve(function: Callable[[Any], Any], value: Any, start: float) -> Any:
     """Argument of an increasing function, by the secant method from a float nearby."""
     if value == 0:
         return mpf(0)
-    with mp.workdps(80):
+    # Derivatives need twice the digits that they have.
+    with mp.workdps(min(max(80, mp.dps), 160)):
         return findroot(lambda x: function(x) - value, (mpf(start), mpf(start) * (1 - mpf("1e-6"))))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import arctan, arctan2, cos, hypot, sin, tan
+from catoptra_protocol.optics.elementary import arctan, arctan2, hypot, tan
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (

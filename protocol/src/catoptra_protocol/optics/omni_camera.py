@@ -366,7 +366,8 @@ def _plane_point(
         return du, dv, t, np.ones(t.shape, dtype=np.bool_)
     # The plane's axes are those of the right-handed picture.
     sign = -1.0 if camera.picture is Picture.MIRRORED else 1.0
-    x, y = plane.undo_stretch(sign * du, dv)
+    # Of a single pixel these are NumPy's scalars.
+    x, y = map(np.asarray, plane.undo_stretch(sign * du, dv))
     if not plane.is_decentred:
         t = camera.projection.t_from_radius_ratio(hypot(x, y))
         return sign * x, y, t, np.ones(t.shape, dtype=np.bool_)

@@ -60,7 +60,7 @@ class DoubleSphereLens(CentredLens):
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f. Domain: 0 <= t < t_limit."""
-        sine, (denominator, _, _), _ = self._terms(t)
+        sine, (denominator, _, _), _ = self.terms(t)
         return sine / denominator
 
     @np.errstate(over="ignore", under="ignore")
@@ -87,10 +87,10 @@ class DoubleSphereLens(CentredLens):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta). Domain: 0 <= t < t_limit."""
         # (1 + xi cos) ((1 - alpha) d2 + alpha (xi + cos)) / (d2 D^2)
-        _, (denominator, d2, numerator), reach = self._terms(t)
+        _, (denominator, d2, numerator), reach = self.terms(t)
         return reach * (numerator / d2) / np.square(denominator)
 
-    def _terms(self, t: Floats) -> tuple[Floats, tuple[Floats, Floats, Floats], Floats]:
+    def terms(self, t: Floats) -> tuple[Floats, tuple[Floats, Floats, Floats], Floats]:
         """sin, what `project_unified` has of (sin, xi + cos), and 1 + xi cos."""
         require_angle(t, self.t_limit)
         # cos = 1 - 2 lower = 2 upper - 1: of the two, the one whose terms are not those that

@@ -118,11 +118,14 @@ class UnifiedLens(CentredLens):
         """Derivative d(r / gamma) / d(theta). Domain: 0 <= t < limit, with a finite square."""
         require_angle(t, self.t_limit)
         m = self.undistorted_ratio_from_t(t)
+        return self.undistorted_slope(t) * self._distortion_slope(m)
+
+    def undistorted_slope(self, t: Floats) -> Floats:
+        """Derivative dm / d(theta) = (1 + xi cos) / (xi + cos)^2. Domain: that of the slope."""
         squared = np.square(t)
-        # dm / dtheta = (1 + xi cos) / (xi + cos)^2
         numerator = ((1.0 + self.xi) + (1.0 - self.xi) * squared) * (1.0 + squared)
-        denominator = np.square((1.0 + self.xi) + (self.xi - 1.0) * squared)
-        return numerator / denominator * self._distortion_slope(m)
+        denominator: Floats = (1.0 + self.xi) + (self.xi - 1.0) * squared
+        return numerator / np.square(denominator)
 
     def _distort(self, m: Floats) -> Floats:
         """Radius of an undistorted one, inf of inf."""
