@@ -94,12 +94,14 @@ def parameter_names(camera: OmniCamera) -> tuple[str, ...]:
     return (*image, *plane, *_projection_names(camera.projection))
 
 
+@np.errstate(under="ignore")  # terms far below the largest component may vanish
 def differentiate_direction(camera: OmniCamera, direction: Floats) -> PixelJacobian:
     """Derivatives of `pixel_from_direction` at (..., 3) directions of any length."""
     pixel, valid = pixel_from_direction(camera, direction)
     return _differentiate_pixel(camera, direction, direction, pixel, valid)
 
 
+@np.errstate(under="ignore")
 def differentiate_point(camera: OmniCamera, point: Floats) -> PixelJacobian:
     """Derivatives of `pixel_from_point` at (..., 3) points, metres."""
     pixel, valid = pixel_from_point(camera, point)
@@ -107,6 +109,7 @@ def differentiate_point(camera: OmniCamera, point: Floats) -> PixelJacobian:
     return _differentiate_pixel(camera, point, direction, pixel, valid)
 
 
+@np.errstate(under="ignore")
 def differentiate_ray(camera: OmniCamera, pixel: Floats) -> RayJacobian:
     """Derivatives of `ray_from_pixel` and `direction_from_pixel` at (..., 2) pixels."""
     origin, direction, valid = ray_from_pixel(camera, pixel)
