@@ -71,6 +71,8 @@ class OmniCamera:
     """Stretch and decentring of the image plane."""
     is_approximated: bool = False
     """Whether rays of a mirror without a viewpoint are taken to meet in the effective one."""
+    model_error_px: float = 0.0
+    """How far the model may be from the lens that was calibrated; 0 if nothing is stated."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
