@@ -157,8 +157,8 @@ def excess_by_difference(length: Floats, total: Floats, square: Floats) -> Float
 MUTATIONS = [
     Mutation("derivative by a difference", "jacobian", EXCESS, excess_by_difference),
     Mutation("a square of the radius", "wide_angle", UNIFIED_INVERSE, unified_by_square),
-    Mutation("EUCM's sum", "wide_angle", f"{EUCM_MODULE}.project_unified", unified_by_sum),
-    Mutation("double sphere's sum", "wide_angle", f"{SPHERES}.project_unified", unified_by_sum),
+    Mutation("EUCM's sum", "wide_angle", f"{EUCM_MODULE}.project_sphere", unified_by_sum),
+    Mutation("double sphere's sum", "wide_angle", f"{SPHERES}.project_sphere", unified_by_sum),
     Mutation("acos of the cosine", "wide_angle", EQUIDISTANT, equidistant_by_arc_cosine),
     Mutation("sqrt(2 - 2 cos)", "wide_angle", EQUISOLID, equisolid_by_cosine),
     Mutation("atan(rho / z), as cv2.fisheye", "wide_angle", KANNALA_BRANDT, kannala_brandt_by_atan),

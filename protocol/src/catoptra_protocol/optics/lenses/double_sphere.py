@@ -20,7 +20,7 @@ from catoptra_protocol.optics.lenses.centred_lens import (
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.lenses.enhanced_unified import project_unified, unproject_unified
+from catoptra_protocol.optics.lenses.enhanced_unified import project_sphere, unproject_sphere
 from catoptra_protocol.optics.numerics import Floats, half_angle_tangent_from_rho_z
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -67,7 +67,7 @@ class DoubleSphereLens(CentredLens):
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
         require_radius(ratio)
-        x, z, inside = unproject_unified(ratio, self.alpha)
+        x, z, inside = unproject_sphere(ratio, self.alpha)
         size = hypot(x, z)
         x, z = x / size, z / size
         squared = (1.0 - self.xi) * (1.0 + self.xi)
@@ -91,7 +91,7 @@ class DoubleSphereLens(CentredLens):
         return reach * (numerator / d2) / np.square(denominator)
 
     def terms(self, t: Floats) -> tuple[Floats, tuple[Floats, Floats, Floats], Floats]:
-        """sin, what `project_unified` has of (sin, xi + cos), and 1 + xi cos."""
+        """sin, what `project_sphere` has of (sin, xi + cos), and 1 + xi cos."""
         require_angle(t, self.t_limit)
         # cos = 1 - 2 lower = 2 upper - 1: of the two, the one whose terms are not those that
         # cancel at its end of the axis.
@@ -101,4 +101,4 @@ class DoubleSphereLens(CentredLens):
         height = np.where(is_low, (self.xi - 1.0) + 2.0 * upper, (self.xi + 1.0) - 2.0 * lower)
         lower, upper = 2.0 * self.xi * lower, 2.0 * self.xi * upper
         reach = np.where(is_low, (1.0 - self.xi) + upper, (1.0 + self.xi) - lower)
-        return sine, project_unified(sine, height, self.alpha), reach
+        return sine, project_sphere(sine, height, self.alpha), reach

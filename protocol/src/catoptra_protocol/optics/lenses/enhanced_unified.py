@@ -65,7 +65,7 @@ class EnhancedUnifiedLens(CentredLens):
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
         require_radius(ratio)
         root_beta = math.sqrt(self.beta)
-        x, z, inside = unproject_unified(root_beta * ratio, self.alpha)
+        x, z, inside = unproject_sphere(root_beta * ratio, self.alpha)
         t, defined = half_angle_tangent_from_rho_z(x / root_beta, z)
         inside &= defined & (t <= self.t_limit * (1.0 + ANGLE_SLACK))
         return np.where(inside, np.minimum(t, self.t_limit), math.inf)
@@ -83,10 +83,10 @@ class EnhancedUnifiedLens(CentredLens):
         require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
         z = (1.0 - t) * (1.0 + t)
         x = 2.0 * math.sqrt(self.beta) * t
-        return project_unified(x, z, self.alpha)
+        return project_sphere(x, z, self.alpha)
 
 
-def project_unified(x: Floats, z: Floats, alpha: float) -> tuple[Floats, Floats, Floats]:
+def project_sphere(x: Floats, z: Floats, alpha: float) -> tuple[Floats, Floats, Floats]:
     """alpha d + (1 - alpha) z, d = |(x, z)| and (1 - alpha) d + alpha z, the slope's factor."""
     d = hypot(x, z)
     x2, z2, excess = np.square(x), np.square(z), 2.0 * alpha - 1.0
@@ -102,7 +102,7 @@ def project_unified(x: Floats, z: Floats, alpha: float) -> tuple[Floats, Floats,
     return add(alpha, excess), d, add(1.0 - alpha, -excess)
 
 
-def unproject_unified(ratio: Floats, alpha: float) -> tuple[Floats, Floats, Bools]:
+def unproject_sphere(ratio: Floats, alpha: float) -> tuple[Floats, Floats, Bools]:
     """Point (x, z) before the pinhole, of any length, of a radius x / (alpha d + (1 - alpha) z).
 
     Finite for every finite radius; the axis where no point has the radius.
