@@ -118,6 +118,9 @@ WIDE = "catoptra_protocol.optics.lenses"
 EQUISOLID = f"{WIDE}.equisolid.EquisolidLens.radius_ratio_from_t"
 EQUIDISTANT = f"{WIDE}.equidistant.EquidistantLens.radius_ratio_from_t"
 KANNALA_BRANDT = f"{WIDE}.kannala_brandt.KannalaBrandtLens.radius_ratio_from_t"
+EXCESS = "catoptra_protocol.optics.derivatives._excess"
+UNIFIED_INVERSE = f"{WIDE}.unified.UnifiedLens.t_from_undistorted_ratio"
+EUCM_MODULE, SPHERES = f"{WIDE}.enhanced_unified", f"{WIDE}.double_sphere"
 UNIFIED_FOLD = f"{WIDE}.unified.UnifiedLens.fold_rad"
 DOUBLE_SPHERE = f"{WIDE}.double_sphere.DoubleSphereLens.radius_ratio_from_t"
 ORTHOGRAPHIC = f"{WIDE}.orthographic.OrthographicLens.t_from_radius_ratio"
@@ -133,7 +136,29 @@ EQUIANGULAR = f"{MIRROR}.equiangular.EquiangularMirror.radius_ratio_from_t"
 PROFILE = f"{MIRROR}.profile.ProfileMirror.radius_ratio_from_t"
 MEASURED = f"{MIRROR}.radial_table_mirror.RadialTableMirror.radius_ratio_from_t"
 
+
+def unified_by_square(lens: Any, ratio: Floats) -> Floats:
+    """1 - (xi^2 - 1) m^2, squared."""
+    root = 1.0 - np.square(ratio) * ((lens.xi - 1.0) * (lens.xi + 1.0))
+    return ratio * (1.0 + lens.xi) / (1.0 + np.sqrt(root))
+
+
+def unified_by_sum(x: Floats, z: Floats, alpha: float) -> tuple[Floats, Floats, Floats]:
+    """alpha d + (1 - alpha) z, whatever the sign of z."""
+    d = np.hypot(x, z)
+    return alpha * d + (1.0 - alpha) * z, d, (1.0 - alpha) * d + alpha * z
+
+
+def excess_by_difference(length: Floats, total: Floats, square: Floats) -> Floats:
+    """2 d - (d + z), whatever the sign of z."""
+    return 2.0 * length - total
+
+
 MUTATIONS = [
+    Mutation("derivative by a difference", "jacobian", EXCESS, excess_by_difference),
+    Mutation("a square of the radius", "wide_angle", UNIFIED_INVERSE, unified_by_square),
+    Mutation("EUCM's sum", "wide_angle", f"{EUCM_MODULE}.project_sphere", unified_by_sum),
+    Mutation("double sphere's sum", "wide_angle", f"{SPHERES}.project_sphere", unified_by_sum),
     Mutation("acos of the cosine", "wide_angle", EQUIDISTANT, equidistant_by_arc_cosine),
     Mutation("sqrt(2 - 2 cos)", "wide_angle", EQUISOLID, equisolid_by_cosine),
     Mutation("atan(rho / z), as cv2.fisheye", "wide_angle", KANNALA_BRANDT, kannala_brandt_by_atan),

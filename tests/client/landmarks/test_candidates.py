@@ -14,12 +14,11 @@ from catoptra_client.landmarks.candidates import (
     CylinderView,
     Detection,
     PolarMeasurement,
-    azimuth_sigma,
     detection_from_candidate,
     is_clear_of_horizon,
     range_from_half_angle,
     range_from_slope,
-    range_sigma,
+    range_sigma_from_angle,
     require_distinct_colours,
 )
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
@@ -41,9 +40,33 @@ def test_tiny_slope_and_drop_on_the_same_side_still_have_a_range() -> None:
 
 
 def test_level_point_has_no_range_sigma_but_one_of_its_azimuth() -> None:
-    place = {"drop_m": 0.0, "range_m": 2.0, "sigma_px": 0.5}
-    assert range_sigma(synthetic_frames.make_camera(), **place) == (0.0, False)
-    assert azimuth_sigma(synthetic_frames.make_camera(), **place)[1]
+    camera = synthetic_frames.make_camera()
+    view = CylinderView(camera, DEFAULT_CYLINDER, Viewpoint())
+    down_rad, azimuth_rad, _, valid = view.angle_sigmas(0.3, drop_m=0.0, range_m=2.0, sigma_px=0.5)
+    assert valid
+    assert range_sigma_from_angle(drop_m=0.0, range_m=2.0, sigma_rad=down_rad) == (0.0, False)
+    assert azimuth_rad == pytest.approx(0.5 / camera.horizon_radius_px, rel=1e-12)
+
+
+def test_sigmas_of_a_turned_camera_are_those_of_its_pixels() -> None:
+    camera = synthetic_frames.make_camera()
+    view = CylinderView(camera, DEFAULT_CYLINDER, Viewpoint(rpy_rad=(0.3, -0.2, 0.1)))
+    down_rad, azimuth_rad, correlation, valid = view.angle_sigmas(
+        0.7, drop_m=0.6, range_m=1.5, sigma_px=0.01
+    )
+    rotation = view.viewpoint.rotation
+    assert valid
+    point = np.array((1.5 * math.cos(0.7), 1.5 * math.sin(0.7), 0.6))
+    pixel, _ = camera.pixel_from_direction(point @ rotation)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (20000, 2))
+    x, y, z = (camera.direction_from_pixel(pixel + noise)[0] @ rotation.T).T
+    found = np.stack((np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)))
+    covariance = np.cov(found)
+    assert covariance[0, 0] == pytest.approx(down_rad**2, rel=0.04)
+    assert covariance[1, 1] == pytest.approx(azimuth_rad**2, rel=0.04)
+    assert covariance[0, 1] == pytest.approx(
+        correlation * down_rad * azimuth_rad, abs=0.02 * down_rad * azimuth_rad
+    )
 
 
 @pytest.mark.parametrize(("degrees", "clear"), [(2.9, False), (3.1, True)])

@@ -193,13 +193,10 @@ def test_fitted_parameters_are_those_that_made_the_image() -> None:
 
 
 @pytest.mark.parametrize("side_px", [320, 640])
-def test_whole_sphere_is_fitted_or_refused_by_every_format(side_px: int) -> None:
+def test_whole_sphere_is_no_fit_of_any_sphere_model(side_px: int) -> None:
     camera = camera_with_inscribed_rim(
         EquidistantLens(), width_px=side_px, height_px=side_px, rim_rad=math.pi
     )
-    for fit in (fit_eucm, fit_double_sphere):
-        with pytest.raises(DomainError, match="does not reach this camera's rim"):
-            fit(camera)
-    for fit in (fit_mei, fit_ucm):
+    for fit in (fit_eucm, fit_double_sphere, fit_mei, fit_ucm):
         residual = compute_residual(camera, fit(camera))
         assert residual.max_px > 1.0 or residual.fraction_missing > 0.5, "none is equidistant"

@@ -103,6 +103,45 @@ def test_point_that_is_none_has_no_pixel() -> None:
     assert pixel == pytest.approx(np.tile(camera.centre_px, (3, 1)))
 
 
+WIDE_MIRRORS: list[NonCentralMirror] = [
+    SphericalMirror(0.03, 0.2, math.radians(170.0)),
+    SphericalMirror(0.03, 0.4, math.radians(175.0)),
+    ConicalMirror(math.radians(20.0), 0.1, math.radians(150.0)),
+]
+
+
+@pytest.mark.parametrize("mirror", WIDE_MIRRORS, ids=lambda mirror: f"{mirror.rim_rad:.2f}")
+def test_point_near_a_mirror_of_a_wide_rim_has_its_ray_s_pixel(mirror: NonCentralMirror) -> None:
+    camera = make_camera(mirror, 33)
+    pixels = np.stack(np.meshgrid(np.arange(33) + 0.5, np.arange(33) + 0.5), axis=-1)
+    origins, directions, valid = ray_from_pixel(camera, pixels)
+    for distance_m in (0.001, 0.01, 0.1):
+        found, shown = pixel_from_point(camera, (origins + distance_m * directions)[valid])
+        assert shown.all()
+        assert found == pytest.approx(pixels[valid], abs=1e-9)
+
+
+def test_point_is_shown_exactly_where_a_ray_passes_it() -> None:
+    mirror = WIDE_MIRRORS[0]
+    camera = make_camera(mirror, 97)
+    rng = np.random.default_rng(38)
+    # In the half plane of one azimuth, within and about the ball.
+    points = rng.uniform((0.0, -0.15), (0.1, 0.1), (400, 2))
+    t = np.tan(0.5 * np.linspace(0.0, mirror.rim_rad, 2001))
+    surface = np.stack(mirror.surface_point(t), axis=-1)
+    heading = np.stack((2.0 * t, (1.0 - t) * (1.0 + t)), axis=-1) / (1.0 + t * t)[:, None]
+    offsets = points[:, None] - surface
+    ahead = (offsets * heading).sum(axis=-1)
+    beside = offsets[..., 0] * heading[:, 1] - offsets[..., 1] * heading[:, 0]
+    # Two neighbouring rays have the point ahead and between them.
+    passes = ((beside[:, 1:] * beside[:, :-1] <= 0.0) & (ahead[:, 1:] > 0.0)).any(axis=-1)
+    _, shown = pixel_from_point(camera, np.insert(points, 1, 0.0, axis=1))
+    # Points within the resolution of the rays of the mirror or of the rim's ray.
+    is_near = (np.hypot(*np.moveaxis(offsets, -1, 0)) < 1e-4).any(axis=-1)
+    assert (shown == passes)[~is_near].all()
+    assert 0.05 < shown.mean() < 0.95
+
+
 def test_point_on_the_axis_is_the_centre_of_a_ball_and_nowhere_on_a_cone() -> None:
     ball, _, cone = map(make_camera, MIRRORS)
     point = np.array([0.0, 0.0, 2.0])

@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from mpmath import atan, atan2, cos, findroot, mp, mpf, sin, sqrt, tan
 
+from catoptra_protocol.optics.lenses import LENSES
 from stability.references.mirror_exact import AFTER_1, BEFORE_1
-from stability.references.writing import case, refusal, write
+from stability.references.writing import case, float64_case, refusal, write
 
 GROUP = "wide_angle"
 TOLERANCE = {
@@ -53,12 +55,19 @@ def _ocam_angle(rho: Any, polynomial: list[Any]) -> Any:
     return atan2(rho, sum(a * rho**power for power, a in enumerate(polynomial)))
 
 
+def _ocam_start(theta: Any, polynomial: list[Any]) -> float:
+    """Radius nearby: next to the fold no other start leads to the root before it."""
+    lens = LENSES["ocam"](tuple(map(float, polynomial)))  # type: ignore[call-arg] # of OCam
+    return float(lens.radius_ratio_from_t(np.array(min(float(tan(theta / 2)), lens.t_limit))))
+
+
 def _solve(function: Callable[[Any], Any], value: Any, start: float) -> Any:
     """Argument of an increasing function, by the secant method from a float nearby."""
     if value == 0:
         return mpf(0)
-    with mp.workdps(80):
-        return findroot(lambda x: function(x) - value, (mpf(start), mpf(start) * (1 + mpf("1e-6"))))
+    # Derivatives need twice the digits that they have.
+    with mp.workdps(min(max(80, mp.dps), 160)):
+        return findroot(lambda x: function(x) - value, (mpf(start), mpf(start) * (1 - mpf("1e-6"))))
 
 
 KB = {"k1": 0.00348239, "k2": 0.00071503, "k3": -0.00205324, "k4": 0.00020294}
@@ -85,7 +94,7 @@ FORMULAS: dict[str, tuple[Parameters, Radius]] = {
     "ocam": (
         {"polynomial": [209.2008, 0.0, -0.00213742, 4.22036e-6, -1.771461e-8]},
         lambda theta, polynomial: _solve(
-            lambda r: _ocam_angle(r, polynomial), theta, 209.2008 * float(tan(theta / 2)) * 1.5
+            lambda r: _ocam_angle(r, polynomial), theta, _ocam_start(theta, polynomial)
         ),
     ),
     "radial_table": (
@@ -160,6 +169,133 @@ def inverse_rows(lens: str) -> list[dict[str, Any]]:
     return [*rows, *_refusals(lens, parameters, "ratio")]
 
 
+# By which an argument is changed to find what the formula amplifies it by.
+_PART = mpf("1e-30")
+_NANODEGREE_RAD = math.radians(1e-9)
+# Lenses whose formula cancels next to 180 degrees, and radii beyond the square root of 1.8e308.
+NEXT_TO_180: list[tuple[str, Parameters]] = [
+    ("enhanced_unified", {"alpha": 0.5, "beta": 1.1}),
+    ("enhanced_unified", {"alpha": 0.5 - 1e-9, "beta": 0.9}),
+    ("enhanced_unified", {"alpha": 0.5 + 1e-9, "beta": 1.0}),
+    ("double_sphere", {"xi": -0.2, "alpha": 0.5}),
+    ("double_sphere", {"xi": 0.3, "alpha": 0.5 - 1e-9}),
+    ("double_sphere", {"xi": 0.9, "alpha": 0.5 + 1e-9}),
+    ("double_sphere", {"xi": 1.0, "alpha": 0.6}),
+    ("unified", {"xi": 1.0, "k1": 0.0, "k2": 0.0}),
+    ("unified", {"xi": 1.0, "k1": 0.01, "k2": 0.0}),
+    ("unified", {"xi": 1.0 - 1e-9, "k1": 0.0, "k2": 0.0}),
+]
+VAST: list[tuple[str, Parameters]] = [
+    ("unified", {"xi": 0.9, "k1": 0.0, "k2": 0.0}),
+    ("unified", {"xi": 0.5, "k1": 0.01, "k2": 0.0}),
+    ("unified", {"xi": 0.0, "k1": 0.0, "k2": 0.001}),
+    ("enhanced_unified", {"alpha": 0.3, "beta": 1.1}),
+    ("enhanced_unified", {"alpha": 0.0, "beta": 2.0}),
+    ("double_sphere", {"xi": -0.2, "alpha": 0.3}),
+    ("double_sphere", {"xi": 0.2, "alpha": 0.49}),
+]
+
+
+def end_rows(lens: str) -> list[dict[str, Any]]:
+    """Cases next to the ends of the angle and of float64: 1e-12 times the condition."""
+    usual = FORMULAS[lens][0]
+    rows = [*_rows_of_end(lens, usual, "", _NANODEGREE_RAD)]
+    for number, (name, parameters) in enumerate(NEXT_TO_180):
+        if name == lens:
+            for off in (1e-3, 1e-6, 1e-9):
+                where = f" of lens {number} {off:g} deg off"
+                rows += _rows_of_end(lens, parameters, where, math.radians(off))
+    for number, (name, parameters) in enumerate(VAST):
+        if name == lens:
+            rows += [
+                _vast_row(lens, parameters, number, ratio) for ratio in (1.4e154, 2e154, 1e300)
+            ]
+    if lens == "equisolid":
+        row = {"t": 1e300}
+        exact = lambda t: FORMULAS[lens][1](2 * atan(t))  # noqa: E731 # of one line
+        rows.append(float64_case("radius t 1e300", row, exact=exact, tolerance=TOLERANCE))
+    return rows
+
+
+def _rows_of_end(
+    lens: str, parameters: Parameters, where: str, off_rad: float
+) -> list[dict[str, Any]]:
+    """The radius of an angle next to the lens's last one, and the angle of that radius."""
+    formula = FORMULAS[lens][1]
+    made = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+    with mp.workdps(60):
+        theta = min(2 * atan(mpf(LENSES[lens](**made).t_limit)), mp.pi) - mpf(off_rad)
+        t = float(tan(theta / 2))
+
+    def radius(t: Any, **given: Any) -> Any:
+        return formula(2 * atan(t), **given)
+
+    with mp.workdps(60):
+        exact = _exact(parameters)
+        ratio, size = float(radius(mpf(t), **exact)), abs(radius(mpf(t), **exact))
+        by_t = abs(radius(mpf(t) * (1 + _PART), **exact) - size) / _PART / size
+    rows = [
+        float64_case(
+            f"radius at the end{where}",
+            {**parameters, "t": t},
+            exact=radius,
+            tolerance=_conditioned(max(1.0, float(by_t))),
+        )
+    ]
+    # Radii of a fold are no angle's to a digit.
+    if by_t > 1e-9 and not where.endswith("e-09 deg off"):
+        rows.append(_angle_row(lens, parameters, f"angle at the end{where}", ratio, t, by_t))
+    return rows
+
+
+def _angle_row(
+    lens: str, parameters: Parameters, name: str, ratio: float, start: float, by_t: Any
+) -> dict[str, Any]:
+    formula = FORMULAS[lens][1]
+
+    def angle(ratio: Any, **given: Any) -> Any:
+        return _solve(lambda t: formula(2 * atan(t), **given), ratio, start)
+
+    tolerance = _conditioned(max(1.0, float(1 / by_t)))
+    return float64_case(name, {**parameters, "ratio": ratio}, exact=angle, tolerance=tolerance)
+
+
+def _vast_row(lens: str, parameters: Parameters, number: int, ratio: float) -> dict[str, Any]:
+    """The angle of a radius without a square: the limit, which the formula's denominator ends at.
+
+    What the angle is below it has 150 digits less than float64 tells apart.
+    """
+    formula = FORMULAS[lens][1]
+
+    def angle(ratio: Any, **given: Any) -> Any:
+        # The distortion has no part in the angle at which the undistorted radius ends.
+        given |= {key: mpf(0) for key in ("k1", "k2") if key in given}
+
+        def inverse(t: Any) -> Any:
+            try:
+                return 1 / formula(2 * atan(t), **given)
+            except ZeroDivisionError:
+                return mpf(0)
+
+        with mp.workdps(80):
+            return findroot(inverse, start)
+
+    made = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+    limit = LENSES[lens](**made).t_limit
+    start = (mpf(limit) * (1 - mpf("1e-9")), mpf(limit) * (1 - mpf("1e-6")))
+    return float64_case(
+        f"angle {ratio:g} of lens {number}",
+        {**parameters, "ratio": ratio},
+        exact=angle,
+        tolerance=_conditioned(1.0),
+    )
+
+
+def _conditioned(condition: float) -> dict[str, Any]:
+    reason = f"1e-12 times a condition of {condition:.1e}"
+    return {"float64": {"rel": 1e-12 * condition, "reason": reason}}
+
+
 def _exact(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return {
         key: [mpf(x) for x in value] if isinstance(value, list) else mpf(value)
@@ -182,4 +318,4 @@ def _refusals(lens: str, parameters: Parameters, of: str) -> list[dict[str, Any]
 
 if __name__ == "__main__":
     for one in FORMULAS:
-        write(GROUP, one, [*radius_rows(one), *inverse_rows(one)])
+        write(GROUP, one, [*radius_rows(one), *inverse_rows(one), *end_rows(one)])

@@ -7,6 +7,8 @@ from functools import partial
 from typing import Any
 
 from catoptra_client.landmarks import candidates
+from catoptra_client.landmarks.blobs import Viewpoint
+from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from stability.catalogue import Invalid, Subject
@@ -25,8 +27,13 @@ def _valid(answer: tuple[float, bool]) -> float:
 
 
 def _sigma(name: str, range_: float, drop: float, sigma: float) -> Any:
-    function = getattr(candidates, name)
-    return _valid(function(CAMERA, range_m=range_, drop_m=drop, sigma_px=sigma))
+    view = candidates.CylinderView(CAMERA, DEFAULT_CYLINDER, Viewpoint())
+    down, azimuth, _, valid = view.angle_sigmas(0.3, range_m=range_, drop_m=drop, sigma_px=sigma)
+    if name == "range_sigma":
+        place = {"drop_m": drop, "range_m": range_, "sigma_rad": down}
+        along, has_range = candidates.range_sigma_from_angle(**place)
+        return _valid((along, has_range and valid))
+    return _valid((azimuth if name == "azimuth_sigma" else down, valid))
 
 
 SUBJECTS: dict[str, Subject] = {

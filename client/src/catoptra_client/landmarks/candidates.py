@@ -19,8 +19,9 @@ from catoptra_client.landmarks.blobs import Blob, Viewpoint, robot_from_viewpoin
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.derivatives import differentiate_direction
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
-from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,12 +54,12 @@ class PolarMeasurement:
     """Azimuth in the mirror frame, from x towards y."""
     range_sigma_m: float
     azimuth_sigma_rad: float
+    covariance_m_rad: float = 0.0
+    """Covariance of range and azimuth."""
 
 
 # The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
 _HORIZON_SIGMAS = 3.0
-# Of central differences: errors of 1e-10 of the image's scale.
-_STEP_RAD = 1e-5
 
 
 def range_from_half_angle(t: float, *, drop_m: float) -> tuple[float, bool]:
@@ -115,40 +116,19 @@ def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool
     return (t, True) if t < math.inf else (0.0, False)
 
 
-def incidence_angle_sigma(
-    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
-) -> tuple[float, bool]:
-    """Sigma, in radians, of a point's incidence angle from the sigma of the image radius.
-
-    Invalid for a point that the mirror does not reflect.
-    """
-    t, visible = _visible_half_angle(camera, range_m, drop_m)
-    if not visible:
-        return 0.0, False
-    slope_px = camera.scale_px * float(camera.projection.radius_ratio_slope(np.array(t)))
-    return sigma_px / slope_px, True
-
-
-def range_sigma(
-    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
-) -> tuple[float, bool]:
-    """Sigma, in metres, of a level range measured by the depression of a point.
-
-    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Invalid at the horizon, for a point that the
-    mirror does not reflect, and where sigma exceeds float64.
-    """
-    sigma_rad, visible = incidence_angle_sigma(
-        camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px
-    )
-    if not visible:
-        return 0.0, False
-    return range_sigma_from_angle(drop_m=drop_m, range_m=range_m, sigma_rad=sigma_rad)
-
-
 def range_sigma_from_angle(
     *, drop_m: float, range_m: float, sigma_rad: float
 ) -> tuple[float, bool]:
-    """The same from the sigma of the point's angle from the vertical."""
+    """Sigma, in metres, of a level range measured by the depression of a point.
+
+    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Invalid at the horizon, and where sigma exceeds
+    float64.
+
+    Args:
+        drop_m: Height of the viewpoint over the point.
+        range_m: Level range of the point.
+        sigma_rad: Sigma of its angle from the vertical.
+    """
     if drop_m == 0.0:
         return 0.0, False
     # Divided between two products: (drop^2 + r^2) overflows where sigma itself does not.
@@ -157,57 +137,9 @@ def range_sigma_from_angle(
     return (sigma_m, True) if sigma_m < math.inf else (0.0, False)
 
 
-def azimuth_sigma(
-    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
-) -> tuple[float, bool]:
-    """Sigma, in radians, of a point's azimuth: the sigma in the image over the image radius.
-
-    Invalid straight below the viewpoint, where the azimuth is undefined, and for a point that the
-    mirror does not reflect.
-    """
-    t, visible = _visible_half_angle(camera, range_m, drop_m)
-    radius_px = camera.scale_px * float(camera.projection.radius_ratio_from_t(np.array(t)))
-    sigma_rad = sigma_px / radius_px if visible and radius_px > 0.0 else math.inf
-    return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
-
-
-def _turned_sigmas(
-    camera: OmniCamera, direction: Floats, *, robot_from_mirror: Floats, sigma_px: float
-) -> tuple[float, float, bool]:
-    """Sigmas, in radians, of a direction's angle from the robot's vertical and of its azimuth, in
-    an image whose axis is another one.
-
-    By the derivatives of the pixel by both angles. Invalid for a direction that the camera does not
-    show, and for the vertical itself.
-
-    Args:
-        camera: Model of the camera.
-        direction: (3,) unit, in the robot's axes.
-        robot_from_mirror: (3, 3) rotation of the mirror frame on the robot.
-        sigma_px: Sigma of the pixel in either direction.
-    """
-    level = math.hypot(direction[0], direction[1])
-    if level == 0.0:
-        return 0.0, 0.0, False
-    across = np.array((-direction[1], direction[0], 0.0)) / level
-    steps = np.stack((np.cross(across, direction), level * across))
-    moved = np.stack((direction + _STEP_RAD * steps, direction - _STEP_RAD * steps))
-    pixels, visible = pixel_from_direction(camera, moved @ robot_from_mirror)
-    lengths_px = np.linalg.norm(pixels[0] - pixels[1], axis=-1) / (2.0 * _STEP_RAD)
-    if not visible.all() or not (lengths_px > 0.0).all():
-        return 0.0, 0.0, False
-    down, azimuth = (sigma_px / lengths_px).tolist()
-    return down, azimuth, True
-
-
 def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
     """Whether a point's incidence angle is more than three sigma away from the horizon."""
     return math.atan2(abs(drop_m), range_m) > _HORIZON_SIGMAS * sigma_rad
-
-
-def _visible_half_angle(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
-    t, defined = half_angle_from_range(range_m, drop_m=drop_m)
-    return (t, True) if defined and t < camera.projection.t_limit else (0.0, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,31 +164,43 @@ class CylinderView:
         """Wrapped azimuth of a column, which may lie beyond the image width."""
         return wrap_angle(self.cylinder.azimuth_from_column(column))
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def angle_sigmas(
         self, azimuth_rad: float, *, drop_m: float, range_m: float, sigma_px: float
-    ) -> tuple[float, float, bool]:
-        """Sigmas, in radians, of a point's angle from the vertical and of its azimuth.
+    ) -> tuple[float, float, float, bool]:
+        """Sigmas, in radians, of a point's angle from the vertical and of its azimuth, and their
+        correlation.
+
+        By the derivatives of the pixel by both angles. Invalid for a point that the camera does not
+        show, and straight below the viewpoint, where the azimuth is undefined.
 
         Args:
             azimuth_rad: Azimuth of the point.
             drop_m: Height of the viewpoint over the point.
             range_m: Level range of the point.
-            sigma_px: Sigma of the point's pixel.
+            sigma_px: Sigma of the point's pixel in either direction.
 
         Returns:
-            Both sigmas, and whether the camera shows the point.
+            Both sigmas, the correlation, and validity.
         """
-        rotation = self.viewpoint.rotation
-        if rotation is not None:
-            point = (range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), drop_m)
-            direction = np.array(point) / math.hypot(*point)
-            return _turned_sigmas(
-                self.camera, direction, robot_from_mirror=rotation, sigma_px=sigma_px
-            )
-        point_of = {"drop_m": drop_m, "range_m": range_m, "sigma_px": sigma_px}
-        down_rad, is_visible = incidence_angle_sigma(self.camera, **point_of)
-        across_rad, has_azimuth = azimuth_sigma(self.camera, **point_of)
-        return down_rad, across_rad, is_visible and has_azimuth
+        if range_m == 0.0:
+            return 0.0, 0.0, 0.0, False
+        distance_m = math.hypot(range_m, drop_m)
+        level, down = range_m / distance_m, drop_m / distance_m
+        ahead = np.array((math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0))
+        across = np.array((-ahead[1], ahead[0], 0.0))
+        direction, outwards = level * ahead + (0.0, 0.0, down), down * ahead - (0.0, 0.0, level)
+        # Columns: the robot's axes by those of the mirror.
+        axes = np.eye(3) if self.viewpoint.rotation is None else self.viewpoint.rotation
+        found = differentiate_direction(self.camera, direction @ axes)
+        by_angle = found.by_point @ axes.T @ np.stack((outwards, level * across), axis=-1)
+        (a, b), (c, d) = by_angle.tolist()
+        area, by_down, by_azimuth = abs(a * d - b * c), math.hypot(a, c), math.hypot(b, d)
+        if not found.valid or not area > 0.0:
+            return 0.0, 0.0, 0.0, False
+        down_rad, azimuth_rad = sigma_px * (by_azimuth / area), sigma_px * (by_down / area)
+        correlation = -(a / by_down * (b / by_azimuth) + c / by_down * (d / by_azimuth))
+        return down_rad, azimuth_rad, correlation, azimuth_rad < math.inf
 
     def touches_edge(self, blob: Blob) -> bool:
         """Whether a blob touches the upper or lower image edge and may be cut off there."""
@@ -290,7 +234,8 @@ def detection_from_candidate(candidate: Candidate, viewpoint: Viewpoint) -> Dete
     polar = np.array([measurement.range_m, measurement.azimuth_rad])
     range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
     root = jacobian * (measurement.range_sigma_m, measurement.azimuth_sigma_rad)
-    covariance = root @ root.T
+    mixed = measurement.covariance_m_rad * np.outer(jacobian[:, 0], jacobian[:, 1])
+    covariance = root @ root.T + mixed + mixed.T
     if not candidate.has_range:
         range_m, covariance = 0.0, np.array(((0.0, 0.0), (0.0, covariance[1, 1])))
     covariance.setflags(write=False)

@@ -213,7 +213,7 @@ def _make_candidate(
         view.azimuth_from_column(upper.column),
         fraction=fraction,
     )
-    angle_sigma_rad, azimuth_sigma_rad, has_bearing = view.angle_sigmas(
+    angle_sigma_rad, azimuth_sigma_rad, correlation, has_bearing = view.angle_sigmas(
         azimuth, drop_m=drop_m, range_m=front_m, sigma_px=_CENTROID_SIGMA_PX
     )
     range_sigma_m, clear_of_horizon = _axis_range_sigma(
@@ -224,7 +224,10 @@ def _make_candidate(
         and range_sigma_m <= _MAX_RELATIVE_SIGMA * axis_m
         and not view.touches_edge(lower)
     )
-    measurement = PolarMeasurement(axis_m, azimuth, range_sigma_m, azimuth_sigma_rad)
+    # The range is drop tan(angle), whose derivative has the sign of the drop.
+    along_m = angle_sigma_rad * (drop_m + front_m / drop_m * front_m) if has_range else 0.0
+    covariance = correlation * along_m * azimuth_sigma_rad
+    measurement = PolarMeasurement(axis_m, azimuth, range_sigma_m, azimuth_sigma_rad, covariance)
     return Candidate(landmark, (lower, upper), measurement, has_range), has_bearing
 
 

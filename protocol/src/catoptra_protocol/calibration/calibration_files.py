@@ -10,6 +10,7 @@ from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
 from catoptra_protocol.calibration.files import MAX_BYTES, file_error
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
+from catoptra_protocol.calibration.uncertainty import state_model_error
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -50,7 +51,8 @@ def camera_from_file(
     for each in FORMATS:
         if each.is_format(text):
             with reject_overflow(partial(file_error, file, "numbers")):
-                return _turn(each.read(text, file, camera), text, file, picture)
+                found = state_model_error(each.read(text, file, camera), text, file)
+                return _turn(found, text, file, picture)
     names = ", ".join(each.NAME for each in FORMATS)
     raise file_error(file, "format", f"a file of {names}", value=text[:40])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import arctan, arctan2, cos, hypot, sin, tan
+from catoptra_protocol.optics.elementary import arctan, arctan2, hypot, tan
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
@@ -22,6 +22,8 @@ from catoptra_protocol.optics.omni_camera import (
 
 # Bisections of the image radius: 2^-52 of the rim's.
 _BISECTIONS = 52
+# Beside a root a bisection ends 1e-15 of the rim's radius away, seen from 1e-9 m.
+_MAX_TURN_RAD = 1e-6
 # Error of a scene at the near limit, in pixels, by the central approximation.
 CENTRAL_ERROR_PX = 0.25
 _NUM_RINGS = 257
@@ -135,8 +137,10 @@ def pixel_from_point(camera: OmniCamera, point: Floats) -> tuple[Floats, Bools]:
         middle = 0.5 * (low + high)
         is_before = _turn(mirror, middle, rho, height) < 0.0
         low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
-    t = mirror.ray_from_radius_ratio(0.5 * (low + high))[0]
-    t = np.minimum(t, camera.rim_t)
+    middle = 0.5 * (low + high)
+    # From a point behind the mirror the turn jumps where others have their root.
+    inside &= np.abs(_turn(mirror, middle, rho, height)) < _MAX_TURN_RAD
+    t = np.minimum(mirror.ray_from_radius_ratio(middle)[0], camera.rim_t)
     # The direction at infinity with this image radius, in the point's azimuth.
     sine, cosine = 2.0 * t / (1.0 + t * t), (1.0 - t) * (1.0 + t) / (1.0 + t * t)
     across = sine / np.where(rho > 0.0, rho, 1.0)
@@ -172,10 +176,13 @@ def near_limit_m(camera: OmniCamera, error_px: float = CENTRAL_ERROR_PX) -> floa
 
 
 def _turn(mirror: NonCentralMirror, ratio: Floats, rho: Floats, height: Floats) -> Floats:
-    """Sine-like measure of how far a ray has turned past a point: negative below, 0 through it."""
+    """Angle by which a ray has turned past a point, radians: negative below, 0 through it.
+
+    The direction from the mirror to a point before it is never straight down, so its angle has no
+    jump along the mirror, whatever the rim's.
+    """
     t, r, z = mirror.ray_from_radius_ratio(ratio)
-    theta = 2.0 * arctan(t)
-    turned: Floats = (height - z) * sin(theta) - (rho - r) * cos(theta)
+    turned: Floats = 2.0 * arctan(t) - arctan2(rho - r, height - z)
     return turned
 
 

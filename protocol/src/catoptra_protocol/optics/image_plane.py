@@ -221,7 +221,7 @@ def undo_distortion(
         # Points beyond the fold never converge: they must not repeat the steps of all others.
         place, x, y, px, py = place[left], x[left], y[left], px[left], py[left]
         ex, ey = ex[left], ey[left]
-        j11, j12, j22 = _jacobian(projection, plane, px, py)
+        j11, j12, j22 = distortion_jacobian(projection, plane, px, py)
         determinant = j11 * j22 - j12 * j12
         determinant = np.where(np.abs(determinant) > 1e-12, determinant, 1.0)
         px, py = px - (j22 * ex - j12 * ey) / determinant, py - (j11 * ey - j12 * ex) / determinant
@@ -269,11 +269,11 @@ def _jacobian_determinant(
     """Determinant of the distortion's Jacobian at directions."""
     radius = projection.undistorted_ratio_from_t(tan(0.5 * theta))
     x, y = radius * cos(azimuth), radius * sin(azimuth)
-    j11, j12, j22 = _jacobian(projection, plane, x, y)
+    j11, j12, j22 = distortion_jacobian(projection, plane, x, y)
     return j11 * j22 - j12 * j12
 
 
-def _jacobian(
+def distortion_jacobian(
     projection: DistortedProjection, plane: ImagePlane, x: Floats, y: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Entries xx, xy and yy of the distortion's Jacobian, which is symmetric."""

@@ -71,6 +71,8 @@ class OmniCamera:
     """Stretch and decentring of the image plane."""
     is_approximated: bool = False
     """Whether rays of a mirror without a viewpoint are taken to meet in the effective one."""
+    model_error_px: float = 0.0
+    """How far the model may be from the lens that was calibrated; 0 if nothing is stated."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -366,7 +368,8 @@ def _plane_point(
         return du, dv, t, np.ones(t.shape, dtype=np.bool_)
     # The plane's axes are those of the right-handed picture.
     sign = -1.0 if camera.picture is Picture.MIRRORED else 1.0
-    x, y = plane.undo_stretch(sign * du, dv)
+    # Of a single pixel these are NumPy's scalars.
+    x, y = map(np.asarray, plane.undo_stretch(sign * du, dv))
     if not plane.is_decentred:
         t = camera.projection.t_from_radius_ratio(hypot(x, y))
         return sign * x, y, t, np.ones(t.shape, dtype=np.bool_)

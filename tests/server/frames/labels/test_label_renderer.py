@@ -440,7 +440,7 @@ def test_points_near_a_mirror_without_a_viewpoint_have_the_pixels_of_the_exact_r
     rng = np.random.default_rng(5)
     pixels = rng.uniform(8.0, 88.0, (400, 2))
     origins, directions, valid = ray_from_pixel(camera, pixels)
-    points = (origins + rng.uniform(0.15, 0.4, (400, 1)) * directions)[valid]
+    points = (origins + rng.uniform(0.001, 0.4, (400, 1)) * directions)[valid]
     found, shown = project_points(camera, points)
     expected, _ = pixel_from_point(camera, points)
     assert shown.all()

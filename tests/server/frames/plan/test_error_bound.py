@@ -272,6 +272,14 @@ def test_miss_of_an_approximated_viewpoint_counts_where_a_renderer_has_one() -> 
         assert errors.miss_m == pytest.approx(7.5e-3, abs=1e-4)
 
 
+def test_distance_of_the_model_from_the_lens_is_a_part_of_its_own() -> None:
+    plan = plan_from_settings(RenderSettings(), CAMERA, kind=TRACE, reason="test")
+    exact = error_bound(CAMERA, plan)
+    stated = error_bound(replace(CAMERA, model_error_px=0.3), plan)
+    assert stated.numbers_by_name() == exact.numbers_by_name() | {"model_px": 0.3}
+    assert str(stated) == f"{exact}; the model may be 0.3 px from the lens"
+
+
 def make_sampling_error(kind: RendererKind, *, samples: int, face_size_px: int = 0) -> Any:
     settings = RenderSettings(PerPixel(), samples, face_size_px)
     plan = plan_from_settings(settings, CAMERA, kind=kind, reason="test")

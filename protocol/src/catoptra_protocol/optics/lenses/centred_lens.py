@@ -8,8 +8,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.radial_camera import NO_FOLD
 
-# The limit itself is a rounded number.
-_SLACK = 1e-12
+ANGLE_SLACK = 1e-12
+"""Part by which an angle's tangent may be above the limit's, which is a rounded number."""
 
 
 class CentredLens:
@@ -31,7 +31,7 @@ class CentredLens:
 def require_angle(t: npt.NDArray[np.floating], t_limit: float) -> None:
     """Raise DomainError unless every t = tan(theta / 2) is that of an angle within a limit."""
     expected = f"an angle needs 0 <= t = tan(theta / 2) <= {t_limit!r}, the lens's limit"
-    require_domain((t >= 0.0) & (t <= t_limit * (1.0 + _SLACK)), t, expected)
+    require_domain((t >= 0.0) & (t <= t_limit * (1.0 + ANGLE_SLACK)), t, expected)
 
 
 def require_radius(ratio: Floats) -> None:

@@ -15,10 +15,12 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.elementary import hypot, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
+    ANGLE_SLACK,
     CentredLens,
     require_angle,
     require_radius,
 )
+from catoptra_protocol.optics.lenses.enhanced_unified import project_sphere, unproject_sphere
 from catoptra_protocol.optics.numerics import Floats, half_angle_tangent_from_rho_z
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -42,53 +44,61 @@ class DoubleSphereLens(CentredLens):
     @property
     def t_limit(self) -> float:
         """Half-angle tangent at xi + z = -w1 d2, or where 1 + xi z = 0."""
+        antipode = tan(0.5 * math.pi)
+        if self.xi > 1.0:
+            # None for w1: the last angle has 1 + xi z = 0.
+            return min(math.sqrt((self.xi + 1.0) / (self.xi - 1.0)), antipode)
         low, high = sorted((self.alpha, 1.0 - self.alpha))
-        w1 = low / high
-        # (xi + z)^2 = w1^2 (1 + xi^2 + 2 xi z), its solution with xi + z < 0. For xi > 1 none.
-        rest = (1.0 - w1) * (1.0 + w1) * self.xi
-        square = 1.0 - rest * self.xi
-        lowest = -rest - w1 * math.sqrt(square) if self.xi <= 1.0 else -1.0 / self.xi
-        if lowest <= -1.0:
-            return tan(0.5 * math.pi)
-        return math.sqrt((1.0 - lowest) / (1.0 + lowest))
+        # (xi + z)^2 = w1^2 (1 + xi^2 + 2 xi z), its solution with xi + z < 0 and u = 1 - w1^2:
+        # -z = u xi + w1 sqrt(1 - u xi^2), whence (1 + z) (1 - u xi + w1 sqrt) = u (1 - xi)^2.
+        rest = abs(1.0 - 2.0 * self.alpha) / (high * high)
+        root = low / high * math.sqrt(1.0 - rest * self.xi * self.xi)
+        distance = math.sqrt(rest) * (1.0 - self.xi)
+        square = (1.0 + rest * self.xi + root) * (1.0 - rest * self.xi + root)
+        return min(math.sqrt(square) / distance, antipode) if distance > 0.0 else antipode
 
     @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f. Domain: 0 <= t < t_limit."""
-        sine, _, _, denominator = self._terms(t)
+        sine, (denominator, _, _), _ = self.terms(t)
         return sine / denominator
 
     @np.errstate(over="ignore", under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
         require_radius(ratio)
-        squared = np.square(ratio)
-        root = 1.0 - (2.0 * self.alpha - 1.0) * squared
-        inside = (root >= 0.0) & np.isfinite(squared)
-        root, squared = np.where(inside, root, 1.0), np.where(inside, squared, 0.0)
-        z = (1.0 - self.alpha * self.alpha * squared) / (
-            self.alpha * np.sqrt(root) + (1.0 - self.alpha)
-        )
-        sphere = np.square(z) + (1.0 - self.xi * self.xi) * squared
-        inside &= sphere >= 0.0
-        length = z * self.xi + np.sqrt(np.where(inside, sphere, 0.0))
-        length = length / (np.square(z) + squared)
-        rho = np.where(inside, length * ratio, 0.0)
-        t, defined = half_angle_tangent_from_rho_z(rho, np.where(inside, length * z - self.xi, 1.0))
-        return np.where(inside & defined & (t <= self.t_limit), t, math.inf)
+        x, z, inside = unproject_sphere(ratio, self.alpha)
+        size = hypot(x, z)
+        x, z = x / size, z / size
+        squared = (1.0 - self.xi) * (1.0 + self.xi)
+        sphere = np.square(z) + squared * np.square(x)
+        root = np.sqrt(np.maximum(sphere, 0.0))
+        along = self.xi * z
+        # Distance from the second sphere's centre to the first sphere: that which cancels
+        # for along < 0 is a quotient.
+        length = np.where(along < 0.0, squared / (root + np.abs(along)), root + along)
+        inside &= (sphere >= 0.0) & (length >= 0.0)
+        # The offset of a point of the first sphere from its centre is a unit vector.
+        t, defined = half_angle_tangent_from_rho_z(length * x, length * z - self.xi)
+        inside &= defined & (t <= self.t_limit * (1.0 + ANGLE_SLACK))
+        return np.where(inside, np.minimum(t, self.t_limit), math.inf)
 
     @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta). Domain: 0 <= t < t_limit."""
-        _, cosine, d2, denominator = self._terms(t)
-        # (1 + xi cos) ((1 - alpha) + alpha (xi + cos) / d2) / D^2
-        second = (1.0 - self.alpha) + self.alpha * (self.xi + cosine) / d2
-        return (1.0 + self.xi * cosine) * second / np.square(denominator)
+        # (1 + xi cos) ((1 - alpha) d2 + alpha (xi + cos)) / (d2 D^2)
+        _, (denominator, d2, numerator), reach = self.terms(t)
+        return reach * (numerator / d2) / np.square(denominator)
 
-    def _terms(self, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """sin, cos, d2 and the denominator."""
+    def terms(self, t: Floats) -> tuple[Floats, tuple[Floats, Floats, Floats], Floats]:
+        """sin, what `project_sphere` has of (sin, xi + cos), and 1 + xi cos."""
         require_angle(t, self.t_limit)
-        squared = np.square(t)
-        sine, cosine = 2.0 * t / (1.0 + squared), (1.0 - t) * (1.0 + t) / (1.0 + squared)
-        d2 = hypot(sine, self.xi + cosine)
-        return sine, cosine, d2, self.alpha * d2 + (1.0 - self.alpha) * (self.xi + cosine)
+        # cos = 1 - 2 lower = 2 upper - 1: of the two, the one whose terms are not those that
+        # cancel at its end of the axis.
+        upper = 1.0 / (1.0 + np.square(t))
+        sine = 2.0 * t * upper
+        lower, is_low = np.square(t) * upper, t > 1.0
+        height = np.where(is_low, (self.xi - 1.0) + 2.0 * upper, (self.xi + 1.0) - 2.0 * lower)
+        lower, upper = 2.0 * self.xi * lower, 2.0 * self.xi * upper
+        reach = np.where(is_low, (1.0 - self.xi) + upper, (1.0 + self.xi) - lower)
+        return sine, project_sphere(sine, height, self.alpha), reach

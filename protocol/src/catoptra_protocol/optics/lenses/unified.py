@@ -16,8 +16,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
-from catoptra_protocol.optics.elementary import arctan, tan
-from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
+from catoptra_protocol.optics.elementary import arctan, hypot, tan
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
@@ -27,8 +26,9 @@ from catoptra_protocol.optics.numerics import Floats, has_finite_square, require
 from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
-# Where the image radius grows without limit, the table of starts ends this near the limit.
-_NEAR_LIMIT = 1.0 - 1e-9
+# Radii without limit: tangents to 1.6e16, then decades, as far as their powers are finite.
+_NUM_STARTS = 1025
+_FAR = np.array([float(f"1e{power}") for power in range(17, 301)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +80,15 @@ class UnifiedLens(CentredLens):
     def t_from_undistorted_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius m; inf where none has it. Domain: ratio >= 0."""
         require_radius(ratio)
-        root = 1.0 - np.square(ratio) * ((self.xi - 1.0) * (self.xi + 1.0))
-        inside = root >= 0.0
-        t = ratio * (1.0 + self.xi) / (1.0 + np.sqrt(np.where(inside, root, 0.0)))
+        # sqrt(1 - (xi^2 - 1) m^2), of radii whose square may overflow.
+        scaled = math.sqrt(abs(self.xi - 1.0)) * math.sqrt(self.xi + 1.0) * ratio
+        if self.xi > 1.0:
+            inside = scaled <= 1.0
+            within = np.where(inside, scaled, 1.0)
+            root = np.sqrt((1.0 - within) * (1.0 + within))
+        else:
+            inside, root = ratio < math.inf, hypot(1.0, scaled)
+        t = np.where(inside, ratio, 0.0) / (1.0 + root) * (1.0 + self.xi)
         return np.where(inside, t, math.inf)
 
     def distortion_factor(self, squared_ratio: Floats) -> tuple[Floats, Floats]:
@@ -94,8 +100,7 @@ class UnifiedLens(CentredLens):
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / gamma = m (1 + k1 m^2 + k2 m^4). Domain: 0 <= t < limit."""
         require_angle(t, self.t_limit)
-        m = self.undistorted_ratio_from_t(t)
-        return m * self.distortion_factor(np.square(m))[0]
+        return self._distort(self.undistorted_ratio_from_t(t))
 
     @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -104,26 +109,35 @@ class UnifiedLens(CentredLens):
             return self.t_from_undistorted_ratio(ratio)
         require_radius(ratio)
         table = _table(self)
-        theta = solve_increasing(self._radius_from_theta, self._slope_from_theta, ratio, table)
-        return np.where(ratio > table[1][-1], math.inf, half_angle_from_theta(theta))
+        m = solve_increasing(self._distort, self._distortion_slope, ratio, table)
+        t = np.minimum(self.t_from_undistorted_ratio(m), self.t_limit)
+        return np.where(ratio > table[1][-1], math.inf, t)
 
     @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / gamma) / d(theta). Domain: 0 <= t < limit, with a finite square."""
         require_angle(t, self.t_limit)
         m = self.undistorted_ratio_from_t(t)
+        return self.undistorted_slope(t) * self._distortion_slope(m)
+
+    def undistorted_slope(self, t: Floats) -> Floats:
+        """Derivative dm / d(theta) = (1 + xi cos) / (xi + cos)^2. Domain: that of the slope."""
         squared = np.square(t)
-        # dm / dtheta = (1 + xi cos) / (xi + cos)^2
         numerator = ((1.0 + self.xi) + (1.0 - self.xi) * squared) * (1.0 + squared)
-        denominator = np.square((1.0 + self.xi) + (self.xi - 1.0) * squared)
+        denominator: Floats = (1.0 + self.xi) + (self.xi - 1.0) * squared
+        return numerator / np.square(denominator)
+
+    def _distort(self, m: Floats) -> Floats:
+        """Radius of an undistorted one, inf of inf."""
+        if self.k1 == 0.0 and self.k2 == 0.0:
+            return m
+        return m * self.distortion_factor(np.square(m))[0]
+
+    def _distortion_slope(self, m: Floats) -> Floats:
+        """Its derivative."""
         q = np.square(m)
-        return numerator / denominator * (1.0 + q * (3.0 * self.k1 + 5.0 * self.k2 * q))
-
-    def _radius_from_theta(self, theta: Floats) -> Floats:
-        return self.radius_ratio_from_t(tan(0.5 * theta))
-
-    def _slope_from_theta(self, theta: Floats) -> Floats:
-        return self.radius_ratio_slope(tan(0.5 * theta))
+        slope: Floats = 1.0 + q * (3.0 * self.k1 + 5.0 * self.k2 * q)
+        return slope
 
 
 @lru_cache(maxsize=64)
@@ -138,6 +152,13 @@ def _fold_rad(lens: UnifiedLens) -> float:
 
 @lru_cache(maxsize=64)
 def _table(lens: UnifiedLens) -> tuple[Floats, Floats]:
-    last_rad = 2.0 * arctan(lens.t_limit)
-    has_end = lens.xi > 1.0 or not math.isinf(lens.fold_rad)
-    return tabulate(lens._radius_from_theta, 0.0, last_rad if has_end else last_rad * _NEAR_LIMIT)
+    """Undistorted and distorted radii."""
+    if lens.xi > 1.0 or not math.isinf(lens.fold_rad):
+        return tabulate(
+            lens._distort, 0.0, float(lens.undistorted_ratio_from_t(np.array(lens.t_limit)))
+        )
+    m = np.append(tan(np.linspace(0.0, 0.5 * math.pi, _NUM_STARTS)), _FAR)
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = lens._distort(m)
+    is_finite = np.isfinite(values)
+    return m[is_finite], values[is_finite]

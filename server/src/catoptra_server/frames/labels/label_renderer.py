@@ -28,7 +28,7 @@ from catoptra_protocol.labels import (
     LabelledObject,
     parse_channels,
 )
-from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
 from catoptra_protocol.optics.elementary import (
     arcsin,
     arctan,
@@ -226,7 +226,9 @@ def project_points(camera: LabelCamera, in_mirror: Floats) -> tuple[Floats, Bool
     elif camera.is_central:
         pixel, valid = pixel_from_direction(camera, in_mirror)
     else:
-        pixel, valid = pixel_from_direction(camera, _aim_rays(camera, in_mirror))
+        directions, is_aimed = _aim_rays(camera, in_mirror)
+        pixel, valid = pixel_from_direction(camera, directions)
+        pixel[~is_aimed], valid[~is_aimed] = pixel_from_point(camera, in_mirror[~is_aimed])
     size = (camera.width_px, camera.height_px)
     inside = ((pixel >= 0.0) & (pixel < size)).all(axis=-1)
     return pixel, valid & inside
@@ -404,6 +406,8 @@ _DISPLACEMENT_STEPS = 3
 # from a mirror of 3 cm each step leaves a sixth of the error.
 _TABLE_NODES = 4096
 _AIM_STEPS = 9
+# Of the last step: 1e-5 px and less where a step leaves a sixth of an error.
+_AIMED_RAD = 1e-6
 _MIN_PLACE = 1e-300
 
 
@@ -505,25 +509,31 @@ def _image_axes(camera: OmniCamera) -> Floats:
     return np.asarray((offsets / np.linalg.norm(offsets, axis=-1, keepdims=True)).T)
 
 
-def _aim_rays(camera: OmniCamera, in_mirror: Floats) -> Floats:
-    """Directions of the rays that meet (n, 3) points, of a mirror without a viewpoint.
+def _aim_rays(camera: OmniCamera, in_mirror: Floats) -> tuple[Floats, Bools]:
+    """Directions of the rays that meet (n, 3) points, of a mirror without a viewpoint, and where
+    they are found.
 
     A ray's origin depends on its direction: a step for one shortens the error of the other by the
-    origin's change per radian over the point's distance. `pixel_from_point` finds the same root by
-    bisection, of each point alone.
+    origin's change per radian over the point's distance. Next to the mirror steps may miss:
+    `pixel_from_point` finds the same root by bisection, of each point alone.
     """
     table = _tabulate_camera(camera)
     theta, r, z = table.angles_rad, table.origin_r, table.origin_z
     assert r is not None, "a mirror without a viewpoint"
     assert z is not None
     rho, height = hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]
-    angle = arctan2(rho, height)
+    last = angle = arctan2(rho, height)
     for _ in range(_AIM_STEPS):
-        angle = arctan2(
-            rho - interpolate_linear(angle, theta, r), height - interpolate_linear(angle, theta, z)
+        last, angle = (
+            angle,
+            arctan2(
+                rho - interpolate_linear(angle, theta, r),
+                height - interpolate_linear(angle, theta, z),
+            ),
         )
     level = sin(angle) / np.where(rho > 0.0, rho, 1.0)
-    return np.column_stack((in_mirror[:, :2] * level[:, None], cos(angle)))
+    directions = np.column_stack((in_mirror[:, :2] * level[:, None], cos(angle)))
+    return directions, np.abs(angle - last) <= _AIMED_RAD
 
 
 def _displace(source: RaySource, pixel: Floats) -> Floats:

@@ -89,6 +89,8 @@ class ErrorBound:
     components: tuple[_ErrorComponent, ...]
     """Components of the geometric error."""
     rim_radius_px: float
+    model_px: float = 0.0
+    """How far the model may be from the calibrated lens, which no plan changes; 0: not stated."""
 
     @property
     def outline_error_px(self) -> float:
@@ -132,6 +134,8 @@ class ErrorBound:
             numbers["texels_per_px_min"] = footprint.min_texels_per_px
             numbers["texels_per_px_median"] = footprint.median_texels_per_px
             numbers["texels_per_px_max"] = footprint.max_texels_per_px
+        if self.model_px > 0.0:
+            numbers["model_px"] = self.model_px
         return numbers | {f"{part.name}_px": part.max_px for part in self.components}
 
     @property
@@ -154,6 +158,8 @@ class ErrorBound:
             f"by {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
             f"{geometric.rms_px:.2g} px rms"
         )
+        if self.model_px > 0.0:
+            text += f"; the model may be {self.model_px:.2g} px from the lens"
         if footprint is None:
             return text
         density = f"{footprint.min_texels_per_px:.2g} to {footprint.max_texels_per_px:.2g}"
@@ -232,6 +238,7 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
         ),
         named,
         camera.rim_radius_px,
+        camera.model_error_px,
     )
 
 
