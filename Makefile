@@ -115,11 +115,11 @@ format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
 
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
-	$(BIN)/python tests/cost/bench.py
-	$(BIN)/python tests/cost/latency.py
 	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)
-	PYTHONPATH=tests $(BIN)/python -m cost.trace_speed
-	-PYTHONPATH=tests $(BIN)/python -m cost.serving
+	@missed=; for table in bench latency trace_speed; do \
+	  PYTHONPATH=tests $(BIN)/python -m cost.$$table || missed="$$missed $$table"; done; \
+	PYTHONPATH=tests $(BIN)/python -m cost.serving; \
+	test -z "$$missed" || { echo "bars missed or failed:$$missed"; exit 1; }
 
 # The report and tables that the repository has change with UPDATE=yes alone: they are those of one
 # machine, which they name.
