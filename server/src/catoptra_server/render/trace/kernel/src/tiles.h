@@ -22,7 +22,8 @@ typedef struct {
     const BvhNode *entry; /* where searches of the static scene begin; NULL: at its root */
 } TileContent;
 
-#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL, NULL, NULL})
+#define UNKNOWN_CONTENT \
+    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL, NULL, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
