@@ -1,8 +1,8 @@
 """The paper's geometry by `cv2.omnidir.calibrate`, from chessboards that the server draws.
 
 OpenCV finds the corners itself. A hyperbolic mirror is the unified model of xi = s / (k - 1) and
-gamma = f / (k - 1), with s = sqrt(k (k - 2)); the paper's Eq. 2 is that of xi = 1, which the judge
-must tell apart. Skew and distortion are fixed at 0: a mirror has none.
+gamma = f / (k - 1), with s = sqrt(k (k - 2)); the paper's Eq. 2 is that of xi = 1, outside
+the bound. Skew and distortion are fixed at 0: a mirror has none.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
 from helpers.rendered_boards import (
@@ -36,70 +35,46 @@ _SIDE_PX = 1024
 
 def paper_camera() -> OmniCamera:
     """The paper's mirror in an image of 1024 px, right-handed as OpenCV's."""
-    return _camera(PAPER_MIRROR)
-
-
-def eq2_camera() -> OmniCamera:
-    """A mirror for which the paper's Eq. 2 is exact."""
-    return _camera(ParabolicMirror(0.025))
-
-
-def _camera(mirror: HyperbolicMirror | ParabolicMirror) -> OmniCamera:
     return camera_with_inscribed_rim(
-        mirror, width_px=_SIDE_PX, height_px=_SIDE_PX, rim_rad=math.radians(120.0),
+        PAPER_MIRROR, width_px=_SIDE_PX, height_px=_SIDE_PX, rim_rad=math.radians(120.0),
         picture=Picture.FLIPPED,
     )  # fmt: skip
 
 
 def calibrate(camera: OmniCamera) -> tuple[float, float, tuple[float, float], float, int]:
     """xi, gamma, centre (pixel centres at +0.5), rms and number of boards, by OpenCV alone."""
-    corners = [found for start in range(0, NUM_BOARDS, 4) for found in _find_boards(camera, start)]
+    cells = chessboard_cells(_COLUMNS, _ROWS)
+    rng = np.random.default_rng(3)
+    corners = []
+    for number in range(NUM_BOARDS):
+        tilt = rng.uniform(-0.4, 0.4, 3)
+        facing = place_board(rng.uniform(30.0, 95.0), 360.0 * number / NUM_BOARDS,
+                             rng.uniform(0.28, 0.42), tilt_rpy=tilt.tolist())  # fmt: skip
+        items = board_items("board", cells, _CELL_M, centre_board(facing, cells, _CELL_M))
+        grey = cv2.cvtColor(render_boards(camera, items, samples=4), cv2.COLOR_RGB2GRAY)
+        flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
+        found, place = cv2.findChessboardCornersSB(grey, (_COLUMNS, _ROWS), flags=flags)
+        if found:
+            corners.append(place.reshape(-1, 1, 2).astype(np.float64))
     grid = np.zeros((_COLUMNS * _ROWS, 1, 3))
     grid[:, 0, :2] = _CELL_M * np.mgrid[:_COLUMNS, :_ROWS].T.reshape(-1, 2)
     flags = (cv2.omnidir.CALIB_FIX_SKEW + cv2.omnidir.CALIB_FIX_K1 + cv2.omnidir.CALIB_FIX_K2
              + cv2.omnidir.CALIB_FIX_P1 + cv2.omnidir.CALIB_FIX_P2)  # fmt: skip
     steps = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-9)
     rms, matrix, xi, *_ = cv2.omnidir.calibrate(
-        [grid] * len(corners), corners, (_SIDE_PX, _SIDE_PX), None, None, None, flags, steps
+        [grid] * len(corners), corners, grey.shape[::-1], None, None, None, flags, steps
     )
     gamma = 0.5 * (matrix[0, 0] + matrix[1, 1])
     centre = (float(matrix[0, 2]) + 0.5, float(matrix[1, 2]) + 0.5)
     return float(np.ravel(xi)[0]), float(gamma), centre, float(rms), len(corners)
 
 
-def _find_boards(camera: OmniCamera, start: int) -> Iterator[Floats]:
-    """(35, 1, 2) corners of the boards that OpenCV finds in a picture with four around the camera.
-
-    It looks for one board at a time: the other quarters of the picture are painted grey.
-    """
-    cells, rng = chessboard_cells(_COLUMNS, _ROWS), np.random.default_rng(start)
-    azimuths_deg = [90.0 * quarter + 3.75 * start for quarter in range(4)]
-    items = []
-    for azimuth_deg in azimuths_deg:
-        tilt = rng.uniform(-0.4, 0.4, 3).tolist()
-        facing = place_board(
-            rng.uniform(45.0, 95.0), azimuth_deg, rng.uniform(0.34, 0.45), tilt_rpy=tilt
-        )
-        items += board_items("board", cells, _CELL_M, centre_board(facing, cells, _CELL_M))
-    grey = cv2.cvtColor(render_boards(camera, items, samples=4), cv2.COLOR_RGB2GRAY)
-    v, u = np.mgrid[:_SIDE_PX, :_SIDE_PX] + 0.5 - 0.5 * _SIDE_PX
-    for azimuth_deg in azimuths_deg:
-        aside_deg = np.degrees(np.arctan2(u, -v)) - azimuth_deg
-        is_near = np.abs((aside_deg + 180.0) % 360.0 - 180.0) < 45.0
-        masked = np.where(is_near, grey, grey[0, 0])
-        found, place = cv2.findChessboardCornersSB(
-            masked, (_COLUMNS, _ROWS), flags=cv2.CALIB_CB_ACCURACY
-        )
-        if found:
-            yield place.reshape(-1, 1, 2).astype(np.float64)
-
-
-def compare_calibration(drawn: OmniCamera | None = None) -> Iterator[Finding]:
-    """Compare the calibration of pictures of `drawn`, or the paper's camera, with the paper's."""
+def compare_calibration() -> Iterator[Finding]:
+    """Compare the calibration of pictures of the paper's camera with the paper's constants."""
     camera = paper_camera()
     k = PAPER_MIRROR.k
     s = math.sqrt(k * (k - 2.0))
-    xi, gamma, centre, rms, boards = calibrate(drawn or camera)
+    xi, gamma, centre, rms, boards = calibrate(camera)
     authority = version_of("opencv-contrib-python-headless") + ", cv2.omnidir.calibrate"
     note, error = f"{boards} of {NUM_BOARDS} boards found", f"rms {rms:.3f} px of the corners"
     row = Finding("", authority, 0.0, 0.0, 0.0, "", boards * _COLUMNS * _ROWS, error, note)

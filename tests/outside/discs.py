@@ -45,7 +45,7 @@ _UNITS_PER_M = 1000.0
 # Diameters in the image: areas of 5, 13 and 50 px^2.
 _DIAMETERS_PX = (2.6, 4.0, 8.0)
 _NEAR_MM = 1.0
-_IN_HUB = ", within 8 degrees"
+_IN_HUB = ", innermost 8 degrees"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,9 +287,11 @@ def _judge(
     apart, areas = ours.mean - theirs.mean, theirs.areas
     theta = np.array([disc.theta_rad for disc in discs])
     distances = np.array([np.linalg.norm(disc.centre) for disc in discs])
-    counted = (areas >= MIN_AREA_PX) & (theta >= HUB_RAD)
+    # A cone's image begins at the angle of its apex.
+    hub_rad = 2.0 * math.atan(case.camera.projection.t_min) + HUB_RAD
+    counted = (areas >= MIN_AREA_PX) & (theta >= hub_rad)
     rows = [(f" at {m:g} m", counted & (np.abs(distances - m) < 1e-9)) for m in DISTANCES_M]
-    for name, chosen in (*rows, (_IN_HUB, theta < HUB_RAD)):
+    for name, chosen in (*rows, (_IN_HUB, theta < hub_rad)):
         if chosen.any():
             errors = [float(np.median(c.standard_errors[chosen])) for c in (theirs, ours)]
             error = f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}"
