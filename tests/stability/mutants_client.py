@@ -96,12 +96,6 @@ def innovation_without_wrap(
     return np.array(off), expected.jacobian, measured.covariance
 
 
-def half_angle_by_acos(range_m: float, *, drop_m: float) -> tuple[float, bool]:
-    if not range_m >= 0.0:
-        return 0.0, False
-    return math.tan(0.5 * math.acos(drop_m / math.hypot(range_m, drop_m))), True
-
-
 def range_by_tangent(t: float, *, drop_m: float) -> tuple[float, bool]:
     range_m = drop_m * math.tan(2.0 * math.atan(t))
     return range_m, range_m >= 0.0
@@ -271,12 +265,6 @@ MUTATIONS: list[Mutation] = [
     ),
     Mutation(
         "residual not wrapped", "ekf", _FILTER + "ekf.compute_innovation", innovation_without_wrap
-    ),
-    Mutation(
-        "theta by acos",
-        "ranging",
-        _LANDMARKS + "candidates.half_angle_from_range",
-        half_angle_by_acos,
     ),
     Mutation(
         "H tan(theta)", "ranging", _LANDMARKS + "candidates.range_from_half_angle", range_by_tangent

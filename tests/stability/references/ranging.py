@@ -94,19 +94,6 @@ def main() -> None:
         for n, (t, d) in NO_RANGE.items()
     ]
     write("ranging", "range_from_half_angle", rows)
-    rows = [
-        case(n, {"range_": r, "drop": d}, exact=half_angle, tolerance=near)
-        for n, (r, d) in {**PLACES, "straight below": (0.0, 0.6)}.items()
-    ]
-    rows += [
-        refusal(n, {"range_": r, "drop": d}, expect="invalid", which="")
-        for n, (r, d) in {"the viewpoint": (0.0, 0.0), "straight above": (0.0, -0.6)}.items()
-    ]
-    rows += [
-        refusal(n, {"range_": r, "drop": 0.6}, expect="error", which="a range is not negative")
-        for n, r in {"negative": -1.0, "not a number": math.nan}.items()
-    ]
-    write("ranging", "half_angle", rows)
     _write_sigmas(near)
 
 

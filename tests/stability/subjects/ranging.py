@@ -40,8 +40,5 @@ SUBJECTS: dict[str, Subject] = {
     "range_from_half_angle": lambda t, drop: _valid(
         candidates.range_from_half_angle(t, drop_m=drop)
     ),
-    "half_angle": lambda range_, drop: _valid(
-        candidates.half_angle_from_range(range_, drop_m=drop)
-    ),
     **{n: partial(_sigma, n) for n in ("incidence_angle_sigma", "range_sigma", "azimuth_sigma")},
 }

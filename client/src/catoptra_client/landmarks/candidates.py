@@ -93,29 +93,6 @@ def range_from_slope(slope: float, *, drop_m: float) -> tuple[float, bool]:
     return (range_m, True) if range_m < math.inf else (0.0, False)
 
 
-def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool]:
-    """t = tan(theta / 2) of a point at a level range, and whether t is finite.
-
-    Invalid for the viewpoint itself, straight above the viewpoint, and where t exceeds float64.
-
-    Raises:
-        DomainError: the range is negative or the drop not finite.
-    """
-    if not (range_m >= 0.0 and math.isfinite(drop_m)):
-        raise DomainError(f"a range is not negative, a drop finite: {range_m!r}, {drop_m!r}")
-    # Scaled, so that neither the squares nor the sum of distance and drop overflow.
-    scale = max(range_m, abs(drop_m))
-    if scale == 0.0 or scale == math.inf or (range_m == 0.0 and drop_m < 0.0):
-        return 0.0, False
-    reach, drop = range_m / scale, drop_m / scale
-    distance = math.hypot(reach, drop)
-    # One form for each side of the horizon, so that the sum never cancels.
-    if drop >= 0.0:
-        return reach / (distance + drop), True
-    t = (distance - drop) / reach if reach else math.inf
-    return (t, True) if t < math.inf else (0.0, False)
-
-
 def range_sigma_from_angle(
     *, drop_m: float, range_m: float, sigma_rad: float
 ) -> tuple[float, bool]:
