@@ -91,7 +91,8 @@ def draw_pair(
         omni.camera.mirror, width_px=width_px, height_px=width_px, rim_rad=omni.camera.rim_rad
     )
     named = tuple(_expose(one, factor, max_gain) for one in omni.effects.settings)
-    by_criteria = replace(omni.effects, settings=named)
+    # What is left out is to be invisible, wherever it is.
+    by_criteria = replace(omni.effects, settings=named, max_change=0.5, visible_share=0.0)
     start = startup.world.starts[0] if startup.world.starts else None
     pose = PlanarPose(*start.location_m[:2], start.rotation_rad[2]) if start else None
     state = build_camera_state(robot, omni, pose or PlanarPose(0.0, 0.0, 0.0), velocity)

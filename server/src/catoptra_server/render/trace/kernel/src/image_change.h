@@ -129,17 +129,22 @@ static inline void measure_cell(Pass *pass, const Cell *cell, ChangeMeasure *mea
         measure_versions(pass->stage, measure, versions, cell);
 }
 
+static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *cell) {
+    raise_largest(measure, bound);
+    count_visible(measure, bound > VISIBLE_LEVELS ? cell->rows * cell->columns : 0);
+}
+
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
  * of a range. */
-static inline int is_plain(Pass *pass, CellRange range, float fraction) {
+static inline int is_plain(Pass *pass, const Cell *cell, CellRange range, float fraction) {
     const ImageStage *stage = pass->stage;
     if (range.low == range.high)
         return 1;
     float bound = bound_change(stage, range.low, fraction * (range.high - range.low));
     if (stage->limits.max_change < 0.0f || bound > stage->limits.plain_change)
         return 0;
-    raise_largest(&pass->change, bound);
-    raise_largest(&pass->other_change, bound);
+    note_plain(&pass->change, bound, cell);
+    note_plain(&pass->other_change, bound, cell);
     return 1;
 }
 

@@ -25,7 +25,8 @@ float level_change(const Frame *frame, float one, float other) {
 
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
     int is_shadow = measure == &state->measures->shadow;
-    return VISIBLE_LEVELS - (is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f);
+    float unseen = is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f;
+    return unseen < VISIBLE_LEVELS ? VISIBLE_LEVELS - unseen : 0.0f;
 }
 
 float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
