@@ -151,7 +151,7 @@ def test_stage_counts_the_pixels_that_change_visibly(
         found = changer.change(exposed, (effect,), {name: allowed}).changes
         expected = measure_change(image, everywhere)
         one = found["Defocus" if name == "DefocusByDepth" else name]
-        # Once an effect is on, the rest is not counted. Changes are known to a hundredth of a level.
+        # Once an effect is on, the rest is not counted. Changes are within 0.01.
         share = expected.visible_share if allowed.covers(one) else 1.0
         # Cells that stay plain by a bound above half a level count as a whole.
         if expected.largest > 0.5 and allowed.max_change != 8.0:
