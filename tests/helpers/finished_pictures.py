@@ -155,7 +155,8 @@ def _open_camera(
         omni.camera.mirror, width_px=width_px, height_px=width_px, rim_rad=omni.camera.rim_rad
     )
     named = tuple(_expose(one, exposed, max_gain) for one in omni.effects.settings)
-    by_criteria = replace(omni.effects, settings=named)
+    # What is left out is to be invisible, wherever it is.
+    by_criteria = replace(omni.effects, settings=named, max_change=0.5, visible_share=0.0)
     choice = choose_renderer(
         renderer, startup.scene, dimmed, threads=2, gains=widest_gains((by_criteria,))
     )

@@ -19,7 +19,7 @@ import argparse
 import math
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -252,20 +252,34 @@ def report(results: Sequence[FrameResult], folder: Path) -> None:
             f"| {change} | {share} | {off[0]:.1f} | {missed[0]:.2f} ± {missed[1]:.2f} | "
             f"{bearing[0]:.4f} ± {bearing[1]:.4f} | {ssim[0]:.4f} | {min(found['least']):.4f} |"
         )
-    with plot_style.open_chart(folder / "visible-effects.png", figsize=(7.6, 2.5)) as chart:
-        panels = chart.subplots(1, 3)
-        texts = "beacons missed, %", "bearing error, degrees", "least SSIM against everything on"
-        for axes, name, text in zip(panels, ("missed", "bearing", "least"), texts, strict=True):
+    draw_figure(by_rule, folder / "visible-effects.png")
+
+
+PANELS = {
+    "off": "effects left out",
+    "missed": "beacons missed, %",
+    "bearing": "bearing error, degrees",
+    "least": "least SSIM",
+}
+
+
+def draw_figure(by_rule: Mapping[Rule | None, dict[str, list[float]]], path: Path) -> None:
+    """Draw each quantity against both numbers; grey: interval with everything on."""
+    with plot_style.open_chart(path, figsize=(7.6, 4.4)) as chart:
+        panels = chart.subplots(2, 2).ravel()
+        for axes, (name, text) in zip(panels, PANELS.items(), strict=True):
             mean, half = mean_with_interval(by_rule[None][name])
-            axes.axhspan(mean - half, mean + half, color=plot_style.LIGHT_GREY)
+            if name in ("missed", "bearing"):
+                axes.axhspan(mean - half, mean + half, color=plot_style.LIGHT_GREY)
             for share, colour in zip(SHARES, COLOURS, strict=True):
                 values = [by_rule[change, share][name] for change in MAX_CHANGES]
-                worst = [min(v) if name == "least" else statistics.fmean(v) for v in values]
-                label = f"VisibleShare {share:g}" if name == "missed" else None
-                axes.plot(MAX_CHANGES, worst, color=colour, marker="o", markersize=3, label=label)
+                shown = [min(v) if name == "least" else statistics.fmean(v) for v in values]
+                label = f"VisibleShare {share:g}" if name == "off" else None
+                axes.plot(MAX_CHANGES, shown, color=colour, marker="o", markersize=3, label=label)
             axes.set_xscale("log", base=2)
             axes.set_xticks(MAX_CHANGES, [f"{change:g}" for change in MAX_CHANGES])
             axes.set(xlabel="MaxChange, levels", ylabel=text)
+        panels[1].set_ylim(-0.2, 5.0)
         plot_style.add_legend(chart, panels[0], loc="outside lower center", ncols=len(SHARES))
 
 

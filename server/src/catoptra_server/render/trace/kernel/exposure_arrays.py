@@ -115,7 +115,9 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
 
 def change_limits(threshold: Threshold, num_pixels: int) -> ChangeLimits:
     """Change of an image of some pixels that nobody misses."""
-    max_visible = int(threshold.visible_share * num_pixels)
+    # What counts some pixels twice decides nothing where all of them may change.
+    share = threshold.visible_share
+    max_visible = int(share * num_pixels) if share < 1.0 else 2**31 - 1
     return ChangeLimits(threshold.max_change, threshold.plain_change, max_visible)
 
 

@@ -27,7 +27,7 @@
 
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
-    int is_active, is_changed;
+    int is_wanted, is_active, is_changed;
     uint32_t shadowed; /* pixels whose shadows are visible at some instant */
     float ends[3][TILE_PX * TILE_PX];   /* of the first and the last instant */
     float inner[3][TILE_PX * TILE_PX];  /* of all between, the sharp frame's included */
@@ -310,12 +310,13 @@ static void write_units(const BlurTile *blur) {
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
             count_visible(&state->measures->shadow, one->shadowed >> pixel & 1);
             float sharp[3];
-            for (int channel = 0; one->is_changed && channel < 3; channel++) {
+            for (int channel = 0; one->is_wanted && channel < 3; channel++) {
                 sharp[channel] = sharp_mean(blur, unit, channel, pixel);
-                sums.sum[channel][blur->order->pixel[unit][pixel]] =
-                    samples * one->mean[channel][pixel];
+                if (one->is_changed)
+                    sums.sum[channel][blur->order->pixel[unit][pixel]] =
+                        samples * one->mean[channel][pixel];
             }
-            if (one->is_changed)
+            if (one->is_wanted)
                 note_change(state, &state->measures->blur, 1, get_lane(one->mean, pixel),
                             vec3(sharp));
         }
@@ -391,7 +392,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
         Unit *one = &blur.units[unit];
         one->is_changed = 0;
         one->shadowed = 0;
-        one->is_active = is_unit_wanted(state, state->plan->masks[number], unit);
+        one->is_wanted = one->is_active = is_unit_wanted(state, state->plan->masks[number], unit);
         is_any |= one->is_active;
         if (one->is_active)
             begin_unit(&blur, unit);

@@ -19,7 +19,7 @@
 /* Displacement between two instants. */
 #define MAX_STEP_PX 2.0f
 /* Levels of dilation: by 1, 2, 4 ... cells or tiles. */
-enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2 };
+enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2, CELL_PIXELS = 4 };
 
 static size_t count_tiles(const View *view) {
     return (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
@@ -346,10 +346,16 @@ static float find_contrast(const FrameState *state, const uint8_t *cells, int ro
     return contrast;
 }
 
-static int is_visible(const Frame *frame, float contrast, float displacement) {
-    return displacement >= MIN_DISPLACEMENT_PX &&
-           (frame->blur_threshold < 0.0f ||
-            contrast * fminf(1.0f, displacement) > frame->blur_threshold);
+/* Whether motion changes a cell by more than what may be left out, which counts all the same. */
+static int is_visible(const FrameState *state, float contrast, float displacement) {
+    float bound = contrast * fminf(1.0f, displacement);
+    if (displacement < MIN_DISPLACEMENT_PX)
+        return 0;
+    if (bound > state->frame->blur_threshold)
+        return 1;
+    raise_largest(&state->measures->blur, bound);
+    count_visible(&state->measures->blur, bound > VISIBLE_LEVELS ? CELL_PIXELS : 0);
+    return 0;
 }
 
 /* Least number of instants: nothing may pass a pixel unseen between two of them. */
@@ -377,7 +383,7 @@ static void want_cell(const FrameState *state, int row, int column, int cell, in
 static void note_rolling(const FrameState *state, float contrast, float displacement) {
     float change = displacement >= MIN_DISPLACEMENT_PX ? fminf(255.0f, contrast) : 0.0f;
     raise_largest(&state->plan->rolling, change);
-    count_visible(&state->plan->rolling, change > VISIBLE_LEVELS ? TILE_PX * TILE_PX / (CELLS * CELLS) : 0);
+    count_visible(&state->plan->rolling, change > VISIBLE_LEVELS ? CELL_PIXELS : 0);
 }
 
 /* One decision for all tiles whose motion reaches as far as one level of dilation. */
@@ -398,7 +404,7 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
             float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
             for (int cell = 0; cell < CELLS * CELLS; cell++) {
                 float contrast = find_contrast(state, cells, row, column, cell);
-                if (is_blurred && is_visible(state->frame, contrast, displacements[at]))
+                if (is_blurred && is_visible(state, contrast, displacements[at]))
                     want_cell(state, row, column, cell,
                               count_instants(state->frame, displacements[at]));
                 if (is_rolled)

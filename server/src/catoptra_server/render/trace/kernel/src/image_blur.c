@@ -289,7 +289,7 @@ void blur(Pass *pass, const Cell *cell) {
     }
     int reach = kernels.reach > kernels.far_reach ? kernels.reach : kernels.far_reach;
     CellRange range = find_range_around(pass, cell, reach);
-    if (is_plain(pass, range, kernels.exchange)) {
+    if (is_plain(pass, cell, range, kernels.exchange)) {
         copy_cell(pass, cell);
         return;
     }

@@ -129,8 +129,9 @@ static inline void measure_versions(const ImageStage *stage, ChangeMeasure *meas
     int pixels = 0;
     for (int x = 0; x < CELL_COLUMNS; x++)
         pixels += visible[x];
-    /* What spills may change any pixel. */
-    count_visible(measure, spilt > VISIBLE_LEVELS ? stage->limits.max_visible + 1 : pixels);
+    count_visible(measure, pixels);
+    if (spilt > VISIBLE_LEVELS)
+        atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
 }
 
 /* A cell of both images of a pass. */
@@ -149,9 +150,14 @@ static inline void measure_cell(Pass *pass, const Cell *cell, ChangeMeasure *mea
         measure_versions(pass->stage, measure, versions, cell);
 }
 
+static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *cell) {
+    raise_largest(measure, bound);
+    count_visible(measure, bound > VISIBLE_LEVELS ? cell->rows * cell->columns : 0);
+}
+
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
  * of a range. */
-static inline int is_plain(Pass *pass, CellRange range, float fraction) {
+static inline int is_plain(Pass *pass, const Cell *cell, CellRange range, float fraction) {
     const ImageStage *stage = pass->stage;
     if (range.low == range.high)
         return 1;
@@ -159,8 +165,8 @@ static inline int is_plain(Pass *pass, CellRange range, float fraction) {
     float bound = bound_change(stage, light);
     if (stage->limits.max_change < 0.0f || bound > stage->limits.plain_change)
         return 0;
-    raise_largest(&pass->change, bound);
-    raise_largest(&pass->other_change, bound);
+    note_plain(&pass->change, bound, cell);
+    note_plain(&pass->other_change, bound, cell);
     return 1;
 }
 

@@ -49,7 +49,7 @@ static float exchange_of_shift(float d) { return d < 1.0f ? 1.0f - (1.0f - d) * 
 
 static int is_shift_plain(Pass *pass, const Cell *cell, float reach) {
     CellRange range = find_range_around(pass, cell, (int)reach + 1);
-    return is_plain(pass, range, exchange_of_shift(reach));
+    return is_plain(pass, cell, range, exchange_of_shift(reach));
 }
 
 void warp(Pass *pass, const Cell *cell) {

@@ -31,7 +31,8 @@ float level_change(const Frame *frame, float one, float other) {
 
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
     int is_shadow = measure == &state->measures->shadow;
-    return VISIBLE_LEVELS - (is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f);
+    float unseen = is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f;
+    return unseen < VISIBLE_LEVELS ? VISIBLE_LEVELS - unseen : 0.0f;
 }
 
 float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
@@ -43,7 +44,12 @@ void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Ve
                  Vec3 other) {
     float change = colour_change(state->frame, one, other);
     raise_largest(measure, change);
-    count_visible(measure, change > unseen_levels(state, measure) ? pixels : 0);
+    if (change <= unseen_levels(state, measure))
+        return;
+    count_visible(measure, pixels);
+    float brightest = fmaxf(fmaxf(fmaxf(one.x, other.x), fmaxf(one.y, other.y)), fmaxf(one.z, other.z));
+    if (spilt_levels(state->frame, brightest, brightest) > VISIBLE_LEVELS)
+        atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
 }
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference

@@ -19,6 +19,7 @@
 typedef struct {
     _Atomic uint32_t largest; /* bits of a float of 0 or more, which sort as the float does */
     atomic_int num_visible;
+    atomic_int spills; /* visibly, into any pixel */
 } ChangeMeasure;
 
 static inline float read_largest(const ChangeMeasure *measure) {
@@ -49,7 +50,8 @@ static inline void count_visible(ChangeMeasure *measure, int pixels) {
 /* The result for a picture of some pixels: all of them where counting ended. */
 static inline PixelChange conclude_change(const ChangeMeasure *measure, const ChangeLimits *limits,
                                           int pixels) {
-    int visible = is_counted(measure, limits) ? atomic_load(&measure->num_visible) : pixels;
+    int is_known = is_counted(measure, limits) && !atomic_load(&measure->spills);
+    int visible = is_known ? atomic_load(&measure->num_visible) : pixels;
     return (PixelChange){read_largest(measure), visible < pixels ? visible : pixels};
 }
 
