@@ -8,8 +8,8 @@
 #include "fog.h"
 #include "measures.h"
 #include "occlusion.h"
-#include "plane_light.h"
 #include "pixels.h"
+#include "plane_light.h"
 
 #include <math.h>
 #include <string.h>

@@ -21,8 +21,6 @@
 /* Square of a step between two times, relative to the distance of a lamp: its light, at most
  * 12 times as curved as such steps are long, deviates from a chord by less than 0.5 %. */
 #define MAX_EVEN_STEP 0.005f
-/* That of direct_light.c. */
-#define MIN_SQUARED_DISTANCE 1e-6f
 
 typedef Floats16 Floats;
 typedef Ints16 Masks; /* 0 or -1; or bits */

@@ -67,8 +67,8 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
 /* The triangles as a list to be moved to instants of that exposure; 0 if there are too many. */
 int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *list);
 
-/* Corners of a part of the plane that fills a tile which holds all that the exposure shows; 0 if some
- * ray does not meet it. */
+/* Corners of a part of the plane that fills a tile: it holds all that the exposure shows. 0 if some
+ * ray does not meet the plane. */
 int enclose_moving_plane(const FrameState *state, int tile, int32_t triangle, Vec3 corners[4]);
 
 /* Add the mean radiance over the exposure, as sensed, of a block of directions in the mirror frame

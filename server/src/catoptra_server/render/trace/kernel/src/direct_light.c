@@ -16,8 +16,6 @@
  * positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few times that.
  * 40 um at 10 m. */
 #define SHADOW_BIAS 0x1p-18f
-/* A lamp and a point of a surface may coincide: the irradiance there is that of a millimetre. */
-#define MIN_SQUARED_DISTANCE 1e-6f
 #define UNLIMITED INFINITY
 
 /* The steepest part of the sRGB curve, and the factor of x^(-7/12) in the slope of the rest. */

@@ -14,6 +14,9 @@
 
 #include "frame_state.h"
 
+/* A lamp and a point of a surface may coincide: the irradiance there is that of a millimetre. */
+#define MIN_SQUARED_DISTANCE 1e-6f
+
 /* What is known of a light at a point: nothing; nothing occludes it; the static scene occludes it;
  * nothing but dynamic objects can occlude it. */
 enum { LIGHT_UNKNOWN, LIGHT_SEEN, LIGHT_HIDDEN, LIGHT_BEHIND_OBJECTS };

@@ -18,6 +18,7 @@ Vec3 table_entry(const FrameState *state, int object, int triangle);
  * NULL, or what is known of some of several; `lost` may be NULL, and its rays are set before.
  * `is_open`: nothing hides the sky from any hit. */
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 const LightProof *proof, const FacetProofs *proofs, int is_open, float radiance[3][BLOCK_RAYS], LostLight *lost);
+                 const LightProof *proof, const FacetProofs *proofs, int is_open,
+                 float radiance[3][BLOCK_RAYS], LostLight *lost);
 
 #endif
