@@ -35,6 +35,7 @@ MIN_AREA_PX = 4.0
 # Half of the mutation: a scale that is wrong by 1e-4 is beyond, one that is right within.
 SCALE_BOUND = 0.5 * MUTATION
 WINDOW_PX = 20
+_NUM_CANDIDATES = 400
 _REPEATS = 4
 _GRID = 16
 # Facets of 0.25 px and half a degree: their normals are interpolated, so they show no edges.
@@ -84,33 +85,29 @@ class Centroids:
 def scatter_discs(camera: OmniCamera, per_distance: int, seed: int = 7) -> list[Disc]:
     """Discs whose windows lie within the rim and do not overlap."""
     rng = np.random.default_rng(seed)
-    discs: list[Disc] = []
     low = max(2.0 * math.atan(camera.projection.t_min) + 0.04, math.radians(3.0))
-    for number in range(per_distance * len(DISTANCES_M)):
-        size = _DIAMETERS_PX[number // len(DISTANCES_M) % len(_DIAMETERS_PX)]
-        for _ in range(10_000):
-            theta = rng.uniform(low, camera.rim_rad)
-            disc = _place_disc(camera, theta, rng.uniform(-math.pi, math.pi),
-                               DISTANCES_M[number % len(DISTANCES_M)], size)  # fmt: skip
-            if disc and all(_are_apart(disc, other) for other in discs):
-                discs.append(disc)
-                break
+    theta = rng.uniform(low, camera.rim_rad, _NUM_CANDIDATES)
+    azimuth = rng.uniform(-math.pi, math.pi, _NUM_CANDIDATES)
+    sine = np.sin(theta)
+    units = np.stack((sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(theta)), axis=-1)
+    distances = np.resize(DISTANCES_M, _NUM_CANDIDATES)
+    pixels, valid = pixel_from_point(camera, distances[:, None] * units)
+    radii = np.hypot(*(pixels - camera.centre_px).T)
+    slopes = camera.radius_slope_px(np.tan(0.5 * theta))
+    discs: list[Disc] = []
+    counts = dict.fromkeys(DISTANCES_M, 0)
+    for i in np.flatnonzero(valid):
+        distance = float(distances[i])
+        size = _DIAMETERS_PX[counts[distance] % len(_DIAMETERS_PX)]
+        half = 0.5 * size / math.sqrt(slopes[i] * radii[i] / sine[i]) * distance
+        column, row = np.floor(pixels[i] - 0.5 * WINDOW_PX).astype(int).tolist()
+        disc = Disc(distance * units[i], half, (column, row), float(theta[i]))
+        within = radii[i] < camera.rim_radius_px - 0.5 * size - 2.0
+        is_free = within and all(_are_apart(disc, other) for other in discs)
+        if is_free and counts[distance] < per_distance:
+            counts[distance] += 1
+            discs.append(disc)
     return discs
-
-
-def _place_disc(
-    camera: OmniCamera, theta: float, azimuth: float, distance_m: float, size_px: float
-) -> Disc | None:
-    sine = math.sin(theta)
-    unit = np.array((sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(theta)))
-    pixel, valid = pixel_from_point(camera, distance_m * unit)
-    radius_px = math.hypot(*(pixel - camera.centre_px))
-    if not valid or radius_px > camera.rim_radius_px - 0.5 * size_px - 2.0:
-        return None
-    along = float(camera.radius_slope_px(np.array(math.tan(0.5 * theta))))
-    half = 0.5 * size_px / math.sqrt(along * radius_px / sine) * distance_m
-    corner = np.floor(pixel - 0.5 * WINDOW_PX).astype(int)
-    return Disc(distance_m * unit, half, (int(corner[0]), int(corner[1])), theta)
 
 
 def _are_apart(one: Disc, other: Disc) -> bool:
