@@ -235,7 +235,7 @@ class ImageStage(ctypes.Structure):
         ("largest_gain", c_float),
         ("numbers", c_float * 4),
         ("key", c_uint32 * 4),
-        ("maps", c_void_p * 4),
+        ("maps", c_void_p * 5),
         ("change", c_float),
         ("other_change", c_float),
         ("ms", c_double),

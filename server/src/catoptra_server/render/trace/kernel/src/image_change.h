@@ -11,8 +11,6 @@
 #include "image_planes.h"
 #include "image_vectors.h"
 
-#include <string.h>
-
 /* 255 times the sRGB curve of light clipped to 0 .. 1, within 1e-3; without libm. */
 static inline Floats16 grey_levels(Floats16 light) {
     const Floats16 zero = {0}, kink = zero + 0.0031308f;
@@ -55,59 +53,55 @@ static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, F
     return most16(change, -change);
 }
 
-/* Two versions of a cell, row by row. */
-typedef struct {
-    const float *before, *after;
-    size_t before_stride, after_stride;
-} Versions;
-
-/* A row of both versions; the same beyond the cell's columns. */
-static inline void load_row(const Versions *versions, const Cell *cell, int row, Floats16 *before,
-                            Floats16 *after) {
-    *before = load_columns(versions->before + (size_t)row * versions->before_stride, cell->columns);
-    *after = load16(versions->after + (size_t)row * versions->after_stride);
-    *after = select16(columns_below(cell->columns), *after, *before);
+/* 255 times a bound of the curve's slope, from 0 on: the power -7/12 by a straight line through the
+ * logarithm that a float's bits are, which is at most 0.086 below the true one and never above. */
+static inline Floats16 bound_slopes(Floats16 light) {
+    const float log_of_one = 127.0f * 8388608.0f, power = -7.0f / 12.0f;
+    /* 1.055 / 2.4, and 2 % for the curve's linear part, whose slope is 12.92. */
+    const float factor = 255.0f * 1.055f / 2.4f * 1.02f;
+    Floats16 bits = __builtin_convertvector((Ints16)most16(light, splat16(0.0031308f)), Floats16);
+    Ints16 raised = __builtin_convertvector((1.0f - power) * log_of_one + power * bits, Ints16);
+    return factor * (Floats16)raised;
 }
 
-/* Bound of the change between two versions of a cell. */
-static inline float bound_versions(const ImageStage *stage, const Versions *versions,
-                                   const Cell *cell) {
-    Floats16 lows = (Floats16){0} + versions->before[0], differences = {0};
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 before, after;
-        load_row(versions, cell, row, &before, &after);
-        Floats16 least = least16(before, after), most = most16(before, after);
-        lows = least16(least, lows);
-        differences = most16(most - least, differences);
-    }
-    float difference = largest_of(differences);
-    return difference == 0.0f ? 0.0f : bound_change(stage, smallest_of(lows), difference);
+/* Bounds of the changes of 16 values: the curve is concave, and the largest gain shows most. */
+static inline Floats16 bound_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
+    Floats16 zero = {0}, low = most16(least16(before, after), zero);
+    Floats16 difference = most16(most16(before, after), zero) - low;
+    return bound_slopes(stage->largest_gain * low) * (stage->largest_gain * difference) + 1e-2f;
 }
 
-/* Raise a maximum by the change between two versions of a cell in one colour. */
-static inline void measure_versions(const ImageStage *stage, _Atomic uint32_t *maximum,
-                                    const Versions *versions, const Cell *cell) {
-    if (bound_versions(stage, versions, cell) <= read_maximum(maximum))
+/* Raise a maximum by the change between two versions of a cell. What a bound shows to be no larger
+ * than the maximum is not computed. */
+static inline void measure_change(const ImageStage *stage, _Atomic uint32_t *maximum,
+                                  const CellValues *before, const CellValues *after,
+                                  const Cell *cell) {
+    Ints16 in_image = columns_below(cell->columns);
+    float known = read_maximum(maximum), largest = known;
+    for (int plane = 0; plane < after->planes; plane++)
+        for (int row = 0; row < cell->rows; row++) {
+            Floats16 one = load16(before->values[plane][row]);
+            Floats16 other = load16(after->values[plane][row]);
+            Ints16 may_be_larger = in_image & (one != other) &
+                                   ~(bound_changes(stage, one, other) <= largest);
+            if (!bits16(may_be_larger))
+                continue;
+            Floats16 changes = level_changes(stage, one, other);
+            float most = largest_of(select16(in_image, changes, splat16(0.0f)));
+            largest = most > largest ? most : largest;
+        }
+    if (largest > known)
+        raise_maximum(maximum, largest);
+}
+
+/* Measure the stage of a pass that reads other pixels. */
+static inline void measure_cell(const Pass *pass, const Cell *cell, const CellValues *after) {
+    const ImageStage *stage = pass->stage;
+    CellValues before;
+    if (!pass->changes || stage->threshold < 0.0f)
         return;
-    Floats16 largest = {0};
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 before, after;
-        load_row(versions, cell, row, &before, &after);
-        largest = most16(level_changes(stage, before, after), largest);
-    }
-    raise_maximum(maximum, largest_of(largest));
-}
-
-/* Measure a cell of a stage with a threshold. */
-static inline void measure_cell(Pass *pass, const Cell *cell) {
-    if (pass->stage->threshold < 0.0f)
-        return;
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
-                             row_at(&pass->to, channel, cell->top) + cell->left,
-                             pass->from.stride, pass->to.stride};
-        measure_versions(pass->stage, &pass->change, &versions, cell);
-    }
+    load_cell(pass, cell, &before);
+    measure_change(stage, &pass->changes[stage - pass->job->stages].largest, &before, after, cell);
 }
 
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others

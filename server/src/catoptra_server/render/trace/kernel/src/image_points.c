@@ -8,78 +8,61 @@
 #include "image_glare.h"
 
 #include <math.h>
+#include <string.h>
 
 #define SQRT_HALF 0.70710678f
-
-/* A cell of three colours on its way through stages of one pass. */
-typedef struct {
-    _Alignas(64) float values[3][CELL_ROWS][CELL_COLUMNS];
-} CellValues;
 
 typedef void ChangeRow(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                        float *values, int count);
 
-static const float *map_at(const ImageStage *stage, int map, size_t first) {
-    return (const float *)stage->maps[map] + first;
+static Floats16 map_row(const ImageStage *stage, int map, size_t first, int count) {
+    return load_map(stage->maps[map], first, count);
 }
 
 static void change_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                         float *values, int count) {
     (void)pass;
-    float gain = stage->numbers[channel];
-    if (!stage->maps[0]) {
-        for (int x = 0; x < count; x++)
-            values[x] *= gain;
-        return;
-    }
-    const float *gains = map_at(stage, 0, first);
-    for (int x = 0; x < count; x++)
-        values[x] *= gains[x];
+    Floats16 gains = stage->maps[0] ? map_row(stage, 0, first, count)
+                                    : splat16(stage->numbers[channel]);
+    store16(load16(values) * gains, values);
 }
 
 static void change_auto_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                              float *values, int count) {
-    (void)channel, (void)first;
+    (void)channel, (void)first, (void)count;
     const float *numbers = stage->numbers;
     float gain = pass->mean_luminance > 0.0f ? numbers[0] / pass->mean_luminance : numbers[2];
     gain = gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
-    for (int x = 0; x < count; x++)
-        values[x] *= gain;
+    store16(load16(values) * gain, values);
 }
 
 static void change_clipped_gain(const Pass *pass, const ImageStage *stage, int channel,
                                 size_t first, float *values, int count) {
-    (void)pass, (void)first;
-    for (int x = 0; x < count; x++)
-        values[x] = (values[x] < 1.0f ? values[x] : 1.0f) * stage->numbers[channel];
+    (void)pass, (void)first, (void)count;
+    store16(least16(load16(values), splat16(1.0f)) * stage->numbers[channel], values);
 }
 
 static void change_cover(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                          float *values, int count) {
     (void)channel;
     float scattered = stage->numbers[0] * pass->mean_luminance;
-    const float *coverage = map_at(stage, 0, first);
-    for (int x = 0; x < count; x++)
-        values[x] = values[x] + coverage[x] * (scattered - values[x]);
+    Floats16 light = load16(values);
+    store16(light + map_row(stage, 0, first, count) * (scattered - light), values);
 }
 
 static void change_pattern(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                            float *values, int count) {
-    size_t plane = (size_t)pass->job->width * (size_t)pass->job->height * (size_t)channel;
-    const float *gains = map_at(stage, 0, plane + first);
-    const float *offsets = map_at(stage, 1, plane + first);
-    for (int x = 0; x < count; x++)
-        values[x] = values[x] * gains[x] + offsets[x];
+    first += (size_t)pass->job->width * (size_t)pass->job->height * (size_t)channel;
+    store16(load16(values) * map_row(stage, 0, first, count) + map_row(stage, 1, first, count),
+            values);
 }
 
 static void quantise(const Pass *pass, const ImageStage *stage, int channel, size_t first,
                      float *values, int count) {
-    (void)pass, (void)channel, (void)first;
+    (void)pass, (void)channel, (void)first, (void)count;
     float max_code = stage->numbers[0];
-    for (int x = 0; x < count; x++) {
-        float code = floorf(values[x] * max_code + 0.5f) / max_code;
-        values[x] = code < 1.0f ? code : 1.0f;
-    }
+    Floats16 codes = __builtin_elementwise_floor(load16(values) * max_code + 0.5f) / max_code;
+    store16(least16(codes, splat16(1.0f)), values);
 }
 
 static ChangeRow *const CHANGES[] = {
@@ -115,9 +98,13 @@ static void hash_pixels(const uint32_t key[4], uint32_t column, uint32_t row,
     }
 }
 
-static void draw_variates(const float *quantiles, const uint32_t *words, float *variates) {
-    for (int i = 0; i < CELL_COLUMNS; i++)
-        variates[i] = (quantiles[words[i] & 0xffffu] + quantiles[words[i] >> 16]) * SQRT_HALF;
+/* Normal variates of one colour, or of those that a mosaic keeps in even and odd columns. */
+static void draw_variates(const float *quantiles, const uint32_t *even, const uint32_t *odd,
+                          float *variates) {
+    for (int i = 0; i < CELL_COLUMNS; i++) {
+        uint32_t word = i & 1 ? odd[i] : even[i];
+        variates[i] = (quantiles[word & 0xffffu] + quantiles[word >> 16]) * SQRT_HALF;
+    }
 }
 
 static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cell,
@@ -126,9 +113,11 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     float variates[CELL_COLUMNS], scale = stage->numbers[0];
     for (int row = 0; row < cell->rows; row++) {
         hash_pixels(stage->key, (uint32_t)cell->left, (uint32_t)(cell->top + row), words);
-        for (int channel = 0; channel < 3; channel++) {
-            float *values = cells->values[channel][row];
-            draw_variates(pass->job->quantiles, words[channel], variates);
+        for (int plane = 0; plane < cells->planes; plane++) {
+            int even = cells->planes == 1 ? row & 1 : plane;
+            draw_variates(pass->job->quantiles, words[even],
+                          words[cells->planes == 1 ? even + 1 : plane], variates);
+            float *values = cells->values[plane][row];
             if (stage->kind == STAGE_READ_NOISE)
                 for (int x = 0; x < CELL_COLUMNS; x++)
                     values[x] = values[x] + scale * variates[x];
@@ -142,61 +131,54 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     }
 }
 
+/* A row of one colour, or of the two that a mosaic keeps: of both, each in its columns. */
+static void change_row(const Pass *pass, const ImageStage *stage, const Cell *cell, int row,
+                       CellValues *cells) {
+    ChangeRow *const change = CHANGES[stage->kind];
+    size_t first = place_in_map(pass, cell, row);
+    if (cells->planes == 1) {
+        float *even = cells->values[0][row], odd[CELL_COLUMNS];
+        memcpy(odd, even, sizeof odd);
+        change(pass, stage, row & 1, first, even, cell->columns);
+        change(pass, stage, (row & 1) + 1, first, odd, cell->columns);
+        store16(alternate16(load16(even), load16(odd)), even);
+        return;
+    }
+    for (int channel = 0; channel < 3; channel++)
+        change(pass, stage, channel, first, cells->values[channel][row], cell->columns);
+}
+
 static void change_cell(const Pass *pass, const ImageStage *stage, const Cell *cell,
                         CellValues *cells) {
     if (stage->kind == STAGE_SHOT_NOISE || stage->kind == STAGE_READ_NOISE) {
         add_noise(pass, stage, cell, cells);
         return;
     }
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++) {
-            size_t first = (size_t)(cell->top + row) * (size_t)pass->job->width;
-            CHANGES[stage->kind](pass, stage, channel, first + (size_t)cell->left,
-                                 cells->values[channel][row], cell->columns);
-        }
+    for (int row = 0; row < cell->rows; row++)
+        change_row(pass, stage, cell, row, cells);
 }
 
 static int is_dark(const CellValues *cells, const Cell *cell) {
-    Floats16 high = {0};
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++) {
-            Floats16 values = load_columns(cells->values[channel][row], cell->columns);
-            high = most16(most16(values, -values), high);
-        }
-    return largest_of(high) == 0.0f;
-}
-
-static void measure_values(const ImageStage *stage, _Atomic uint32_t *change,
-                           const CellValues *before, const CellValues *after, const Cell *cell) {
-    for (int channel = 0; channel < 3; channel++) {
-        Versions versions = {before->values[channel][0], after->values[channel][0], CELL_COLUMNS,
-                             CELL_COLUMNS};
-        measure_versions(stage, change, &versions, cell);
-    }
-}
-
-/* In place: only this thread sees the cell. */
-void change_points(Pass *pass, const Cell *cell) {
-    CellValues before, after;
-    for (int channel = 0; channel < 3; channel++)
+    Ints16 is_light = {0};
+    for (int plane = 0; plane < cells->planes; plane++)
         for (int row = 0; row < cell->rows; row++)
-            memcpy(after.values[channel][row],
-                   row_at(&pass->from, channel, cell->top + row) + cell->left,
-                   sizeof after.values[channel][row]);
-    for (int i = 0; i < pass->count; i++) {
-        const ImageStage *stage = pass->stage + i;
+            is_light |= load16(cells->values[plane][row]) != 0.0f;
+    return !bits16(is_light & columns_below(cell->columns));
+}
+
+void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
+    CellValues before;
+    for (const ImageStage *stage = pass->points; stage < pass->points + pass->num_points; stage++) {
         /* Nothing multiplies black: most of it lies beside the mirror. */
         int keeps_black = stage->kind <= STAGE_CLIPPED_GAIN || stage->kind == STAGE_SHOT_NOISE;
-        if (keeps_black && is_dark(&after, cell))
+        int is_measured = pass->changes && stage->threshold >= 0.0f;
+        if (keeps_black && is_dark(values, cell))
             continue;
-        if (stage->threshold >= 0.0f)
-            before = after;
-        change_cell(pass, stage, cell, &after);
-        if (stage->threshold >= 0.0f)
-            measure_values(stage, pass->changes + i, &before, &after, cell);
+        if (is_measured)
+            memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
+        change_cell(pass, stage, cell, values);
+        if (is_measured)
+            measure_change(stage, &pass->changes[stage - pass->job->stages].largest, &before,
+                           values, cell);
     }
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            memcpy(row_at(&pass->from, channel, cell->top + row) + cell->left,
-                   after.values[channel][row], sizeof(float) * (size_t)cell->columns);
 }
