@@ -263,9 +263,10 @@ def _make(
 
 @lru_cache(maxsize=16)
 def _interior(camera: RadialCamera, size: int) -> npt.NDArray[np.uint8]:
-    """Mask of blurs by kernels of a half width, (h, w + 2 size + 16): ends of rows repeat."""
+    """Mask of blurs by kernels of a half width, (h + 2 size, w + 2 size + 16): edges repeat."""
+    mask = interior_mask(camera).astype(np.uint8)
     # The kernel reads whole vectors of 16.
-    return np.pad(interior_mask(camera).astype(np.uint8), ((0, 0), (size, size + 16)), "edge")
+    return np.pad(mask, ((size, size), (size, size + 16)), "edge")
 
 
 def _make_defocus(effect: Defocus, exposed: ExposedImage) -> _StageWithMaps:

@@ -8,8 +8,8 @@
  * is 0, else (num_rows, pairs), of which each pixel takes the linear mixture of two rows.
  * maps[1] is the row of each pixel, (h, w); or, with ranges in maps[3], the circle of confusion
  * (4, h, w) from which the row follows (circle_of_confusion). maps[2] is the mask, uint8, of pixels
- * that take part: weights of others go to the central pixel; NULL: all take part. Beside its rows
- * their ends are repeated, size times before and size + 16 times behind.
+ * that take part: weights of others go to the central pixel; NULL: all take part. Its edges are
+ * repeated, size times to each side and 16 more at the right.
  */
 #include "image_spread.h"
 
@@ -123,31 +123,29 @@ static Floats16 mix_weights(const ImageStage *stage, const TablePlace *place, in
     return lower + place->fraction * (upper - lower);
 }
 
-/* What the sums of a cell's row read: a colour, or the mask itself; masked pixels alone where there
- * is a mask. */
+/* What the sums of a cell's row read: a colour, with a mask where it is 1 alone; or the mask. */
 typedef struct {
-    const Planes *planes;
-    const uint8_t *mask; /* of the cell's first column in the first row */
-    size_t mask_stride;
-    int channel, y, left;
+    const float *light;  /* of the row's first pixel; NULL: 1 */
+    const uint8_t *mask; /* of the same pixel; NULL: all take part */
+    ptrdiff_t stride, mask_stride;
 } BlurSource;
 
-enum { MASK_CHANNEL = 3 };
+/* Inlined with and without a mask. */
+#define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-static inline Floats16 read_shifted(const BlurSource *source, int dx, int dy) {
-    int y = clamp(source->y + dy, source->planes->height - 1);
+ALWAYS_INLINE Floats16 read_shifted(const BlurSource *source, ptrdiff_t dx, ptrdiff_t dy) {
+    typedef uint8_t Bytes16 __attribute__((vector_size(16)));
     Floats16 light = splat16(1.0f);
-    if (source->channel != MASK_CHANNEL)
-        light = load16(row_at(source->planes, source->channel, y) + source->left + dx);
+    Bytes16 mask;
+    if (source->light)
+        light = load16(source->light + dy * source->stride + dx);
     if (!source->mask)
         return light;
-    typedef uint8_t Bytes16 __attribute__((vector_size(16)));
-    Bytes16 bytes;
-    memcpy(&bytes, source->mask + (size_t)y * source->mask_stride + dx, sizeof bytes);
-    return select16(__builtin_convertvector(bytes, Ints16) != 0, light, splat16(0.0f));
+    memcpy(&mask, source->mask + dy * source->mask_stride + dx, sizeof mask);
+    return select16(__builtin_convertvector(mask, Ints16) != 0, light, splat16(0.0f));
 }
 
-static inline Floats16 sum_shifts(const BlurSource *source, int i, int j) {
+ALWAYS_INLINE Floats16 sum_shifts(const BlurSource *source, int i, int j) {
     if (j == 0)
         return read_shifted(source, -i, 0) + read_shifted(source, i, 0);
     return (read_shifted(source, -i, -j) + read_shifted(source, i, -j)) +
@@ -155,7 +153,7 @@ static inline Floats16 sum_shifts(const BlurSource *source, int i, int j) {
 }
 
 /* Sums of the pixels that share the weight of a pair. */
-static inline Floats16 sum_pair(const BlurSource *source, int i, int j) {
+ALWAYS_INLINE Floats16 sum_pair(const BlurSource *source, int i, int j) {
     if (i == 0)
         return read_shifted(source, 0, 0);
     Floats16 sums = sum_shifts(source, i, j);
@@ -164,62 +162,66 @@ static inline Floats16 sum_pair(const BlurSource *source, int i, int j) {
     return i == j ? sums : sums + sum_shifts(source, j, i);
 }
 
-/* A row of a cell. With a mask it is summed like a colour: what is missing in its sum of weights
- * goes to the central pixel. */
-static inline void blur_row(const Pass *pass, BlurSource *source, Floats16 rows, int reach,
-                            Floats16 totals[4]) {
-    const ImageStage *stage = pass->stage;
-    int pairs = pair_count(stage->size), pair = 0, planes = source->mask ? 4 : 3;
+/* Sums of a cell's row by all weights, of `count` sources. */
+ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, int count,
+                           const BlurSource sources[4], Floats16 totals[4]) {
+    int pairs = pair_count(stage->size), pair = 0;
     TablePlace place = {0};
     if (stage->num_rows)
         place = place_in_table(stage, rows);
+    for (int source = 0; source < count; source++)
+        totals[source] = splat16(0.0f);
     for (int i = 0; i <= reach; i++)
         for (int j = 0; j <= i; j++, pair++) {
             Floats16 weights = {0};
             if (stage->num_rows)
                 weights = mix_weights(stage, &place, pair);
-            for (int channel = 0; channel < planes; channel++) {
+            for (int source = 0; source < count; source++) {
                 if (!stage->num_rows)
-                    weights = splat16(((const float *)stage->maps[0])[channel * pairs + pair]);
-                source->channel = channel;
-                totals[channel] += weights * sum_pair(source, i, j);
+                    weights = splat16(((const float *)stage->maps[0])[source * pairs + pair]);
+                totals[source] += weights * sum_pair(sources + source, i, j);
             }
         }
 }
 
-static void blur_plain_row(const Pass *pass, BlurSource *source, Floats16 rows, int reach,
-                           Floats16 totals[4]) {
-    source->mask = NULL;
-    blur_row(pass, source, rows, reach, totals);
+static void blur_row(const ImageStage *stage, Floats16 rows, int reach,
+                     const BlurSource sources[4], Floats16 totals[4]) {
+    BlurSource colours[3];
+    for (int channel = 0; channel < 3; channel++)
+        colours[channel] = (BlurSource){.light = sources[channel].light,
+                                        .stride = sources[channel].stride};
+    sum_row(stage, rows, reach, 3, colours, totals);
 }
 
-static void blur_masked_row(const Pass *pass, BlurSource *source, Floats16 rows, int reach,
-                            Floats16 totals[4]) {
-    BlurSource own = *source;
-    blur_row(pass, source, rows, reach, totals);
-    own.channel = MASK_CHANNEL;
-    Ints16 takes_part = read_shifted(&own, 0, 0) != 0.0f;
-    own.mask = NULL;
-    for (own.channel = 0; own.channel < 3; own.channel++) {
-        Floats16 light = read_shifted(&own, 0, 0);
-        Floats16 blurred = totals[own.channel] + (1.0f - totals[MASK_CHANNEL]) * light;
-        totals[own.channel] = select16(takes_part, blurred, light);
+/* The mask is summed like a colour: what is missing in its sum of weights goes to the central
+ * pixel. */
+static void blur_masked_row(const ImageStage *stage, Floats16 rows, int reach,
+                            const BlurSource sources[4], Floats16 totals[4]) {
+    sum_row(stage, rows, reach, 4, sources, totals);
+    Ints16 takes_part = read_shifted(sources + 3, 0, 0) != 0.0f;
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 own = load16(sources[channel].light);
+        Floats16 blurred = totals[channel] + (1.0f - totals[3]) * own;
+        totals[channel] = select16(takes_part, blurred, own);
     }
 }
 
-static const uint8_t *mask_at(const Pass *pass, int row, int column, size_t *stride) {
+static ptrdiff_t mask_stride(const Pass *pass) {
+    return pass->job->width + 2 * pass->stage->size + CELL_COLUMNS;
+}
+
+static const uint8_t *mask_at(const Pass *pass, int row, int column) {
     const ImageStage *stage = pass->stage;
-    *stride = (size_t)(pass->job->width + 2 * stage->size + CELL_COLUMNS);
-    return (const uint8_t *)stage->maps[2] + (size_t)row * *stride + (size_t)(stage->size + column);
+    return (const uint8_t *)stage->maps[2] + (row + stage->size) * mask_stride(pass) +
+           (stage->size + column);
 }
 
 static int is_masked(const Pass *pass, const Cell *cell, int reach) {
-    size_t stride, columns = (size_t)(cell->columns + 2 * reach);
-    int last = pass->job->height - 1;
+    size_t columns = (size_t)(cell->columns + 2 * reach);
     if (!pass->stage->maps[2])
         return 0;
     for (int row = cell->top - reach; row < cell->top + cell->rows + reach; row++)
-        if (memchr(mask_at(pass, clamp(row, last), cell->left - reach, &stride), 0, columns))
+        if (memchr(mask_at(pass, row, cell->left - reach), 0, columns))
             return 1;
     return 0;
 }
@@ -227,12 +229,18 @@ static int is_masked(const Pass *pass, const Cell *cell, int reach) {
 static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *kernels, int masked,
                       CellValues *to) {
     for (int row = 0; row < cell->rows; row++) {
-        BlurSource source = {.planes = &pass->from, .y = cell->top + row, .left = cell->left};
-        Floats16 totals[4] = {{0}};
-        if (masked)
-            source.mask = mask_at(pass, 0, cell->left, &source.mask_stride);
-        (masked ? blur_masked_row : blur_plain_row)(pass, &source, kernels->row[row],
-                                                    kernels->reach, totals);
+        BlurSource sources[4] = {{0}};
+        Floats16 totals[4];
+        for (int i = 0; i < 4; i++) {
+            if (i < 3)
+                sources[i].light = row_at(&pass->from, i, cell->top + row) + cell->left;
+            if (masked)
+                sources[i].mask = mask_at(pass, cell->top + row, cell->left);
+            sources[i].stride = (ptrdiff_t)pass->from.stride;
+            sources[i].mask_stride = mask_stride(pass);
+        }
+        (masked ? blur_masked_row : blur_row)(pass->stage, kernels->row[row], kernels->reach,
+                                              sources, totals);
         for (int channel = 0; channel < 3; channel++)
             store16(totals[channel], to->values[channel][row]);
     }
@@ -244,13 +252,16 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
 static float differing_exchange(const ImageStage *stage, const Cell *cell,
                                 const CellKernels *near, const CellKernels *far) {
     const float *sums = stage->maps[4];
-    float largest = 0.0f, last = (float)(stage->num_rows - 1);
-    for (int row = 0; row < cell->rows; row++)
-        for (int x = 0; x < CELL_COLUMNS; x++) {
-            float one = fminf(near->row[row][x], last), other = fminf(far->row[row][x], last);
-            float low = sums[(int)fminf(one, other)], high = sums[(int)ceilf(fmaxf(one, other))];
-            largest = fmaxf(largest, high - low);
-        }
+    float largest = 0.0f;
+    Floats16 last = splat16((float)(stage->num_rows - 1));
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 one = least16(near->row[row], last), other = least16(far->row[row], last);
+        Floats16 above = __builtin_elementwise_ceil(most16(one, other));
+        Ints16 low = __builtin_convertvector(least16(one, other), Ints16);
+        Ints16 high = __builtin_convertvector(above, Ints16);
+        for (int x = 0; x < CELL_COLUMNS; x++)
+            largest = fmaxf(largest, sums[high[x]] - sums[low[x]]);
+    }
     return largest;
 }
 

@@ -16,7 +16,7 @@
 #include <string.h>
 #include <time.h>
 
-/* Least border: whole vectors are read at most one beyond the image's edge. */
+/* Least border beside: whole vectors are read at most one beyond the image's edge. */
 enum { MIN_BORDER = 2 * CELL_COLUMNS, ALIGNMENT = 64 };
 
 typedef struct {
@@ -94,19 +94,21 @@ static void develop_rows(void *argument) {
 }
 
 /* Choose the stages of a pass, from one on, and what the pass develops them for. */
-static void plan_pass(const ImageJob *job, int first, Pass *pass) {
+static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     const ImageStage *end = job->stages + job->num_stages, *stage = job->stages + first;
-    pass->stage = !pass->is_first && stage < end && reads_others(stage) ? stage : NULL;
+    /* The image's first pass ends before a stage that needs more than a pixel; all others begin with
+     * one. */
+    pass->stage = number && reads_others(stage) ? stage : NULL;
     pass->points = pass->stage ? stage + 1 : stage;
-    const ImageStage *next = pass->points;
-    /* The first pass reads no other pixels, but any other takes the stage that it begins with. */
-    if (!pass->is_first && !pass->stage)
-        next++;
+    const ImageStage *next = pass->points + (number && !pass->stage);
     while (next < end && !begins_pass(next))
         next++;
     pass->num_points = (int)(next - pass->points);
-    pass->target = next == end ? TO_PICTURE : next->kind == STAGE_BAYER ? TO_MOSAIC : TO_PLANES;
     pass->sums_luminance = next < end && needs_luminance(next);
+    pass->target = next == end ? TO_PICTURE : next->kind == STAGE_BAYER ? TO_MOSAIC : TO_PLANES;
+    /* Of light as it is a mean alone is missing. */
+    if (!number && !pass->num_points && pass->sums_luminance)
+        pass->target = TO_NOTHING;
 }
 
 static void sum_rows(Pass *pass) {
@@ -119,14 +121,15 @@ static void sum_rows(Pass *pass) {
 
 /* Make what a pass developed the source of the next one. */
 static void finish_pass(Pass *pass) {
+    if (pass->sums_luminance)
+        sum_rows(pass);
     if (pass->target != TO_PLANES)
         return;
+    fill_rows_beyond(&pass->to);
     Planes from = pass->from;
     CellRange *ranges = pass->ranges;
     pass->from = pass->to, pass->ranges = pass->next_ranges;
     pass->to = from, pass->next_ranges = ranges;
-    if (pass->sums_luminance)
-        sum_rows(pass);
 }
 
 /* Relative times of stages on whole images: tests/measurements/image_chain.py. */
@@ -168,21 +171,23 @@ static double finish_stages(ImageJob *job, const Pass *pass, double ms) {
     return sum > 0.0 ? ms * layout / sum : 0.0;
 }
 
-static Planes lay_out(const ImageJob *job, int border) {
+static Planes lay_out(const ImageJob *job, int reach) {
     int columns = (job->width + CELL_COLUMNS - 1) / CELL_COLUMNS * CELL_COLUMNS;
-    Planes planes = {.width = job->width, .height = job->height, .border = border};
-    planes.stride = (size_t)(columns + 2 * border);
-    planes.plane = planes.stride * (size_t)job->height;
+    Planes planes = {.width = job->width, .height = job->height, .rows_beyond = reach};
+    /* Whole vectors, so that rows of cells are aligned. */
+    planes.border = (reach + CELL_COLUMNS - 1) / CELL_COLUMNS * CELL_COLUMNS;
+    planes.border = planes.border > MIN_BORDER ? planes.border : MIN_BORDER;
+    planes.stride = (size_t)(columns + 2 * planes.border);
+    planes.plane = planes.stride * (size_t)(job->height + 2 * reach);
     return planes;
 }
 
-/* Whole vectors, so that rows of cells are aligned. */
-static int largest_border(const ImageJob *job) {
-    int border = MIN_BORDER;
+static int largest_reach(const ImageJob *job) {
+    int reach = 0;
     for (int i = 0; i < job->num_stages; i++)
-        while (job->stages[i].kind == STAGE_BLUR && job->stages[i].size > border)
-            border += CELL_COLUMNS;
-    return border;
+        if (job->stages[i].kind == STAGE_BLUR && job->stages[i].size > reach)
+            reach = job->stages[i].size;
+    return reach;
 }
 
 /* The next part of the scratch memory; with none of it only its size counts. */
@@ -195,9 +200,9 @@ static void *take_memory(char *scratch, size_t *taken, size_t bytes) {
 /* Bytes of scratch memory that the pass takes. */
 static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     size_t taken = 0;
-    *pass = (Pass){.job = job, .is_first = 1, .from = lay_out(job, largest_border(job))};
+    *pass = (Pass){.job = job, .is_first = 1, .from = lay_out(job, largest_reach(job))};
     pass->to = pass->from;
-    pass->mosaic = lay_out(job, MIN_BORDER);
+    pass->mosaic = lay_out(job, 0);
     pass->cell_rows = (job->height + CELL_ROWS - 1) / CELL_ROWS;
     pass->cell_columns = (job->width + CELL_COLUMNS - 1) / CELL_COLUMNS;
     size_t rows = (size_t)pass->cell_rows, cells = rows * (size_t)pass->cell_columns;
@@ -224,9 +229,9 @@ void catoptra_change_image(Device *device, ImageJob *job) {
     memset(pass.changes, 0, sizeof(Changes) * (size_t)job->num_stages);
     pass.before = &before;
     job->encode_ms = 0.0;
-    for (int first = 0; pass.is_first || first < job->num_stages;) {
+    for (int first = 0, number = 0; !number || first < job->num_stages; number++) {
         double begin_ms = now_ms();
-        plan_pass(job, first, &pass);
+        plan_pass(job, first, number, &pass);
         if (pass.num_points && pass.points->kind == STAGE_GLARE)
             scatter(&pass);
         workers_run(device->workers, develop_rows, &(PassJob){.pass = &pass});
@@ -235,6 +240,6 @@ void catoptra_change_image(Device *device, ImageJob *job) {
         before = pass;
         before.changes = NULL;
         first = (int)(pass.points - job->stages) + pass.num_points;
-        pass.is_first = 0;
+        pass.is_first = pass.target == TO_NOTHING;
     }
 }

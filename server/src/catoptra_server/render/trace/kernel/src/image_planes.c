@@ -24,12 +24,26 @@ CellRange find_range_around(const Pass *pass, const Cell *cell, int reach) {
 
 static void load_light(const Pass *pass, const Cell *cell, CellValues *values) {
     for (int row = 0; row < cell->rows; row++) {
-        float light[3 * CELL_COLUMNS] = {0};
-        memcpy(light, pass->job->light + 3 * place_in_map(pass, cell, row),
-               sizeof(float) * 3 * (size_t)cell->columns);
-        for (int channel = 0; channel < 3; channel++)
-            for (int x = 0; x < CELL_COLUMNS; x++)
-                values->values[channel][row][x] = light[3 * x + channel];
+        const float *light = pass->job->light + 3 * place_in_map(pass, cell, row);
+        float part[3 * CELL_COLUMNS] = {0};
+        if (cell->columns < CELL_COLUMNS)
+            light = memcpy(part, light, sizeof(float) * 3 * (size_t)cell->columns);
+        Floats16 a = load16(light), b = load16(light + 16), c = load16(light + 32);
+        Floats16 red = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, -1, -1,
+                                               -1, -1, -1);
+        Floats16 green = __builtin_shufflevector(a, b, 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, -1,
+                                                 -1, -1, -1, -1);
+        Floats16 blue = __builtin_shufflevector(a, b, 2, 5, 8, 11, 14, 17, 20, 23, 26, 29, -1, -1,
+                                                -1, -1, -1, -1);
+        store16(__builtin_shufflevector(red, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 17, 20, 23, 26,
+                                        29),
+                values->values[0][row]);
+        store16(__builtin_shufflevector(green, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 18, 21, 24, 27,
+                                        30),
+                values->values[1][row]);
+        store16(__builtin_shufflevector(blue, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 19, 22, 25, 28,
+                                        31),
+                values->values[2][row]);
     }
 }
 
@@ -79,7 +93,7 @@ static CellRange find_range(const CellValues *values, const Cell *cell) {
             low = least16(light, low);
             high = most16(light, high);
         }
-    return (CellRange){smallest_of(low), largest_of(high)};
+    return (CellRange){least_of16(low), most_of16(high)};
 }
 
 /* Repeat the image's edge beside a row: the last cell may reach farther than the border proper. */
@@ -99,10 +113,7 @@ static void store_planes(const Pass *pass, const Cell *cell, const CellValues *v
             store16(load16(values->values[channel][row]), to + cell->left);
             fill_sides(&pass->to, cell, to);
         }
-    CellRange range = find_range(values, cell);
-    pass->next_ranges[cell->row * pass->cell_columns + cell->column] = range;
-    if (pass->sums_luminance && (range.low != 0.0f || range.high != 0.0f || cell->column == 0))
-        sum_luminance(pass, cell, values);
+    pass->next_ranges[cell->row * pass->cell_columns + cell->column] = find_range(values, cell);
 }
 
 /* A pixel measures at most a full well. Beside the edge the image is mirrored about its last pixel,
@@ -125,28 +136,49 @@ static Ints16 levels_of(Floats16 linear) {
     return __builtin_convertvector(clipped * 65535.0f + 0.5f, Ints16);
 }
 
+static void store_rgb(const uint8_t *table, const CellValues *values, int row, int columns,
+                      uint8_t *rgb) {
+    int32_t levels[3][CELL_COLUMNS];
+    for (int channel = 0; channel < 3; channel++)
+        store_ints16(levels_of(load16(values->values[channel][row])), levels[channel]);
+    for (int x = 0; x < columns; x++)
+        for (int channel = 0; channel < 3; channel++)
+            rgb[3 * x + channel] = table[levels[channel][x]];
+}
+
 static void store_picture(const Pass *pass, const Cell *cell, const CellValues *values) {
     const ImageJob *job = pass->job;
     for (int row = 0; row < cell->rows; row++) {
         size_t first = 3 * place_in_map(pass, cell, row);
-        for (int channel = 0; channel < 3; channel++) {
-            const float *light = values->values[channel][row];
-            Ints16 levels = levels_of(load16(light));
-            for (int x = 0; x < cell->columns && job->linear; x++)
-                job->linear[first + (size_t)(3 * x + channel)] = light[x];
-            for (int x = 0; x < cell->columns && job->rgb; x++)
-                job->rgb[first + (size_t)(3 * x + channel)] = job->srgb_table[levels[x]];
-        }
+        if (job->rgb)
+            store_rgb(job->srgb_table, values, row, cell->columns, job->rgb + first);
+        for (int channel = 0; channel < 3 && job->linear; channel++)
+            for (int x = 0; x < cell->columns; x++)
+                job->linear[first + (size_t)(3 * x + channel)] = values->values[channel][row][x];
     }
 }
 
-void store_cell(const Pass *pass, const Cell *cell, CellValues *values) {
+void store_cell(const Pass *pass, const Cell *cell, const CellValues *values) {
+    if (pass->sums_luminance)
+        sum_luminance(pass, cell, values);
     if (pass->target == TO_PLANES)
         store_planes(pass, cell, values);
     else if (pass->target == TO_MOSAIC)
         store_mosaic(pass, cell, values);
-    else
+    else if (pass->target == TO_PICTURE)
         store_picture(pass, cell, values);
+}
+
+void fill_rows_beyond(const Planes *planes) {
+    size_t row_bytes = sizeof(float) * planes->stride;
+    for (int channel = 0; channel < 3; channel++) {
+        float *first = row_at(planes, channel, 0) - planes->border;
+        float *last = row_at(planes, channel, planes->height - 1) - planes->border;
+        for (int row = 1; row <= planes->rows_beyond; row++) {
+            memcpy(first - (size_t)row * planes->stride, first, row_bytes);
+            memcpy(last + (size_t)row * planes->stride, last, row_bytes);
+        }
+    }
 }
 
 void raise_maximum(_Atomic uint32_t *maximum, float value) {

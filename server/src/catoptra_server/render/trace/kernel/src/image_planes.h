@@ -3,8 +3,7 @@
  * Cells are what stages leave plain or change, and what threads take. A pass develops each cell in
  * the processor's nearest cache: by a stage that reads other pixels of the image before, then by all
  * stages that act on a pixel, up to the next pass. Rows of a cell are whole vectors: the last column
- * of cells reaches into the border, which repeats the image's edge at both sides. Above and below
- * rows are repeated by their number.
+ * of cells reaches into the border, which repeats the image's edge.
  */
 #ifndef CATOPTRA_IMAGE_PLANES_H
 #define CATOPTRA_IMAGE_PLANES_H
@@ -18,9 +17,10 @@
 enum { CELL_COLUMNS = 16, CELL_ROWS = 8 };
 
 typedef struct {
-    int width, height, border;
-    size_t stride, plane; /* floats from row to row, and from plane to plane */
-    float *values;        /* with the border */
+    int width, height;
+    int border, rows_beyond; /* px beside, and above and below */
+    size_t stride, plane;    /* floats from row to row, and from plane to plane */
+    float *values;           /* with the border */
 } Planes;
 
 /* Extremes of the three colours of each cell. */
@@ -45,7 +45,7 @@ typedef struct {
     _Atomic uint32_t largest, other;
 } Changes;
 
-typedef enum { TO_PLANES, TO_MOSAIC, TO_PICTURE } Target;
+typedef enum { TO_NOTHING, TO_PLANES, TO_MOSAIC, TO_PICTURE } Target;
 
 /* What the threads of a pass share. */
 typedef struct Pass {
@@ -69,8 +69,8 @@ typedef struct Pass {
 } Pass;
 
 static inline float *row_at(const Planes *planes, int channel, int row) {
-    return planes->values + (size_t)channel * planes->plane + (size_t)row * planes->stride +
-           (size_t)planes->border;
+    return planes->values + (size_t)channel * planes->plane +
+           (size_t)(row + planes->rows_beyond) * planes->stride + (size_t)planes->border;
 }
 
 static inline int clamp(int value, int last) {
@@ -104,7 +104,10 @@ CellRange find_range_around(const Pass *pass, const Cell *cell, int reach);
 void load_cell(const Pass *pass, const Cell *cell, CellValues *values);
 
 /* Put a developed cell where the next pass, or the caller, reads it. */
-void store_cell(const Pass *pass, const Cell *cell, CellValues *values);
+void store_cell(const Pass *pass, const Cell *cell, const CellValues *values);
+
+/* Repeat the first and the last row of planes whose rows are all stored. */
+void fill_rows_beyond(const Planes *planes);
 
 /* Keep of three colours the one that an RGGB mosaic measures. */
 void keep_mosaic(CellValues *values);

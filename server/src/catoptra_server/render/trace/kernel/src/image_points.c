@@ -12,68 +12,120 @@
 
 #define SQRT_HALF 0.70710678f
 
-typedef void ChangeRow(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                       float *values, int count);
+typedef void ChangeCell(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                        CellValues *cells);
 
-static Floats16 map_row(const ImageStage *stage, int map, size_t first, int count) {
-    return load_map(stage->maps[map], first, count);
+/* Colours of a row in even and in odd columns: the same, or those that a mosaic keeps. */
+typedef struct {
+    int even, odd;
+} Colours;
+
+static Colours colours_of(const CellValues *cells, int plane, int row) {
+    int is_odd = row & 1;
+    return cells->planes == 1 ? (Colours){is_odd, is_odd + 1} : (Colours){plane, plane};
 }
 
-static void change_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                        float *values, int count) {
-    (void)pass;
-    Floats16 gains = stage->maps[0] ? map_row(stage, 0, first, count)
-                                    : splat16(stage->numbers[channel]);
-    store16(load16(values) * gains, values);
+#define EACH_ROW(cells, cell)                                                                      \
+    for (int plane = 0; plane < (cells)->planes; plane++)                                          \
+        for (int row = 0; row < (cell)->rows; row++)
+
+static Floats16 numbers_of(const ImageStage *stage, Colours colours) {
+    return alternate16(splat16(stage->numbers[colours.even]), splat16(stage->numbers[colours.odd]));
 }
 
-static void change_auto_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                             float *values, int count) {
-    (void)channel, (void)first, (void)count;
+static Floats16 map_of(const Pass *pass, const ImageStage *stage, int map, const Cell *cell,
+                       int row) {
+    return load_map(stage->maps[map], place_in_map(pass, cell, row), cell->columns);
+}
+
+static void change_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                        CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 gains = stage->maps[0] ? map_of(pass, stage, 0, cell, row)
+                                        : numbers_of(stage, colours_of(cells, plane, row));
+        store16(load16(values) * gains, values);
+    }
+}
+
+static void change_auto_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                             CellValues *cells) {
     const float *numbers = stage->numbers;
     float gain = pass->mean_luminance > 0.0f ? numbers[0] / pass->mean_luminance : numbers[2];
     gain = gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
-    store16(load16(values) * gain, values);
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        store16(load16(values) * gain, values);
+    }
 }
 
-static void change_clipped_gain(const Pass *pass, const ImageStage *stage, int channel,
-                                size_t first, float *values, int count) {
-    (void)pass, (void)first, (void)count;
-    store16(least16(load16(values), splat16(1.0f)) * stage->numbers[channel], values);
+static void change_clipped_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                                CellValues *cells) {
+    (void)pass;
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 gains = numbers_of(stage, colours_of(cells, plane, row));
+        store16(least16(load16(values), splat16(1.0f)) * gains, values);
+    }
 }
 
-static void change_cover(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                         float *values, int count) {
-    (void)channel;
+static void change_cover(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                         CellValues *cells) {
     float scattered = stage->numbers[0] * pass->mean_luminance;
-    Floats16 light = load16(values);
-    store16(light + map_row(stage, 0, first, count) * (scattered - light), values);
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 light = load16(values), cover = map_of(pass, stage, 0, cell, row);
+        store16(light + cover * (scattered - light), values);
+    }
 }
 
-static void change_pattern(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                           float *values, int count) {
-    first += (size_t)pass->job->width * (size_t)pass->job->height * (size_t)channel;
-    store16(load16(values) * map_row(stage, 0, first, count) + map_row(stage, 1, first, count),
-            values);
+static Floats16 pattern_of(const Pass *pass, const void *map, const Cell *cell, int row,
+                           Colours colours) {
+    size_t plane = (size_t)pass->job->width * (size_t)pass->job->height;
+    size_t first = place_in_map(pass, cell, row);
+    Floats16 even = load_map(map, first + plane * (size_t)colours.even, cell->columns);
+    if (colours.even == colours.odd)
+        return even;
+    return alternate16(even, load_map(map, first + plane * (size_t)colours.odd, cell->columns));
 }
 
-static void quantise(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                     float *values, int count) {
-    (void)pass, (void)channel, (void)first, (void)count;
+static void change_pattern(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                           CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Colours colours = colours_of(cells, plane, row);
+        store16(load16(values) * pattern_of(pass, stage->maps[0], cell, row, colours) +
+                    pattern_of(pass, stage->maps[1], cell, row, colours),
+                values);
+    }
+}
+
+static void quantise(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                     CellValues *cells) {
+    (void)pass;
     float max_code = stage->numbers[0];
-    Floats16 codes = __builtin_elementwise_floor(load16(values) * max_code + 0.5f) / max_code;
-    store16(least16(codes, splat16(1.0f)), values);
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 codes = __builtin_elementwise_floor(load16(values) * max_code + 0.5f) / max_code;
+        store16(least16(codes, splat16(1.0f)), values);
+    }
 }
 
-static ChangeRow *const CHANGES[] = {
-    [STAGE_GAIN] = change_gain,
-    [STAGE_AUTO_GAIN] = change_auto_gain,
-    [STAGE_CLIPPED_GAIN] = change_clipped_gain,
-    [STAGE_COVER] = change_cover,
-    [STAGE_PATTERN] = change_pattern,
-    [STAGE_QUANTISE] = quantise,
-    [STAGE_GLARE] = change_glare,
-};
+/* By both colours of a mosaic, each in its columns. */
+static void add_glare(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                      CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row], odd[CELL_COLUMNS];
+        Colours colours = colours_of(cells, plane, row);
+        size_t first = place_in_map(pass, cell, row);
+        memcpy(odd, values, sizeof odd);
+        change_glare(pass, stage, colours.even, first, values, cell->columns);
+        if (colours.odd == colours.even)
+            continue;
+        change_glare(pass, stage, colours.odd, first, odd, cell->columns);
+        store16(alternate16(load16(values), load16(odd)), values);
+    }
+}
 
 /* Hash of three words to three uniform words (pcg3d); one vector of pixels at once. */
 static void hash_pixels(const uint32_t key[4], uint32_t column, uint32_t row,
@@ -114,9 +166,8 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     for (int row = 0; row < cell->rows; row++) {
         hash_pixels(stage->key, (uint32_t)cell->left, (uint32_t)(cell->top + row), words);
         for (int plane = 0; plane < cells->planes; plane++) {
-            int even = cells->planes == 1 ? row & 1 : plane;
-            draw_variates(pass->job->quantiles, words[even],
-                          words[cells->planes == 1 ? even + 1 : plane], variates);
+            Colours colours = colours_of(cells, plane, row);
+            draw_variates(pass->job->quantiles, words[colours.even], words[colours.odd], variates);
             float *values = cells->values[plane][row];
             if (stage->kind == STAGE_READ_NOISE)
                 for (int x = 0; x < CELL_COLUMNS; x++)
@@ -131,32 +182,17 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     }
 }
 
-/* A row of one colour, or of the two that a mosaic keeps: of both, each in its columns. */
-static void change_row(const Pass *pass, const ImageStage *stage, const Cell *cell, int row,
-                       CellValues *cells) {
-    ChangeRow *const change = CHANGES[stage->kind];
-    size_t first = place_in_map(pass, cell, row);
-    if (cells->planes == 1) {
-        float *even = cells->values[0][row], odd[CELL_COLUMNS];
-        memcpy(odd, even, sizeof odd);
-        change(pass, stage, row & 1, first, even, cell->columns);
-        change(pass, stage, (row & 1) + 1, first, odd, cell->columns);
-        store16(alternate16(load16(even), load16(odd)), even);
-        return;
-    }
-    for (int channel = 0; channel < 3; channel++)
-        change(pass, stage, channel, first, cells->values[channel][row], cell->columns);
-}
-
-static void change_cell(const Pass *pass, const ImageStage *stage, const Cell *cell,
-                        CellValues *cells) {
-    if (stage->kind == STAGE_SHOT_NOISE || stage->kind == STAGE_READ_NOISE) {
-        add_noise(pass, stage, cell, cells);
-        return;
-    }
-    for (int row = 0; row < cell->rows; row++)
-        change_row(pass, stage, cell, row, cells);
-}
+static ChangeCell *const CHANGES[] = {
+    [STAGE_GAIN] = change_gain,
+    [STAGE_AUTO_GAIN] = change_auto_gain,
+    [STAGE_CLIPPED_GAIN] = change_clipped_gain,
+    [STAGE_COVER] = change_cover,
+    [STAGE_PATTERN] = change_pattern,
+    [STAGE_QUANTISE] = quantise,
+    [STAGE_SHOT_NOISE] = add_noise,
+    [STAGE_READ_NOISE] = add_noise,
+    [STAGE_GLARE] = add_glare,
+};
 
 static int is_dark(const CellValues *cells, const Cell *cell) {
     Ints16 is_light = {0};
@@ -176,7 +212,7 @@ void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
             continue;
         if (is_measured)
             memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
-        change_cell(pass, stage, cell, values);
+        CHANGES[stage->kind](pass, stage, cell, values);
         if (is_measured)
             measure_change(stage, &pass->changes[stage - pass->job->stages].largest, &before,
                            values, cell);
