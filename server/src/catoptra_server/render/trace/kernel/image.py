@@ -1,9 +1,12 @@
-"""Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
+"""Image effects by the kernel: one call for all, each a stage of it.
 
-A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
-16 x 8 px that a stage can change by no more than the threshold, and measures the largest change
-exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
-place in the order.
+A stage is the numbers and maps that `src/image.h` describes. Stages share passes over the image
+(`src/image_chain.c`), and a pass's time by relative times of their kinds: milliseconds of a stage
+are such a share. The kernel leaves plain each cell of 16 x 8 px that a stage can change by no more
+than the threshold, and measures the largest change exactly, whatever the threads. Before a mosaic
+it computes the colours that the mosaic keeps, and measures those; the mosaic's own change is then
+measured up to its threshold, and infinite beyond: seen, but not how much. Effects without a stage
+are applied by their own formula, in their place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
 Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.

@@ -1,6 +1,6 @@
-/* Provides catoptra_change_image: the chain of an image's stages in as few passes as its stages
- * allow, one pass after the other, each by all threads. A pass ends where the next stage reads other
- * pixels, or a mean of all.
+/* Provides catoptra_change_image: the chain of an image's stages in as few passes as they allow, one
+ * pass after the other, each by all threads. A pass ends where the next stage reads other pixels, or
+ * a mean of all. The pass before a mosaic develops the colour of each pixel that it keeps.
  * Float64 twin: the formulas of effects/, in their order. Owns nothing: Python lends the scratch
  * memory of catoptra_image_scratch bytes.
  * Threads: the calling thread begins each pass, the pool runs it. */
