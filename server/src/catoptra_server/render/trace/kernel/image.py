@@ -39,7 +39,10 @@ from catoptra_server.effects.kernels.lens_blur import (
     interior_mask,
     map_of_radius,
 )
-from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
+from catoptra_server.effects.medium.chromatic_aberration import (
+    ChromaticAberration,
+    channel_offsets_px,
+)
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.diffraction import (

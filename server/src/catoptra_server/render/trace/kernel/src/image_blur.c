@@ -34,7 +34,7 @@ static Floats16 row_of_diameter(Floats16 diameter) {
     return ROWS_PER_PX2 / 16.0f * diameter * diameter;
 }
 
-/* Rows of the table for the pixels of a cell; of the discs of infinity, or of those of the ranges. */
+/* Rows of the table for the pixels of a cell: of the discs of infinity, or of the ranges. */
 static void find_rows(const Pass *pass, const Cell *cell, int is_far, CellKernels *kernels) {
     const ImageStage *stage = pass->stage;
     size_t plane = (size_t)pass->job->width * (size_t)pass->job->height;

@@ -1,5 +1,5 @@
-/* Provides catoptra_change_image: the chain of an image's stages in as few passes as they allow, one
- * pass after the other, each by all threads. A pass ends where the next stage reads other pixels, or
+/* Provides catoptra_change_image: the chain of an image's stages in as few passes as they allow,
+ * one after the other, each by all threads. A pass ends where the next stage reads other pixels, or
  * a mean of all. The pass before a mosaic develops the colour of each pixel that it keeps.
  * Float64 twin: the formulas of effects/, in their order. Owns nothing: Python lends the scratch
  * memory of catoptra_image_scratch bytes.
@@ -96,8 +96,7 @@ static void develop_rows(void *argument) {
 /* Choose the stages of a pass, from one on, and what the pass develops them for. */
 static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     const ImageStage *end = job->stages + job->num_stages, *stage = job->stages + first;
-    /* The image's first pass ends before a stage that needs more than a pixel; all others begin with
-     * one. */
+    /* The first pass ends before a stage that needs more than a pixel; all others begin with one. */
     pass->stage = number && reads_others(stage) ? stage : NULL;
     pass->points = pass->stage ? stage + 1 : stage;
     const ImageStage *next = pass->points + (number && !pass->stage);

@@ -1,9 +1,9 @@
 /* An image as three planes of floats, in cells of 16 x 8 pixels.
  *
  * Cells are what stages leave plain or change, and what threads take. A pass develops each cell in
- * the processor's nearest cache: by a stage that reads other pixels of the image before, then by all
- * stages that act on a pixel, up to the next pass. Rows of a cell are whole vectors: the last column
- * of cells reaches into the border, which repeats the image's edge.
+ * the processor's nearest cache: by a stage that reads other pixels of the image before, then by
+ * all stages that act on a pixel, up to the next pass. Rows of a cell are whole vectors: the last
+ * column of cells reaches into the border, which repeats the image's edge.
  */
 #ifndef CATOPTRA_IMAGE_PLANES_H
 #define CATOPTRA_IMAGE_PLANES_H
