@@ -96,7 +96,7 @@ static void develop_rows(void *argument) {
 /* Choose the stages of a pass, from one on, and what the pass develops them for. */
 static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     const ImageStage *end = job->stages + job->num_stages, *stage = job->stages + first;
-    /* The first pass ends before a stage that needs more than a pixel; all others begin with one. */
+    /* The first pass ends before a stage that needs more than a pixel; others begin with one. */
     pass->stage = number && reads_others(stage) ? stage : NULL;
     pass->points = pass->stage ? stage + 1 : stage;
     const ImageStage *next = pass->points + (number && !pass->stage);
