@@ -38,8 +38,7 @@ ever off by proof, and off by measurement where nothing but flat surfaces is in 
 
 Effects know no mirror but for five: they take any camera with an optical axis (`RadialCamera`), a
 lens too. An effect that is left out has no pass, program or texture. Each one that runs is a stage
-of its own: a fused one would be faster on llvmpipe, but no effect would have a cost of its own, and
-each new one would meet all others.
+of its own, which the kernel calls for a cell of pixels: stages share passes, and know no other.
 """
 
 from __future__ import annotations

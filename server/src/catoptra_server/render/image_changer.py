@@ -46,9 +46,10 @@ class ChangedImage(Generic[_ImageT]):
     image: _ImageT
     """(h, w, 3), linear, or sRGB and read-only."""
     stage_ms: dict[str, float]
-    """Milliseconds of each effect, and of the encoding."""
+    """Milliseconds of each effect, and of the encoding; the kernel's are shares of its passes."""
     changes: dict[str, EffectChange]
-    """Changes by the effects with a threshold."""
+    """Changes by the effects with a threshold; infinite if the effect is seen and nobody measured
+    how much."""
 
 
 class ImageChanger(Protocol):

@@ -189,6 +189,10 @@ class DiscKernelTable:
         """Weights for the kernel's stage, (rows, pairs), the same array in each call."""
         return _float32_weights(self)
 
+    def float32_summed_exchanges(self) -> npt.NDArray[np.float32]:
+        """Exchanges from row 0 on for the kernel's stage, (rows,), the same array in each call."""
+        return _float32_summed_exchanges(self)
+
 
 def table_row(diameter_px: Floats) -> Floats:
     """Fractional row of the kernel of a disc."""
@@ -239,6 +243,11 @@ def _summed_exchanges(table: DiscKernelTable) -> Floats:
 @lru_cache(maxsize=8)
 def _float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
     return table.weights.astype(np.float32)
+
+
+@lru_cache(maxsize=8)
+def _float32_summed_exchanges(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    return _summed_exchanges(table).astype(np.float32)
 
 
 def _disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from catoptra_server.render.trace.kernel.image import STAGE_MAKERS, KernelImageC
 from catoptra_server.render.trace.kernel.library import (
     KernelDevice,
     KernelError,
+    available_instruction_sets,
     choose_instruction_set,
 )
 from helpers.effect_measurement import (
@@ -236,23 +239,69 @@ def test_effect_without_native_code_is_applied_in_its_place(changer: KernelImage
         assert change.largest == pytest.approx(expected.changes[name].largest, abs=0.02)
 
 
-def test_changes_and_images_do_not_depend_on_threads() -> None:
+@pytest.mark.parametrize("has_mosaic", [True, False])
+def test_changes_and_images_do_not_depend_on_threads_and_processor(has_mosaic: bool) -> None:
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))
-    effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
+    skipped = {"Defocus"} if has_mosaic else {"Defocus", "Bayer"}
+    effects = tuple(make_effect(name) for name in STAGE_MAKERS if name not in skipped)
     # Counted to the end, up to a limit, and ended by the largest change.
     allowed = Threshold(255.0, visible_share=0.99), Threshold(255.0, visible_share=0.1)
     rules = (*allowed, Threshold(0.5))
     thresholds = {effect.name: rules[i % 3] for i, effect in enumerate(effects)}
     results = []
-    for threads in (1, 2, 3):
-        device = KernelDevice(choose_instruction_set(), threads)
+    for threads, instruction_set in product((1, 2, 3), available_instruction_sets()):
+        device = KernelDevice(instruction_set, threads)
         changed = KernelImageChanger(device).change(
             ExposedImage(image, camera, context), effects, thresholds
         )
         results.append((changed.image.tobytes(), changed.changes))
         device.close()
-    assert results[0] == results[1] == results[2]
+    assert all(one == results[0] for one in results)
+
+
+def keep_mosaic(image: LinearImage) -> LinearImage:
+    """Light of the colour that each pixel measures, (h, w)."""
+    raw = image[..., 1].copy()
+    raw[::2, ::2], raw[1::2, 1::2] = image[::2, ::2, 0], image[1::2, 1::2, 2]
+    return raw
+
+
+def test_stages_before_a_mosaic_are_measured_in_the_colours_that_it_keeps(
+    changer: KernelImageChanger,
+) -> None:
+    camera = camera_of_size(97, 71)
+    context, light = make_context(camera), next(make_images(camera))
+    effects = tuple(map(make_strong, ("Exposure", "FixedPattern", "ShotNoise", "Bayer")))
+    thresholds = {effect.name: Threshold(0.5, (0.5, 1.0)) for effect in effects}
+    native = changer.change(ExposedImage(light, camera, context), effects, thresholds)
+    for effect in effects[:-1]:
+        before, light = light, effect.apply(light, camera, context)
+        kept = measure_change(keep_mosaic(before), keep_mosaic(light), (0.5, 1.0))
+        assert native.changes[effect.name] == pytest.approx(kept, abs=0.02)
+
+
+@pytest.mark.parametrize("threshold", [0.5, 255.0])
+def test_mosaic_behind_other_stages_is_measured_up_to_its_threshold(
+    changer: KernelImageChanger, threshold: float
+) -> None:
+    camera = camera_of_size(97, 71)
+    exposed = ExposedImage(next(make_images(camera)), camera, make_context(camera))
+    effects = tuple(map(make_strong, ("Vignetting", "ShotNoise", "Bayer")))
+    native = changer.change(exposed, effects, {"Bayer": Threshold(threshold)})
+    expected = NUMPY.change(exposed, effects, {"Bayer": Threshold(threshold)}).changes["Bayer"]
+    exact = pytest.approx(expected, abs=0.02)
+    assert expected > 0.5
+    assert native.changes["Bayer"] == (exact if expected <= threshold else math.inf)
+
+
+def test_stages_share_the_time_of_their_pass(changer: KernelImageChanger) -> None:
+    camera = camera_of_size(97, 71)
+    exposed = ExposedImage(next(make_images(camera)), camera, make_context(camera))
+    effects = tuple(map(make_strong, ("MirrorReflectance", "Vignetting", "ReadNoise")))
+    stage_ms = changer.encode(exposed, effects, {}).stage_ms
+    assert stage_ms["Vignetting"] == stage_ms["MirrorReflectance"] > 0.0
+    assert stage_ms["ReadNoise"] == pytest.approx(3.0 * stage_ms["Vignetting"])
 
 
 def test_changer_with_a_device_of_its_own_changes_images_until_it_is_closed() -> None:

@@ -1,9 +1,12 @@
-"""Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
+"""Image effects by the kernel: one call for all, each a stage of it.
 
-A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
-16 x 8 px that a stage can change by no more than its plain change; the largest change and the
-pixels that change visibly are the same for any number of threads. Effects without a stage are
-applied by their own formula, in their place in the order.
+A stage is the numbers and maps that `src/image.h` describes. Stages share passes over the image
+(`src/image_chain.c`), and a pass's time by relative times of their kinds: milliseconds of a stage
+are such a share. The kernel leaves plain each cell of 16 x 8 px that a stage can change by no more
+than its plain change; the largest change and the pixels that change visibly are the same for any
+number of threads. Before a mosaic it computes the colours that the mosaic keeps, and measures
+those; the mosaic's own change is then measured up to its limits, and infinite beyond: seen, but not
+how much. Effects without a stage are applied by their own formula, in their place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
 Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.
@@ -36,7 +39,10 @@ from catoptra_server.effects.kernels.lens_blur import (
     interior_mask,
     map_of_radius,
 )
-from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
+from catoptra_server.effects.medium.chromatic_aberration import (
+    ChromaticAberration,
+    channel_offsets_px,
+)
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.diffraction import (
@@ -265,9 +271,11 @@ def _make(
 
 
 @lru_cache(maxsize=16)
-def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
-    """Mask of blurs, (h, w)."""
-    return interior_mask(camera).astype(np.uint8)
+def _interior(camera: RadialCamera, size: int) -> npt.NDArray[np.uint8]:
+    """Mask of blurs by kernels of a half width, (h + 2 size, w + 2 size + 16): edges repeat."""
+    mask = interior_mask(camera).astype(np.uint8)
+    # The kernel reads whole vectors of 16.
+    return np.pad(mask, ((size, size), (size, size + 16)), "edge")
 
 
 def _make_defocus(effect: Defocus, exposed: ExposedImage) -> _StageWithMaps:
@@ -287,26 +295,27 @@ def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _St
     assert range_m is not None, "defocus by depth needs ranges"
     ranges = np.ascontiguousarray(range_m, dtype=np.float32)
     parameters = _disc_parameters(effect, camera)
-    return _make_disc_blur(effect.kernel_table(camera), parameters, camera, ranges)
+    table = effect.kernel_table(camera)
+    return _make_disc_blur(table, parameters, camera, ranges, table.float32_summed_exchanges())
 
 
 @lru_cache(maxsize=4)
 def _disc_parameters(effect: DefocusByDepth, camera: RadialCamera) -> _Float32s:
-    """Map, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
+    """Maps, (4, h, w): infinity_diameter_px, near_px, power_per_m, offset."""
 
     def discs(radius_px: npt.NDArray[np.float64]) -> _Float32s:
         circle = circle_of_confusion(effect.aperture, camera, radius_px)
         return circle.parameters.astype(np.float32)
 
-    return map_of_radius(camera, discs)
+    return np.ascontiguousarray(np.moveaxis(map_of_radius(camera, discs), -1, 0))
 
 
 def _make_disc_blur(
-    table: DiscKernelTable, discs: _Float32s, camera: RadialCamera, *ranges: _Float32s
+    table: DiscKernelTable, discs: _Float32s, camera: RadialCamera, *by_range: _Float32s
 ) -> _StageWithMaps:
-    weights, interior = table.float32_weights(), _interior(camera)
-    size, num_rows = table.half_width_px, len(weights)
-    return _make(_BLUR, weights, discs, interior, *ranges, size=size, num_rows=num_rows)
+    weights, size = table.float32_weights(), table.half_width_px
+    interior = _interior(camera, size)
+    return _make(_BLUR, weights, discs, interior, *by_range, size=size, num_rows=len(weights))
 
 
 def _make_diffraction(effect: Diffraction, exposed: ExposedImage) -> _StageWithMaps:
@@ -358,7 +367,21 @@ def _make_noise(
 
 def _make_misalignment(effect: Misalignment, exposed: ExposedImage) -> _StageWithMaps:
     camera = cast(OmniCamera, exposed.camera)
-    return _make(_WARP, *lookup_maps(effect, camera))
+    return _make(_WARP, *_offset_maps(effect, camera), lookup_maps(effect, camera)[1])
+
+
+@lru_cache(maxsize=4)
+def _offset_maps(effect: Misalignment, camera: OmniCamera) -> tuple[_Float32s, ...]:
+    """Offsets in u and in v, (h, w) each."""
+    lookup = lookup_maps(effect, camera)[0]
+    return tuple(np.ascontiguousarray(lookup[..., axis]) for axis in (0, 1))
+
+
+@lru_cache(maxsize=4)
+def _magnified_offsets(effect: ChromaticAberration, camera: RadialCamera) -> tuple[_Float32s, ...]:
+    """Offsets of columns, (2, w), and of rows, (2, h)."""
+    offsets = channel_offsets_px(effect, camera)
+    return tuple(np.ascontiguousarray(one.reshape(-1, 2).T) for one in offsets)
 
 
 def _make_holder(effect: MirrorHolder, exposed: ExposedImage) -> _StageWithMaps:
@@ -394,7 +417,7 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "DefocusByDepth": _make_defocus_by_depth,
     "Misalignment": _make_misalignment,
     "ChromaticAberration": lambda effect, exposed: _make(
-        _MAGNIFY, *channel_offsets_px(effect, exposed.camera)
+        _MAGNIFY, *_magnified_offsets(effect, exposed.camera)
     ),
     "Diffraction": _make_diffraction,
     "MirrorHolder": _make_holder,

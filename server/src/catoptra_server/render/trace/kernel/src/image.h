@@ -19,8 +19,8 @@ enum {
     STAGE_READ_NOISE = 7,  /* numbers[0] standard deviation;  key */
     STAGE_GLARE = 8,     /* see image_glare.c */
     STAGE_BLUR = 9,      /* see image_blur.c */
-    STAGE_WARP = 10,     /* maps[0] offsets (h, w, 3), the third unused, maps[1] fraction kept (h, w) */
-    STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
+    STAGE_WARP = 10,     /* maps[0], maps[1] offsets in u and v, maps[2] fraction kept, (h, w) */
+    STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (2, w), maps[1] of rows (2, h): red, blue */
     STAGE_BLOOM = 12,    /* numbers[0] overflowing fraction;  size: rows */
     STAGE_BAYER = 13,
     STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both columns, rows */
@@ -35,7 +35,7 @@ typedef struct {
     float spill[2];     /* gain up to the well; part of what is above that reaches other pixels */
     float numbers[4];
     uint32_t key[4];
-    const void *maps[4];
+    const void *maps[5];
     PixelChange change;       /* result of a stage with limits */
     PixelChange other_change; /* result of a blur by range: change of the image without any blur */
     double ms;          /* result */

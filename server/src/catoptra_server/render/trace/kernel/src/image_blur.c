@@ -7,63 +7,63 @@
  * that are i and j away along the axes share it. maps[0] has the weights: (3, pairs) where num_rows
  * is 0, else (num_rows, pairs), of which each pixel takes the linear mixture of two rows.
  * maps[1] is the row of each pixel, (h, w); or, with ranges in maps[3], the circle of confusion
- * (h, w, 4) from which the row follows (circle_of_confusion). maps[2] is the mask, (h, w) uint8, of
- * pixels that take part: weights of others go to the central pixel; NULL: all take part.
+ * (4, h, w) from which the row follows (circle_of_confusion). maps[2] is the mask, uint8, of pixels
+ * that take part: weights of others go to the central pixel; NULL: all take part. Its edges are
+ * repeated, size times to each side and 16 more at the right.
  */
 #include "image_spread.h"
 
 #include "image_change.h"
 
 #include <math.h>
+#include <string.h>
 
 #define ROWS_PER_PX2 64.0f
 #define MIN_DENOMINATOR 1e-6f
 
+/* The kernels of a cell. */
 typedef struct {
-    _Alignas(64) float row[CELL_ROWS][CELL_COLUMNS];     /* of the table, by pixel */
-    _Alignas(64) float far_row[CELL_ROWS][CELL_COLUMNS]; /* of the disc of infinity */
-    int reach, far_reach; /* half widths of the widest kernels of the cell */
-    float exchange;       /* most light that a pixel takes from others by any of them */
+    Floats16 row[CELL_ROWS]; /* of the table, by pixel */
+    int reach;               /* half width of the widest one */
+    float exchange;          /* most light that a pixel takes from others */
 } CellKernels;
 
 static int pair_count(int half_width) { return (half_width + 1) * (half_width + 2) / 2; }
 
-static float row_of_diameter(float diameter) { return ROWS_PER_PX2 / 16.0f * diameter * diameter; }
+static Floats16 row_of_diameter(Floats16 diameter) {
+    return ROWS_PER_PX2 / 16.0f * diameter * diameter;
+}
 
-/* Rows of the table for the pixels of a cell. */
-static void find_rows(const Pass *pass, const Cell *cell, CellKernels *kernels) {
+/* Rows of the table for the pixels of a cell: of the discs of infinity, or of the ranges. */
+static void find_rows(const Pass *pass, const Cell *cell, int is_far, CellKernels *kernels) {
     const ImageStage *stage = pass->stage;
-    const float *ranges = stage->maps[3];
-    for (int row = 0; row < CELL_ROWS; row++)
-        for (int x = 0; x < CELL_COLUMNS; x++) {
-            /* Rows and columns beyond the image repeat the last ones. */
-            int y = row < cell->rows ? row : cell->rows - 1;
-            int column = x < cell->columns ? x : cell->columns - 1;
-            size_t at = (size_t)(cell->top + y) * (size_t)pass->job->width +
-                        (size_t)(cell->left + column);
-            if (!ranges) {
-                kernels->row[row][x] = ((const float *)stage->maps[1])[at];
-                continue;
-            }
-            const float *circle = (const float *)stage->maps[1] + 4 * at;
-            float denominator = circle[2] * ranges[at] + circle[3];
-            denominator = denominator > MIN_DENOMINATOR ? denominator : MIN_DENOMINATOR;
-            kernels->row[row][x] = row_of_diameter(circle[0] + circle[1] / denominator);
-            kernels->far_row[row][x] = row_of_diameter(circle[0]);
-        }
+    size_t plane = (size_t)pass->job->width * (size_t)pass->job->height;
+    for (int row = 0; row < cell->rows; row++) {
+        size_t first = place_in_map(pass, cell, row);
+        Floats16 circle[4];
+        for (size_t i = 0; i < (stage->maps[3] ? 4 : 1); i++)
+            circle[i] = load_map(stage->maps[1], i * plane + first, cell->columns);
+        kernels->row[row] = circle[0];
+        if (!stage->maps[3])
+            continue;
+        Floats16 ranges = load_map(stage->maps[3], first, cell->columns);
+        Floats16 denominators =
+            most16(circle[2] * ranges + circle[3], splat16(MIN_DENOMINATOR));
+        Floats16 near = circle[0] + circle[1] / denominators;
+        kernels->row[row] = row_of_diameter(is_far ? circle[0] : near);
+    }
 }
 
-static float largest_row(float rows[CELL_ROWS][CELL_COLUMNS]) {
-    float largest = 0.0f;
-    for (int row = 0; row < CELL_ROWS; row++)
-        for (int x = 0; x < CELL_COLUMNS; x++)
-            largest = rows[row][x] > largest ? rows[row][x] : largest;
-    return largest;
+static float largest_row(const Cell *cell, const CellKernels *kernels) {
+    Floats16 largest = {0};
+    for (int row = 0; row < cell->rows; row++)
+        largest = most16(kernels->row[row], largest);
+    return most_of16(largest);
 }
 
-/* Half width of the kernels up to a row, and light from others; wider discs have all that narrower
+/* Half width and light from others of the kernels up to a row; wider discs have all that narrower
  * ones have. */
-static int find_reach(const ImageStage *stage, float row, CellKernels *kernels) {
+static void find_reach(const ImageStage *stage, float row, CellKernels *kernels) {
     const float *table = stage->maps[0];
     int pairs = pair_count(stage->size), last = (int)ceilf(row);
     last = last < stage->num_rows ? last : stage->num_rows - 1;
@@ -77,223 +77,243 @@ static int find_reach(const ImageStage *stage, float row, CellKernels *kernels) 
             break;
         reach--;
     }
-    kernels->exchange = fmaxf(kernels->exchange, 1.0f - table[(size_t)last * (size_t)pairs]);
-    return reach;
+    kernels->reach = reach;
+    kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
 }
 
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     int pairs = pair_count(stage->size);
     const float *weights = stage->maps[0];
     kernels->reach = stage->size;
+    kernels->exchange = 0.0f;
     for (int channel = 0; channel < 3; channel++) {
         float others = 1.0f - weights[(size_t)channel * (size_t)pairs];
         kernels->exchange = others > kernels->exchange ? others : kernels->exchange;
     }
 }
 
-/* Weights of one pair for a row of pixels. */
-static void mix_weights(const ImageStage *stage, const float *rows, int pairs, int pair,
-                        float weights[CELL_COLUMNS]) {
+/* Place of 16 pixels between two rows of the table. */
+typedef struct {
+    Ints16 first; /* weight of the row below */
+    Floats16 fraction;
+    int is_shared; /* all pixels lie between the same rows */
+} TablePlace;
+
+static TablePlace place_in_table(const ImageStage *stage, Floats16 rows) {
+    int pairs = pair_count(stage->size), last = stage->num_rows - 2;
+    rows = least16(rows, splat16((float)(stage->num_rows - 1)));
+    Ints16 below = __builtin_convertvector(least16(rows, splat16((float)last)), Ints16);
+    Floats16 fraction = rows - __builtin_convertvector(below, Floats16);
+    return (TablePlace){below * pairs, fraction, bits16(below == below[0]) == 0xffffu};
+}
+
+/* Weights of one pair for 16 pixels. */
+static Floats16 mix_weights(const ImageStage *stage, const TablePlace *place, int pair) {
     const float *table = (const float *)stage->maps[0] + pair;
-    for (int x = 0; x < CELL_COLUMNS; x++) {
-        float row = rows[x] < (float)(stage->num_rows - 1) ? rows[x] : (float)(stage->num_rows - 1);
-        int below = (int)row < stage->num_rows - 2 ? (int)row : stage->num_rows - 2;
-        float lower = table[(size_t)below * (size_t)pairs];
-        float upper = table[(size_t)(below + 1) * (size_t)pairs];
-        weights[x] = lower + (row - (float)below) * (upper - lower);
+    int pairs = pair_count(stage->size);
+    if (place->is_shared) {
+        float lower = table[place->first[0]], upper = table[place->first[0] + pairs];
+        return lower + place->fraction * (upper - lower);
     }
+    Floats16 lower, upper;
+    for (int x = 0; x < CELL_COLUMNS; x++) {
+        lower[x] = table[place->first[x]];
+        upper[x] = table[place->first[x] + pairs];
+    }
+    return lower + place->fraction * (upper - lower);
 }
 
-static void add_shifts(const float *row, size_t stride, int i, int j, float sums[CELL_COLUMNS]) {
-    const float *above = row - (size_t)j * stride, *below = row + (size_t)j * stride;
+/* What the sums of a cell's row read: a colour, with a mask where it is 1 alone; or the mask. */
+typedef struct {
+    const float *light;  /* of the row's first pixel; NULL: 1 */
+    const uint8_t *mask; /* of the same pixel; NULL: all take part */
+    ptrdiff_t stride, mask_stride;
+} BlurSource;
+
+/* Inlined with and without a mask. */
+#define ALWAYS_INLINE static inline __attribute__((always_inline))
+
+ALWAYS_INLINE Floats16 read_shifted(const BlurSource *source, ptrdiff_t dx, ptrdiff_t dy) {
+    typedef uint8_t Bytes16 __attribute__((vector_size(16)));
+    Floats16 light = splat16(1.0f);
+    Bytes16 mask;
+    if (source->light)
+        light = load16(source->light + dy * source->stride + dx);
+    if (!source->mask)
+        return light;
+    memcpy(&mask, source->mask + dy * source->mask_stride + dx, sizeof mask);
+    return select16(__builtin_convertvector(mask, Ints16) != 0, light, splat16(0.0f));
+}
+
+ALWAYS_INLINE Floats16 sum_shifts(const BlurSource *source, int i, int j) {
     if (j == 0)
-        for (int x = 0; x < CELL_COLUMNS; x++)
-            sums[x] += row[x - i] + row[x + i];
-    else
-        for (int x = 0; x < CELL_COLUMNS; x++)
-            sums[x] += (above[x - i] + above[x + i]) + (below[x - i] + below[x + i]);
-}
-
-static void add_vertical(const float *row, size_t stride, int i, float sums[CELL_COLUMNS]) {
-    const float *above = row - (size_t)i * stride, *below = row + (size_t)i * stride;
-    for (int x = 0; x < CELL_COLUMNS; x++)
-        sums[x] += above[x] + below[x];
+        return read_shifted(source, -i, 0) + read_shifted(source, i, 0);
+    return (read_shifted(source, -i, -j) + read_shifted(source, i, -j)) +
+           (read_shifted(source, -i, j) + read_shifted(source, i, j));
 }
 
 /* Sums of the pixels that share the weight of a pair. */
-static void sum_pair(const float *row, size_t stride, int i, int j, float sums[CELL_COLUMNS]) {
-    if (i == 0) {
-        memcpy(sums, row, sizeof(float) * CELL_COLUMNS);
-        return;
-    }
-    memset(sums, 0, sizeof(float) * CELL_COLUMNS);
-    add_shifts(row, stride, i, j, sums);
+ALWAYS_INLINE Floats16 sum_pair(const BlurSource *source, int i, int j) {
+    if (i == 0)
+        return read_shifted(source, 0, 0);
+    Floats16 sums = sum_shifts(source, i, j);
     if (j == 0)
-        add_vertical(row, stride, i, sums);
-    else if (i != j)
-        add_shifts(row, stride, j, i, sums);
+        return sums + (read_shifted(source, 0, -i) + read_shifted(source, 0, i));
+    return i == j ? sums : sums + sum_shifts(source, j, i);
+}
+
+/* Sums of a cell's row by all weights, of `count` sources. */
+ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, int count,
+                           const BlurSource sources[4], Floats16 totals[4]) {
+    int pairs = pair_count(stage->size), pair = 0;
+    TablePlace place = {0};
+    if (stage->num_rows)
+        place = place_in_table(stage, rows);
+    for (int source = 0; source < count; source++)
+        totals[source] = splat16(0.0f);
+    for (int i = 0; i <= reach; i++)
+        for (int j = 0; j <= i; j++, pair++) {
+            Floats16 weights = {0};
+            if (stage->num_rows)
+                weights = mix_weights(stage, &place, pair);
+            for (int source = 0; source < count; source++) {
+                if (!stage->num_rows)
+                    weights = splat16(((const float *)stage->maps[0])[source * pairs + pair]);
+                totals[source] += weights * sum_pair(sources + source, i, j);
+            }
+        }
+}
+
+static void blur_row(const ImageStage *stage, Floats16 rows, int reach,
+                     const BlurSource sources[4], Floats16 totals[4]) {
+    BlurSource colours[3];
+    for (int channel = 0; channel < 3; channel++)
+        colours[channel] = (BlurSource){.light = sources[channel].light,
+                                        .stride = sources[channel].stride};
+    sum_row(stage, rows, reach, 3, colours, totals);
+}
+
+/* The mask is summed like a colour: what is missing in its sum of weights goes to the central
+ * pixel. */
+static void blur_masked_row(const ImageStage *stage, Floats16 rows, int reach,
+                            const BlurSource sources[4], Floats16 totals[4]) {
+    sum_row(stage, rows, reach, 4, sources, totals);
+    Ints16 takes_part = read_shifted(sources + 3, 0, 0) != 0.0f;
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 own = load16(sources[channel].light);
+        Floats16 blurred = totals[channel] + (1.0f - totals[3]) * own;
+        totals[channel] = select16(takes_part, blurred, own);
+    }
+}
+
+static ptrdiff_t mask_stride(const Pass *pass) {
+    return pass->job->width + 2 * pass->stage->size + CELL_COLUMNS;
+}
+
+static const uint8_t *mask_at(const Pass *pass, int row, int column) {
+    const ImageStage *stage = pass->stage;
+    return (const uint8_t *)stage->maps[2] + (row + stage->size) * mask_stride(pass) +
+           (stage->size + column);
 }
 
 static int is_masked(const Pass *pass, const Cell *cell, int reach) {
-    const uint8_t *mask = pass->stage->maps[2];
-    int width = pass->job->width, height = pass->job->height;
-    if (!mask)
+    size_t columns = (size_t)(cell->columns + 2 * reach);
+    if (!pass->stage->maps[2])
         return 0;
     for (int row = cell->top - reach; row < cell->top + cell->rows + reach; row++)
-        for (int x = cell->left - reach; x < cell->left + cell->columns + reach; x++) {
-            int y = row < 0 ? 0 : row < height ? row : height - 1;
-            int column = x < 0 ? 0 : x < width ? x : width - 1;
-            if (!mask[(size_t)y * (size_t)width + (size_t)column])
-                return 1;
-        }
+        if (memchr(mask_at(pass, row, cell->left - reach), 0, columns))
+            return 1;
     return 0;
 }
 
-/* A row of a cell of which all pixels take part. */
-static void blur_row(const Pass *pass, const Cell *cell, int y, const float *rows, int reach) {
-    const ImageStage *stage = pass->stage;
-    int pairs = pair_count(stage->size), pair = 0;
-    float weights[CELL_COLUMNS], sums[CELL_COLUMNS], totals[3][CELL_COLUMNS];
-    memset(totals, 0, sizeof totals);
-    for (int i = 0; i <= reach; i++)
-        for (int j = 0; j <= i; j++, pair++) {
-            if (stage->num_rows)
-                mix_weights(stage, rows, pairs, pair, weights);
-            for (int channel = 0; channel < 3; channel++) {
-                if (!stage->num_rows)
-                    for (int x = 0; x < CELL_COLUMNS; x++)
-                        weights[x] = ((const float *)stage->maps[0])[channel * pairs + pair];
-                sum_pair(row_at(&pass->from, channel, y) + cell->left, pass->from.stride, i, j,
-                         sums);
-                for (int x = 0; x < CELL_COLUMNS; x++)
-                    totals[channel][x] += weights[x] * sums[x];
-            }
-        }
-    for (int channel = 0; channel < 3; channel++)
-        memcpy(row_at(&pass->to, channel, y) + cell->left, totals[channel], sizeof totals[channel]);
-}
-
-/* The pixels of a pair around one pixel that take part, one after the other. */
-typedef struct {
-    const Pass *pass;
-    int x, y;
-    float weight, sums[3], left_over;
-} MaskedSum;
-
-static void add_neighbour(MaskedSum *sum, int dx, int dy) {
-    const Pass *pass = sum->pass;
-    int x = sum->x + dx, y = sum->y + dy, width = pass->job->width, height = pass->job->height;
-    int column = x < 0 ? 0 : x < width ? x : width - 1, row = y < 0 ? 0 : y < height ? y : height - 1;
-    const uint8_t *mask = pass->stage->maps[2];
-    if (!mask[(size_t)row * (size_t)width + (size_t)column]) {
-        sum->left_over += sum->weight;
-        return;
-    }
-    for (int channel = 0; channel < 3; channel++)
-        sum->sums[channel] += sum->weight * row_at(&pass->from, channel, row)[column];
-}
-
-static void add_pair(MaskedSum *sum, int i, int j) {
-    for (int swap = 0; swap < (i == j ? 1 : 2); swap++, (void)0) {
-        int dx = swap ? j : i, dy = swap ? i : j;
-        for (int sx = -1; sx <= (dx ? 1 : -1); sx += 2)
-            for (int sy = -1; sy <= (dy ? 1 : -1); sy += 2)
-                add_neighbour(sum, sx * dx, sy * dy);
-    }
-}
-
-static void blur_masked_pixel(const Pass *pass, int x, int y, float row, int reach) {
-    const ImageStage *stage = pass->stage;
-    const uint8_t *mask = stage->maps[2];
-    MaskedSum sum = {.pass = pass, .x = x, .y = y};
-    int pairs = pair_count(stage->size), pair = 0;
-    if (mask[(size_t)y * (size_t)pass->job->width + (size_t)x])
-        for (int i = 0; i <= reach; i++)
-            for (int j = 0; j <= i; j++, pair++) {
-                float rows[CELL_COLUMNS] = {row}, weights[CELL_COLUMNS];
-                mix_weights(stage, rows, pairs, pair, weights);
-                sum.weight = weights[0];
-                add_pair(&sum, i, j);
-            }
-    else
-        sum.left_over = 1.0f;
-    for (int channel = 0; channel < 3; channel++) {
-        float own = row_at(&pass->from, channel, y)[x];
-        row_at(&pass->to, channel, y)[x] = sum.sums[channel] + sum.left_over * own;
-    }
-}
-
-static void blur_cell(const Pass *pass, const Cell *cell, float rows[CELL_ROWS][CELL_COLUMNS],
-                      int reach, int masked) {
+static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *kernels, int masked,
+                      CellValues *to) {
     for (int row = 0; row < cell->rows; row++) {
-        if (!masked) {
-            blur_row(pass, cell, cell->top + row, rows[row], reach);
-            continue;
+        BlurSource sources[4] = {{0}};
+        Floats16 totals[4];
+        for (int i = 0; i < 4; i++) {
+            if (i < 3)
+                sources[i].light = row_at(&pass->from, i, cell->top + row) + cell->left;
+            if (masked)
+                sources[i].mask = mask_at(pass, cell->top + row, cell->left);
+            sources[i].stride = (ptrdiff_t)pass->from.stride;
+            sources[i].mask_stride = mask_stride(pass);
         }
-        for (int x = 0; x < cell->columns; x++)
-            blur_masked_pixel(pass, cell->left + x, cell->top + row, rows[row][x], reach);
+        (masked ? blur_masked_row : blur_row)(pass->stage, kernels->row[row], kernels->reach,
+                                              sources, totals);
+        for (int channel = 0; channel < 3; channel++)
+            store16(totals[channel], to->values[channel][row]);
     }
+    to->planes = 3;
+}
+
+/* Most light that a pixel receives from other pixels than by the disc of infinity: by the sums of
+ * the steps between rows of the table, maps[4]. */
+static float differing_exchange(const ImageStage *stage, const Cell *cell,
+                                const CellKernels *near, const CellKernels *far) {
+    const float *sums = stage->maps[4];
+    float largest = 0.0f;
+    Floats16 last = splat16((float)(stage->num_rows - 1));
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 one = least16(near->row[row], last), other = least16(far->row[row], last);
+        Floats16 above = __builtin_elementwise_ceil(most16(one, other));
+        Ints16 low = __builtin_convertvector(least16(one, other), Ints16);
+        Ints16 high = __builtin_convertvector(above, Ints16);
+        for (int x = 0; x < CELL_COLUMNS; x++)
+            largest = fmaxf(largest, sums[high[x]] - sums[low[x]]);
+    }
+    return largest;
 }
 
 /* With ranges the change that counts is that against the disc of infinity, which another effect
- * stands for: `change`. The change against the image before is `other_change`. */
-static void measure_against_infinity(Pass *pass, const Cell *cell, CellKernels *kernels,
-                                     CellRange range, int masked) {
-    float near_values[3][CELL_ROWS][CELL_COLUMNS];
-    CellKernels far_kernels = *kernels;
-    float high = largest_row(kernels->far_row);
-    find_reach(pass->stage, high, &far_kernels);
-    float exchange = kernels->exchange > far_kernels.exchange ? kernels->exchange
-                                                              : far_kernels.exchange;
+ * stands for. The change against the image before is the other one. */
+static void measure_against_infinity(const Pass *pass, const Cell *cell, const CellKernels *near,
+                                     const CellKernels *far, CellRange range, int masked,
+                                     const CellValues *to) {
+    const ImageStage *stage = pass->stage;
+    Changes *changes = changes_of(pass, stage);
+    CellValues values;
+    load_cell(pass, cell, &values);
+    measure_change(stage, &changes->other, &values, to, cell);
+    float exchange = differing_exchange(stage, cell, near, far);
     LightChange light = {range.low, range.high, exchange * (range.high - range.low)};
-    float bound = bound_change(pass->stage, light);
-    if (bound <= read_largest(&pass->change) &&
-        !(bound > VISIBLE_LEVELS && is_counted(&pass->change, &pass->stage->limits)))
+    float bound = bound_change(stage, light);
+    if (bound <= read_largest(&changes->own) &&
+        !(bound > VISIBLE_LEVELS && is_counted(&changes->own, &stage->limits)))
         return;
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            memcpy(near_values[channel][row],
-                   row_at(&pass->to, channel, cell->top + row) + cell->left,
-                   sizeof near_values[channel][row]);
-    blur_cell(pass, cell, kernels->far_row, kernels->far_reach, masked);
-    Versions versions[3];
-    for (int channel = 0; channel < 3; channel++)
-        versions[channel] = (Versions){row_at(&pass->to, channel, cell->top) + cell->left,
-                                       near_values[channel][0], pass->to.stride, CELL_COLUMNS};
-    measure_versions(pass->stage, &pass->change, versions, cell);
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            memcpy(row_at(&pass->to, channel, cell->top + row) + cell->left,
-                   near_values[channel][row], sizeof near_values[channel][row]);
+    blur_cell(pass, cell, far, masked, &values);
+    measure_change(stage, &changes->own, &values, to, cell);
 }
 
-static void measure_blur(Pass *pass, const Cell *cell, CellKernels *kernels, CellRange range,
-                         int masked) {
-    int is_by_range = pass->stage->maps[3] != NULL;
-    measure_cell(pass, cell, is_by_range ? &pass->other_change : &pass->change);
-    if (is_by_range && pass->stage->limits.max_change >= 0.0f)
-        measure_against_infinity(pass, cell, kernels, range, masked);
-}
-
-void blur(Pass *pass, const Cell *cell) {
-    CellKernels kernels;
-    kernels.far_reach = 0;
-    kernels.exchange = 0.0f;
-    if (pass->stage->num_rows) {
-        find_rows(pass, cell, &kernels);
-        kernels.reach = find_reach(pass->stage, largest_row(kernels.row), &kernels);
-        if (pass->stage->maps[3])
-            kernels.far_reach = find_reach(pass->stage, largest_row(kernels.far_row), &kernels);
-    } else {
-        find_colour_reach(pass->stage, &kernels);
+void blur(const Pass *pass, const Cell *cell, CellValues *to) {
+    const ImageStage *stage = pass->stage;
+    CellKernels kernels, far = {.reach = 0, .exchange = 0.0f};
+    CellRange range = find_range_around(pass, cell, stage->size);
+    int is_compared = stage->maps[3] && is_measured(pass, stage);
+    if (range.low == range.high) {
+        load_cell(pass, cell, to);
+        return;
     }
-    int reach = kernels.reach > kernels.far_reach ? kernels.reach : kernels.far_reach;
-    CellRange range = find_range_around(pass, cell, reach);
-    if (is_plain(pass, cell, range, kernels.exchange)) {
-        copy_cell(pass, cell);
+    if (stage->num_rows) {
+        find_rows(pass, cell, 0, &kernels);
+        find_reach(stage, largest_row(cell, &kernels), &kernels);
+    } else {
+        find_colour_reach(stage, &kernels);
+    }
+    if (is_compared) {
+        find_rows(pass, cell, 1, &far);
+        find_reach(stage, largest_row(cell, &far), &far);
+    }
+    int reach = kernels.reach > far.reach ? kernels.reach : far.reach;
+    range = find_range_around(pass, cell, reach);
+    if (is_plain(pass, cell, range, fmaxf(kernels.exchange, far.exchange))) {
+        load_cell(pass, cell, to);
         return;
     }
     int masked = is_masked(pass, cell, reach);
-    blur_cell(pass, cell, kernels.row, kernels.reach, masked);
-    measure_blur(pass, cell, &kernels, range, masked);
+    blur_cell(pass, cell, &kernels, masked, to);
+    if (is_compared)
+        measure_against_infinity(pass, cell, &kernels, &far, range, masked, to);
+    else
+        measure_cell(pass, cell, to);
 }

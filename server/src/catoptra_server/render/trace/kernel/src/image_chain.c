@@ -1,5 +1,6 @@
-/* Provides catoptra_change_image: the chain of an image's stages, one pass after the other, each
- * by all threads.
+/* Provides catoptra_change_image: the chain of an image's stages in as few passes as they allow,
+ * one after the other, each by all threads. A pass ends where the next stage reads other pixels, or
+ * a mean of all. The pass before a mosaic develops the colour of each pixel that it keeps.
  * Float64 twin: the formulas of effects/, in their order. Owns nothing: Python lends the scratch
  * memory of catoptra_image_scratch bytes.
  * Threads: the calling thread begins each pass, the pool runs it. */
@@ -11,16 +12,17 @@
 
 #include "device.h"
 
+#include <math.h>
+#include <string.h>
 #include <time.h>
 
-enum { MAX_SHARED = 16 }; /* stages of one pass */
-
-typedef void Visit(Pass *pass, const Cell *cell);
+/* Least border beside: whole vectors are read at most one beyond the image's edge. */
+enum { MIN_BORDER = 2 * CELL_COLUMNS, ALIGNMENT = 64 };
 
 typedef struct {
-    Pass *pass;
-    Visit *visit;
-} CellJob;
+    const Pass *pass;
+    atomic_int next;
+} PassJob;
 
 static double now_ms(void) {
     struct timespec now;
@@ -28,206 +30,217 @@ static double now_ms(void) {
     return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
 }
 
-static void visit_cells(void *argument) {
-    CellJob *job = argument;
-    for_each_cell(job->pass, job->visit);
+static void (*const SPREADS[])(const Pass *, const Cell *, CellValues *) = {
+    [STAGE_BLUR] = blur,   [STAGE_WARP] = warp,      [STAGE_MAGNIFY] = magnify,
+    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic, [STAGE_GHOST] = add_ghost,
+};
+
+static int reads_others(const ImageStage *stage) { return stage->kind >= STAGE_BLUR; }
+
+static int needs_luminance(const ImageStage *stage) {
+    return stage->kind == STAGE_AUTO_GAIN || stage->kind == STAGE_COVER;
 }
 
-static void run(Device *device, Pass *pass, Visit *visit) {
-    CellJob job = {pass, visit};
-    atomic_store(&pass->next, 0);
-    workers_run(device->workers, visit_cells, &job);
+static int begins_pass(const ImageStage *stage) {
+    return reads_others(stage) || needs_luminance(stage) || stage->kind == STAGE_GLARE;
 }
 
-static void load_cell(Pass *pass, const Cell *cell) {
-    for (int row = cell->top; row < cell->top + cell->rows; row++) {
-        const float *light = pass->job->light + 3 * ((size_t)row * (size_t)pass->job->width +
-                                                     (size_t)cell->left);
-        for (int channel = 0; channel < 3; channel++) {
-            float *values = row_at(&pass->from, channel, row) + cell->left;
-            for (int x = 0; x < cell->columns; x++)
-                values[x] = light[3 * x + channel];
+/* The mosaic's change is that against the three colours, of which the pass before dropped two:
+ * developed again, where stages had dropped any work no more than until the effect is seen. */
+static void measure_mosaic(const Pass *pass, const Cell *cell, const CellValues *values) {
+    const ImageStage *stage = pass->stage;
+    CellValues colours;
+    if (!is_measured(pass, stage))
+        return;
+    ChangeMeasure *measure = &changes_of(pass, stage)->own;
+    if (pass->before->num_points && !is_counted(measure, &stage->limits))
+        return;
+    if (pass->before->stage)
+        SPREADS[pass->before->stage->kind](pass->before, cell, &colours);
+    else
+        load_cell(pass->before, cell, &colours);
+    change_points(pass->before, cell, &colours);
+    measure_change(stage, measure, &colours, values, cell);
+}
+
+static void develop_cell(const Pass *pass, const Cell *cell) {
+    CellValues values;
+    if (pass->stage)
+        SPREADS[pass->stage->kind](pass, cell, &values);
+    else
+        load_cell(pass, cell, &values);
+    if (pass->stage && pass->stage->kind == STAGE_BAYER)
+        measure_mosaic(pass, cell, &values);
+    if (pass->target == TO_MOSAIC)
+        keep_mosaic(&values);
+    change_points(pass, cell, &values);
+    store_cell(pass, cell, &values);
+}
+
+/* Rows of cells, each by one thread from left to right. */
+static void develop_rows(void *argument) {
+    PassJob *job = argument;
+    const Pass *pass = job->pass;
+    int row;
+    while ((row = atomic_fetch_add(&job->next, 1)) < pass->cell_rows) {
+        int top = row * CELL_ROWS, left_rows = pass->job->height - top;
+        int rows = left_rows < CELL_ROWS ? left_rows : CELL_ROWS;
+        for (int column = 0; column < pass->cell_columns; column++) {
+            int left = column * CELL_COLUMNS, left_columns = pass->job->width - left;
+            int columns = left_columns < CELL_COLUMNS ? left_columns : CELL_COLUMNS;
+            develop_cell(pass, &(Cell){row, column, top, left, rows, columns});
         }
     }
 }
 
-/* Row of the sRGB table; what is not a number is black. */
-static int32_t level_of(float linear) {
-    float clipped = linear > 0.0f ? linear < 1.0f ? linear : 1.0f : 0.0f;
-    return (int32_t)(clipped * 65535.0f + 0.5f);
+/* Choose the stages of a pass, from one on, and what the pass develops them for. */
+static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
+    const ImageStage *end = job->stages + job->num_stages, *stage = job->stages + first;
+    /* The first pass ends before a stage that needs more than a pixel; others begin with one. */
+    pass->stage = number && reads_others(stage) ? stage : NULL;
+    pass->points = pass->stage ? stage + 1 : stage;
+    const ImageStage *next = pass->points + (number && !pass->stage);
+    while (next < end && !begins_pass(next))
+        next++;
+    pass->num_points = (int)(next - pass->points);
+    pass->sums_luminance = next < end && needs_luminance(next);
+    pass->target = next == end ? TO_PICTURE : next->kind == STAGE_BAYER ? TO_MOSAIC : TO_PLANES;
+    /* Of light as it is a mean alone is missing. */
+    if (!number && !pass->num_points && pass->sums_luminance)
+        pass->target = TO_NOTHING;
 }
 
-static void store_cell(Pass *pass, const Cell *cell) {
-    const ImageJob *job = pass->job;
-    for (int row = cell->top; row < cell->top + cell->rows; row++) {
-        size_t first = 3 * ((size_t)row * (size_t)job->width + (size_t)cell->left);
-        for (int channel = 0; channel < 3; channel++) {
-            const float *values = row_at(&pass->from, channel, row) + cell->left;
-            for (int x = 0; x < cell->columns && job->linear; x++)
-                job->linear[first + (size_t)(3 * x + channel)] = values[x];
-            for (int x = 0; x < cell->columns && job->rgb; x++)
-                job->rgb[first + (size_t)(3 * x + channel)] =
-                    job->srgb_table[level_of(values[x])];
-        }
-    }
-}
-
-static void find_range(Pass *pass, const Cell *cell) {
-    Floats16 low = (Floats16){0} + row_at(&pass->from, 0, cell->top)[cell->left], high = low;
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = cell->top; row < cell->top + cell->rows; row++) {
-            const float *first = row_at(&pass->from, channel, row) + cell->left;
-            Floats16 values = load_columns(first, cell->columns);
-            low = least16(values, low);
-            high = most16(values, high);
-        }
-    pass->ranges[cell->row * pass->cell_columns + cell->column] =
-        (CellRange){smallest_of(low), largest_of(high)};
-}
-
-/* Luminance of each row of cells, in float64 and in one order for any number of threads. */
-static void sum_cell(Pass *pass, const Cell *cell) {
-    static const double weights[3] = {0.2126, 0.7152, 0.0722};
+static void sum_rows(Pass *pass) {
     double sum = 0.0;
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = cell->top; row < cell->top + cell->rows; row++) {
-            const float *values = row_at(&pass->from, channel, row) + cell->left;
-            double row_sum = 0.0;
-            for (int x = 0; x < cell->columns; x++)
-                row_sum += (double)values[x];
-            sum += weights[channel] * row_sum;
-        }
-    pass->row_sums[cell->row] = (cell->column ? pass->row_sums[cell->row] : 0.0) + sum;
-}
-
-static void measure_luminance(Device *device, Pass *pass) {
-    double sum = 0.0;
-    run(device, pass, sum_cell);
     for (int row = 0; row < pass->cell_rows; row++)
         sum += pass->row_sums[row];
     int32_t pixels = pass->job->mirror_pixels;
     pass->mean_luminance = (float)(sum / (pixels > 0 ? pixels : 1));
 }
 
-static Visit *const SPREADS[] = {
-    [STAGE_BLUR] = blur, [STAGE_WARP] = warp,      [STAGE_MAGNIFY] = magnify,
-    [STAGE_BLOOM] = bloom, [STAGE_BAYER] = demosaic, [STAGE_GHOST] = add_ghost,
-};
-
-static int is_point_stage(const ImageStage *stage) { return stage->kind < STAGE_BLUR; }
-
-static int needs_luminance(const ImageStage *stage) {
-    return stage->kind == STAGE_AUTO_GAIN || stage->kind == STAGE_COVER;
-}
-
-/* Stages from one on that share its pass: neighbouring gains. */
-static int count_shared(const ImageJob *job, int first) {
-    int count = 1;
-    while (first + count < job->num_stages && count < MAX_SHARED &&
-           job->stages[first].kind == STAGE_GAIN && job->stages[first + count].kind == STAGE_GAIN)
-        count++;
-    return count;
-}
-
-static PixelChange conclude(const Pass *pass, const ImageStage *stage,
-                            const ChangeMeasure *measure) {
-    return conclude_change(measure, &stage->limits, pass->job->width * pass->job->height);
-}
-
-static void spread(Device *device, Pass *pass) {
-    fill_border(pass);
-    run(device, pass, find_range);
-    run(device, pass, SPREADS[pass->stage->kind]);
+/* Make what a pass developed the source of the next one. */
+static void finish_pass(Pass *pass) {
+    if (pass->sums_luminance)
+        sum_rows(pass);
+    if (pass->target != TO_PLANES)
+        return;
+    fill_rows_beyond(&pass->to);
     Planes from = pass->from;
-    pass->from = pass->to;
-    pass->to = from;
-    pass->stage->change = conclude(pass, pass->stage, &pass->change);
-    pass->stage->other_change = conclude(pass, pass->stage, &pass->other_change);
+    CellRange *ranges = pass->ranges;
+    pass->from = pass->to, pass->ranges = pass->next_ranges;
+    pass->to = from, pass->next_ranges = ranges;
 }
 
-static void run_stages(Device *device, Pass *pass) {
-    ChangeMeasure changes[MAX_SHARED];
-    double begin_ms = now_ms();
-    memset(&pass->change, 0, sizeof pass->change);
-    memset(&pass->other_change, 0, sizeof pass->other_change);
-    if (is_point_stage(pass->stage)) {
-        pass->changes = changes;
-        memset(changes, 0, sizeof changes);
-        if (needs_luminance(pass->stage))
-            measure_luminance(device, pass);
-        if (pass->stage->kind == STAGE_GLARE)
-            scatter(pass);
-        run(device, pass, change_points);
-        for (int i = 0; i < pass->count; i++)
-            pass->stage[i].change = conclude(pass, pass->stage + i, &changes[i]);
-    } else {
-        spread(device, pass);
+/* Relative times of stages on whole images: tests/measurements/image_chain.py. */
+static double relative_time(const ImageStage *stage) {
+    switch (stage->kind) {
+    case STAGE_BLUR:
+        return 6.0;
+    case STAGE_WARP:
+    case STAGE_MAGNIFY:
+    case STAGE_SHOT_NOISE:
+    case STAGE_READ_NOISE:
+        return 3.0;
+    default:
+        return 1.0;
     }
-    /* Stages of one pass share its time equally. */
-    double ms = (now_ms() - begin_ms) / pass->count;
-    for (int i = 0; i < pass->count; i++)
-        pass->stage[i].ms = ms;
 }
 
-static Planes lay_out(const ImageJob *job, int border) {
+static void read_changes(const Pass *pass, ImageStage *stage) {
+    const Changes *changes = changes_of(pass, stage);
+    int pixels = pass->job->width * pass->job->height;
+    stage->change = conclude_change(&changes->own, &stage->limits, pixels);
+    stage->other_change = conclude_change(&changes->other, &stage->limits, pixels);
+    /* Not all cells of this mosaic were compared: it is seen, but not how much. */
+    if (stage->kind == STAGE_BAYER && pass->before->num_points &&
+        !is_counted(&changes->own, &stage->limits))
+        stage->change.largest = INFINITY;
+}
+
+/* Results of a pass's stages. They share its time by their relative times; the change of the layout
+ * and the encoding count like a gain: that part is returned. */
+static double finish_stages(ImageJob *job, const Pass *pass, double ms) {
+    ImageStage *first = job->stages + ((pass->stage ? pass->stage : pass->points) - job->stages);
+    ImageStage *end = job->stages + (pass->points - job->stages) + pass->num_points;
+    double layout = pass->is_first || pass->target == TO_PICTURE ? 1.0 : 0.0, sum = layout;
+    for (ImageStage *stage = first; stage < end; stage++)
+        sum += relative_time(stage);
+    for (ImageStage *stage = first; stage < end; stage++) {
+        stage->ms = ms * relative_time(stage) / sum;
+        read_changes(pass, stage);
+    }
+    return sum > 0.0 ? ms * layout / sum : 0.0;
+}
+
+static Planes lay_out(const ImageJob *job, int reach) {
     int columns = (job->width + CELL_COLUMNS - 1) / CELL_COLUMNS * CELL_COLUMNS;
-    Planes planes = {.width = job->width, .height = job->height, .border = border};
-    planes.stride = (size_t)(columns + 2 * border);
-    planes.plane = planes.stride * (size_t)(job->height + 2 * border);
+    Planes planes = {.width = job->width, .height = job->height, .rows_beyond = reach};
+    /* Whole vectors, so that rows of cells are aligned. */
+    planes.border = (reach + CELL_COLUMNS - 1) / CELL_COLUMNS * CELL_COLUMNS;
+    planes.border = planes.border > MIN_BORDER ? planes.border : MIN_BORDER;
+    planes.stride = (size_t)(columns + 2 * planes.border);
+    planes.plane = planes.stride * (size_t)(job->height + 2 * reach);
     return planes;
 }
 
-static int largest_border(const ImageJob *job) {
-    int border = 1;
+static int largest_reach(const ImageJob *job) {
+    int reach = 0;
     for (int i = 0; i < job->num_stages; i++)
-        if (job->stages[i].kind == STAGE_BLUR && job->stages[i].size > border)
-            border = job->stages[i].size;
-    return border;
+        if (job->stages[i].kind == STAGE_BLUR && job->stages[i].size > reach)
+            reach = job->stages[i].size;
+    return reach;
 }
 
-static Pass lay_out_pass(const ImageJob *job) {
-    Pass pass = {.job = job, .from = lay_out(job, largest_border(job))};
-    pass.to = pass.from;
-    pass.cell_rows = (job->height + CELL_ROWS - 1) / CELL_ROWS;
-    pass.cell_columns = (job->width + CELL_COLUMNS - 1) / CELL_COLUMNS;
-    return pass;
+/* The next part of the scratch memory; with none of it only its size counts. */
+static void *take_memory(char *scratch, size_t *taken, size_t bytes) {
+    void *memory = scratch ? scratch + *taken : NULL;
+    *taken += (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    return memory;
 }
 
-static size_t plane_bytes(const Pass *pass) { return sizeof(float) * 3 * pass->from.plane; }
-
-static size_t sum_bytes(const Pass *pass) { return sizeof(double) * (size_t)pass->cell_rows; }
-
-static size_t range_bytes(const Pass *pass) {
-    return sizeof(CellRange) * (size_t)pass->cell_rows * (size_t)pass->cell_columns;
+/* Bytes of scratch memory that the pass takes. */
+static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
+    size_t taken = 0;
+    *pass = (Pass){.job = job, .is_first = 1, .from = lay_out(job, largest_reach(job))};
+    pass->to = pass->from;
+    pass->mosaic = lay_out(job, 0);
+    pass->cell_rows = (job->height + CELL_ROWS - 1) / CELL_ROWS;
+    pass->cell_columns = (job->width + CELL_COLUMNS - 1) / CELL_COLUMNS;
+    size_t rows = (size_t)pass->cell_rows, cells = rows * (size_t)pass->cell_columns;
+    size_t plane_bytes = sizeof(float) * 3 * pass->from.plane;
+    pass->from.values = take_memory(scratch, &taken, plane_bytes);
+    pass->to.values = take_memory(scratch, &taken, plane_bytes);
+    pass->mosaic.values = take_memory(scratch, &taken, sizeof(float) * pass->mosaic.plane);
+    pass->ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
+    pass->next_ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
+    pass->row_sums = take_memory(scratch, &taken, sizeof(double) * rows);
+    pass->changes = take_memory(scratch, &taken, sizeof(Changes) * (size_t)job->num_stages);
+    pass->means = take_memory(scratch, &taken, glare_bytes(job));
+    return taken;
 }
 
 int64_t catoptra_image_scratch(const ImageJob *job) {
-    Pass pass = lay_out_pass(job);
-    return (int64_t)(2 * plane_bytes(&pass) + sum_bytes(&pass) + range_bytes(&pass) +
-                     glare_bytes(job));
-}
-
-static void place(Pass *pass, char *scratch) {
-    /* The widest members first: all stay aligned. */
-    pass->row_sums = (double *)scratch;
-    pass->ranges = (CellRange *)(scratch + sum_bytes(pass));
-    pass->from.values = (float *)(scratch + sum_bytes(pass) + range_bytes(pass));
-    pass->to.values = pass->from.values + 3 * pass->from.plane;
-    pass->means = pass->to.values + 3 * pass->to.plane;
+    Pass pass;
+    return (int64_t)lay_out_pass(job, NULL, &pass);
 }
 
 void catoptra_change_image(Device *device, ImageJob *job) {
-    Pass pass = lay_out_pass(job);
-    double begin_ms = now_ms();
-    place(&pass, job->scratch);
-    run(device, &pass, load_cell);
-    job->encode_ms = now_ms() - begin_ms;
-    for (int first = 0; first < job->num_stages; first += pass.count) {
-        pass.stage = job->stages + first;
-        pass.count = count_shared(job, first);
-        run_stages(device, &pass);
+    Pass pass, before;
+    lay_out_pass(job, job->scratch, &pass);
+    memset(pass.changes, 0, sizeof(Changes) * (size_t)job->num_stages);
+    pass.before = &before;
+    job->encode_ms = 0.0;
+    for (int first = 0, number = 0; !number || first < job->num_stages; number++) {
+        double begin_ms = now_ms();
+        plan_pass(job, first, number, &pass);
+        if (pass.num_points && pass.points->kind == STAGE_GLARE)
+            scatter(&pass);
+        workers_run(device->workers, develop_rows, &(PassJob){.pass = &pass});
+        finish_pass(&pass);
+        job->encode_ms += finish_stages(job, &pass, now_ms() - begin_ms);
+        before = pass;
+        before.changes = NULL;
+        first = (int)(pass.points - job->stages) + pass.num_points;
+        pass.is_first = pass.target == TO_NOTHING;
     }
-    begin_ms = now_ms();
-    run(device, &pass, store_cell);
-    job->encode_ms += now_ms() - begin_ms;
 }

@@ -70,84 +70,90 @@ static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, F
     return most16(change, -change);
 }
 
-/* Two versions of a cell, row by row. */
-typedef struct {
-    const float *before, *after;
-    size_t before_stride, after_stride;
-} Versions;
-
-/* A row of both versions; the same beyond the cell's columns. */
-static inline void load_row(const Versions *versions, const Cell *cell, int row, Floats16 *before,
-                            Floats16 *after) {
-    *before = load_columns(versions->before + (size_t)row * versions->before_stride, cell->columns);
-    *after = load16(versions->after + (size_t)row * versions->after_stride);
-    *after = select16(columns_below(cell->columns), *after, *before);
+/* 255 times a bound of the curve's slope, from 0 on: the power -7/12 by a straight line through the
+ * logarithm that a float's bits are, which is at most 0.086 below the true one and never above. */
+static inline Floats16 bound_slopes(Floats16 light) {
+    const float log_of_one = 127.0f * 8388608.0f, power = -7.0f / 12.0f;
+    /* 1.055 / 2.4, and 2 % for the curve's linear part, whose slope is 12.92. */
+    const float factor = 255.0f * 1.055f / 2.4f * 1.02f;
+    Floats16 bits = __builtin_convertvector((Ints16)most16(light, splat16(0.0031308f)), Floats16);
+    Ints16 raised = __builtin_convertvector((1.0f - power) * log_of_one + power * bits, Ints16);
+    return factor * (Floats16)raised;
 }
 
-/* Extremes of two versions of a cell. */
-static inline LightChange compare_versions(const Versions *versions, const Cell *cell) {
-    Floats16 lows = (Floats16){0} + versions->before[0], highs = lows, differences = {0};
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 before, after;
-        load_row(versions, cell, row, &before, &after);
-        Floats16 least = least16(before, after), most = most16(before, after);
-        lows = least16(least, lows);
-        highs = most16(most, highs);
-        differences = most16(most - least, differences);
-    }
-    return (LightChange){smallest_of(lows), largest_of(highs), largest_of(differences)};
+/* Bounds of the changes of 16 values: the curve is concave, and the largest gain shows most. */
+static inline Floats16 bound_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
+    Floats16 zero = {0}, low = most16(least16(before, after), zero);
+    Floats16 difference = most16(most16(before, after), zero) - low;
+    return bound_slopes(stage->largest_gain * low) * (stage->largest_gain * difference) + 1e-2f;
 }
 
-/* Note the change between two versions, in three colours, of a cell. */
-static inline void measure_versions(const ImageStage *stage, ChangeMeasure *measure,
-                                    const Versions versions[3], const Cell *cell) {
-    float bound = 0.0f, spilt = 0.0f;
-    for (int channel = 0; channel < 3; channel++) {
-        LightChange light = compare_versions(&versions[channel], cell);
-        if (light.difference == 0.0f)
-            continue;
-        bound = fmaxf(bound, bound_change(stage, light));
-        spilt = fmaxf(spilt, spilt_levels(stage, light));
-    }
-    int counts = bound > VISIBLE_LEVELS && is_counted(measure, &stage->limits);
-    if (bound <= read_largest(measure) && !counts)
-        return;
-    Floats16 largest = {0};
-    Ints16 visible = {0};
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 change = {0};
-        for (int channel = 0; channel < 3; channel++) {
-            Floats16 before, after;
-            load_row(&versions[channel], cell, row, &before, &after);
-            change = most16(level_changes(stage, before, after), change);
+/* Change of a black pixel beside the cell, by light above the well in any colour. */
+static inline float spilt_by_cell(const ImageStage *stage, const CellValues *before,
+                                  const CellValues *after, const Cell *cell) {
+    float spilt = 0.0f;
+    for (int plane = 0; plane < after->planes; plane++) {
+        Floats16 highs = {0}, differences = {0};
+        for (int row = 0; row < cell->rows; row++) {
+            Floats16 one = load_columns(before->values[plane][row], cell->columns);
+            Floats16 other = load_columns(after->values[plane][row], cell->columns);
+            highs = most16(most16(one, other), highs);
+            differences = most16(most16(one, other) - least16(one, other), differences);
         }
-        largest = most16(change, largest);
-        visible -= change > VISIBLE_LEVELS; /* minus one where it is */
+        float high = most_of16(highs);
+        spilt = fmaxf(spilt, spilt_levels(stage, (LightChange){0.0f, high, most_of16(differences)}));
     }
-    float change = largest_of(largest) + spilt;
-    raise_largest(measure, change < 255.0f ? change : 255.0f);
-    int pixels = 0;
-    for (int x = 0; x < CELL_COLUMNS; x++)
-        pixels += visible[x];
-    count_visible(measure, pixels);
+    return spilt;
+}
+
+/* Note the change between two versions of a cell. What a bound shows to be neither larger than the
+ * largest change so far nor visible is not computed. */
+static inline void measure_change(const ImageStage *stage, ChangeMeasure *measure,
+                                  const CellValues *before, const CellValues *after,
+                                  const Cell *cell) {
+    Ints16 in_image = columns_below(cell->columns);
+    int counts = is_counted(measure, &stage->limits), pixels = 0;
+    float spilt = stage->spill[1] > 0.0f ? spilt_by_cell(stage, before, after, cell) : 0.0f;
+    float known = read_largest(measure) - spilt, largest = known > 0.0f ? known : 0.0f;
+    for (int row = 0; row < cell->rows; row++) {
+        uint32_t visible = 0;
+        for (int plane = 0; plane < after->planes; plane++) {
+            Floats16 one = load16(before->values[plane][row]);
+            Floats16 other = load16(after->values[plane][row]);
+            float unseen = counts && largest > VISIBLE_LEVELS ? VISIBLE_LEVELS : largest;
+            Ints16 may_count = in_image & (one != other) &
+                               ~(bound_changes(stage, one, other) <= unseen);
+            if (!bits16(may_count))
+                continue;
+            Floats16 changes = select16(in_image, level_changes(stage, one, other), splat16(0.0f));
+            visible |= bits16(changes > VISIBLE_LEVELS);
+            largest = fmaxf(largest, most_of16(changes));
+        }
+        pixels += __builtin_popcount(visible);
+    }
+    if (largest > known)
+        raise_largest(measure, fminf(largest + spilt, 255.0f));
+    if (counts)
+        count_visible(measure, pixels);
     if (spilt > VISIBLE_LEVELS)
         atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
 }
 
-/* A cell of both images of a pass. */
-static inline void find_versions(const Pass *pass, const Cell *cell, Versions versions[3]) {
-    for (int channel = 0; channel < 3; channel++)
-        versions[channel] = (Versions){row_at(&pass->from, channel, cell->top) + cell->left,
-                                       row_at(&pass->to, channel, cell->top) + cell->left,
-                                       pass->from.stride, pass->to.stride};
+static inline int is_measured(const Pass *pass, const ImageStage *stage) {
+    return pass->changes && stage->limits.max_change >= 0.0f;
 }
 
-/* Measure a cell of a stage with limits. */
-static inline void measure_cell(Pass *pass, const Cell *cell, ChangeMeasure *measure) {
-    Versions versions[3];
-    find_versions(pass, cell, versions);
-    if (pass->stage->limits.max_change >= 0.0f)
-        measure_versions(pass->stage, measure, versions, cell);
+static inline Changes *changes_of(const Pass *pass, const ImageStage *stage) {
+    return pass->changes + (stage - pass->job->stages);
+}
+
+/* Measure the stage of a pass that reads other pixels. */
+static inline void measure_cell(const Pass *pass, const Cell *cell, const CellValues *after) {
+    CellValues before;
+    if (!is_measured(pass, pass->stage))
+        return;
+    load_cell(pass, cell, &before);
+    measure_change(pass->stage, &changes_of(pass, pass->stage)->own, &before, after, cell);
 }
 
 static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *cell) {
@@ -157,16 +163,20 @@ static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *c
 
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
  * of a range. */
-static inline int is_plain(Pass *pass, const Cell *cell, CellRange range, float fraction) {
+static inline int is_plain(const Pass *pass, const Cell *cell, CellRange range, float fraction) {
     const ImageStage *stage = pass->stage;
     if (range.low == range.high)
         return 1;
+    if (stage->limits.max_change < 0.0f)
+        return 0;
     LightChange light = {range.low, range.high, fraction * (range.high - range.low)};
     float bound = bound_change(stage, light);
-    if (stage->limits.max_change < 0.0f || bound > stage->limits.plain_change)
+    if (bound > stage->limits.plain_change)
         return 0;
-    note_plain(&pass->change, bound, cell);
-    note_plain(&pass->other_change, bound, cell);
+    if (pass->changes) {
+        note_plain(&changes_of(pass, stage)->own, bound, cell);
+        note_plain(&changes_of(pass, stage)->other, bound, cell);
+    }
     return 1;
 }
 

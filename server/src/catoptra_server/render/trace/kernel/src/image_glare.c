@@ -59,7 +59,7 @@ static double average_cells(Pass *pass, const Cells *cells, int channel) {
 }
 
 static void exchange(const Pass *pass, const Cells *cells, int channel) {
-    const float *weights = pass->stage->maps[0];
+    const float *weights = pass->points->maps[0];
     const float *means = pass->means + (size_t)channel * cells->plane;
     float *received = pass->scattered + (size_t)channel * cells->plane;
     int columns = cells->columns;
@@ -106,7 +106,7 @@ static void widen(const Pass *pass, const Cells *cells, int channel) {
 }
 
 void scatter(Pass *pass) {
-    const ImageStage *stage = pass->stage;
+    const ImageStage *stage = pass->points;
     Cells cells = lay_out_cells(pass->job, stage);
     pass->scattered = pass->means + 3 * cells.plane;
     pass->lines = pass->scattered + 3 * cells.plane;

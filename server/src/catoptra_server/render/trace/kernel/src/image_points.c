@@ -8,89 +8,124 @@
 #include "image_glare.h"
 
 #include <math.h>
+#include <string.h>
 
 #define SQRT_HALF 0.70710678f
 
-/* A cell of three colours on its way through stages of one pass. */
+typedef void ChangeCell(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                        CellValues *cells);
+
+/* Colours of a row in even and in odd columns: the same, or those that a mosaic keeps. */
 typedef struct {
-    _Alignas(64) float values[3][CELL_ROWS][CELL_COLUMNS];
-} CellValues;
+    int even, odd;
+} Colours;
 
-typedef void ChangeRow(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                       float *values, int count);
-
-static const float *map_at(const ImageStage *stage, int map, size_t first) {
-    return (const float *)stage->maps[map] + first;
+static Colours colours_of(const CellValues *cells, int plane, int row) {
+    int is_odd = row & 1;
+    return cells->planes == 1 ? (Colours){is_odd, is_odd + 1} : (Colours){plane, plane};
 }
 
-static void change_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                        float *values, int count) {
-    (void)pass;
-    float gain = stage->numbers[channel];
-    if (!stage->maps[0]) {
-        for (int x = 0; x < count; x++)
-            values[x] *= gain;
-        return;
+#define EACH_ROW(cells, cell)                                                                      \
+    for (int plane = 0; plane < (cells)->planes; plane++)                                          \
+        for (int row = 0; row < (cell)->rows; row++)
+
+static Floats16 numbers_of(const ImageStage *stage, Colours colours) {
+    return alternate16(splat16(stage->numbers[colours.even]), splat16(stage->numbers[colours.odd]));
+}
+
+static Floats16 map_of(const Pass *pass, const ImageStage *stage, int map, const Cell *cell,
+                       int row) {
+    return load_map(stage->maps[map], place_in_map(pass, cell, row), cell->columns);
+}
+
+static void change_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                        CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 gains = stage->maps[0] ? map_of(pass, stage, 0, cell, row)
+                                        : numbers_of(stage, colours_of(cells, plane, row));
+        store16(load16(values) * gains, values);
     }
-    const float *gains = map_at(stage, 0, first);
-    for (int x = 0; x < count; x++)
-        values[x] *= gains[x];
 }
 
-static void change_auto_gain(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                             float *values, int count) {
-    (void)channel, (void)first;
+static void change_auto_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                             CellValues *cells) {
     const float *numbers = stage->numbers;
     float gain = pass->mean_luminance > 0.0f ? numbers[0] / pass->mean_luminance : numbers[2];
     gain = gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
-    for (int x = 0; x < count; x++)
-        values[x] *= gain;
-}
-
-static void change_clipped_gain(const Pass *pass, const ImageStage *stage, int channel,
-                                size_t first, float *values, int count) {
-    (void)pass, (void)first;
-    for (int x = 0; x < count; x++)
-        values[x] = (values[x] < 1.0f ? values[x] : 1.0f) * stage->numbers[channel];
-}
-
-static void change_cover(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                         float *values, int count) {
-    (void)channel;
-    float scattered = stage->numbers[0] * pass->mean_luminance;
-    const float *coverage = map_at(stage, 0, first);
-    for (int x = 0; x < count; x++)
-        values[x] = values[x] + coverage[x] * (scattered - values[x]);
-}
-
-static void change_pattern(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                           float *values, int count) {
-    size_t plane = (size_t)pass->job->width * (size_t)pass->job->height * (size_t)channel;
-    const float *gains = map_at(stage, 0, plane + first);
-    const float *offsets = map_at(stage, 1, plane + first);
-    for (int x = 0; x < count; x++)
-        values[x] = values[x] * gains[x] + offsets[x];
-}
-
-static void quantise(const Pass *pass, const ImageStage *stage, int channel, size_t first,
-                     float *values, int count) {
-    (void)pass, (void)channel, (void)first;
-    float max_code = stage->numbers[0];
-    for (int x = 0; x < count; x++) {
-        float code = floorf(values[x] * max_code + 0.5f) / max_code;
-        values[x] = code < 1.0f ? code : 1.0f;
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        store16(load16(values) * gain, values);
     }
 }
 
-static ChangeRow *const CHANGES[] = {
-    [STAGE_GAIN] = change_gain,
-    [STAGE_AUTO_GAIN] = change_auto_gain,
-    [STAGE_CLIPPED_GAIN] = change_clipped_gain,
-    [STAGE_COVER] = change_cover,
-    [STAGE_PATTERN] = change_pattern,
-    [STAGE_QUANTISE] = quantise,
-    [STAGE_GLARE] = change_glare,
-};
+static void change_clipped_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                                CellValues *cells) {
+    (void)pass;
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 gains = numbers_of(stage, colours_of(cells, plane, row));
+        store16(least16(load16(values), splat16(1.0f)) * gains, values);
+    }
+}
+
+static void change_cover(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                         CellValues *cells) {
+    float scattered = stage->numbers[0] * pass->mean_luminance;
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 light = load16(values), cover = map_of(pass, stage, 0, cell, row);
+        store16(light + cover * (scattered - light), values);
+    }
+}
+
+static Floats16 pattern_of(const Pass *pass, const void *map, const Cell *cell, int row,
+                           Colours colours) {
+    size_t plane = (size_t)pass->job->width * (size_t)pass->job->height;
+    size_t first = place_in_map(pass, cell, row);
+    Floats16 even = load_map(map, first + plane * (size_t)colours.even, cell->columns);
+    if (colours.even == colours.odd)
+        return even;
+    return alternate16(even, load_map(map, first + plane * (size_t)colours.odd, cell->columns));
+}
+
+static void change_pattern(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                           CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Colours colours = colours_of(cells, plane, row);
+        store16(load16(values) * pattern_of(pass, stage->maps[0], cell, row, colours) +
+                    pattern_of(pass, stage->maps[1], cell, row, colours),
+                values);
+    }
+}
+
+static void quantise(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                     CellValues *cells) {
+    (void)pass;
+    float max_code = stage->numbers[0];
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 codes = __builtin_elementwise_floor(load16(values) * max_code + 0.5f) / max_code;
+        store16(least16(codes, splat16(1.0f)), values);
+    }
+}
+
+/* By both colours of a mosaic, each in its columns. */
+static void add_glare(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                      CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row], odd[CELL_COLUMNS];
+        Colours colours = colours_of(cells, plane, row);
+        size_t first = place_in_map(pass, cell, row);
+        memcpy(odd, values, sizeof odd);
+        change_glare(pass, stage, colours.even, first, values, cell->columns);
+        if (colours.odd == colours.even)
+            continue;
+        change_glare(pass, stage, colours.odd, first, odd, cell->columns);
+        store16(alternate16(load16(values), load16(odd)), values);
+    }
+}
 
 /* Hash of three words to three uniform words (pcg3d); one vector of pixels at once. */
 static void hash_pixels(const uint32_t key[4], uint32_t column, uint32_t row,
@@ -115,9 +150,13 @@ static void hash_pixels(const uint32_t key[4], uint32_t column, uint32_t row,
     }
 }
 
-static void draw_variates(const float *quantiles, const uint32_t *words, float *variates) {
-    for (int i = 0; i < CELL_COLUMNS; i++)
-        variates[i] = (quantiles[words[i] & 0xffffu] + quantiles[words[i] >> 16]) * SQRT_HALF;
+/* Normal variates of one colour, or of those that a mosaic keeps in even and odd columns. */
+static void draw_variates(const float *quantiles, const uint32_t *even, const uint32_t *odd,
+                          float *variates) {
+    for (int i = 0; i < CELL_COLUMNS; i++) {
+        uint32_t word = i & 1 ? odd[i] : even[i];
+        variates[i] = (quantiles[word & 0xffffu] + quantiles[word >> 16]) * SQRT_HALF;
+    }
 }
 
 static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cell,
@@ -126,9 +165,10 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     float variates[CELL_COLUMNS], scale = stage->numbers[0];
     for (int row = 0; row < cell->rows; row++) {
         hash_pixels(stage->key, (uint32_t)cell->left, (uint32_t)(cell->top + row), words);
-        for (int channel = 0; channel < 3; channel++) {
-            float *values = cells->values[channel][row];
-            draw_variates(pass->job->quantiles, words[channel], variates);
+        for (int plane = 0; plane < cells->planes; plane++) {
+            Colours colours = colours_of(cells, plane, row);
+            draw_variates(pass->job->quantiles, words[colours.even], words[colours.odd], variates);
+            float *values = cells->values[plane][row];
             if (stage->kind == STAGE_READ_NOISE)
                 for (int x = 0; x < CELL_COLUMNS; x++)
                     values[x] = values[x] + scale * variates[x];
@@ -142,61 +182,38 @@ static void add_noise(const Pass *pass, const ImageStage *stage, const Cell *cel
     }
 }
 
-static void change_cell(const Pass *pass, const ImageStage *stage, const Cell *cell,
-                        CellValues *cells) {
-    if (stage->kind == STAGE_SHOT_NOISE || stage->kind == STAGE_READ_NOISE) {
-        add_noise(pass, stage, cell, cells);
-        return;
-    }
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++) {
-            size_t first = (size_t)(cell->top + row) * (size_t)pass->job->width;
-            CHANGES[stage->kind](pass, stage, channel, first + (size_t)cell->left,
-                                 cells->values[channel][row], cell->columns);
-        }
-}
+static ChangeCell *const CHANGES[] = {
+    [STAGE_GAIN] = change_gain,
+    [STAGE_AUTO_GAIN] = change_auto_gain,
+    [STAGE_CLIPPED_GAIN] = change_clipped_gain,
+    [STAGE_COVER] = change_cover,
+    [STAGE_PATTERN] = change_pattern,
+    [STAGE_QUANTISE] = quantise,
+    [STAGE_SHOT_NOISE] = add_noise,
+    [STAGE_READ_NOISE] = add_noise,
+    [STAGE_GLARE] = add_glare,
+};
 
 static int is_dark(const CellValues *cells, const Cell *cell) {
-    Floats16 high = {0};
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++) {
-            Floats16 values = load_columns(cells->values[channel][row], cell->columns);
-            high = most16(most16(values, -values), high);
-        }
-    return largest_of(high) == 0.0f;
-}
-
-static void measure_values(const ImageStage *stage, ChangeMeasure *change,
-                           const CellValues *before, const CellValues *after, const Cell *cell) {
-    Versions versions[3];
-    for (int channel = 0; channel < 3; channel++)
-        versions[channel] = (Versions){before->values[channel][0], after->values[channel][0],
-                                       CELL_COLUMNS, CELL_COLUMNS};
-    measure_versions(stage, change, versions, cell);
-}
-
-/* In place: only this thread sees the cell. */
-void change_points(Pass *pass, const Cell *cell) {
-    CellValues before, after;
-    for (int channel = 0; channel < 3; channel++)
+    Ints16 is_light = {0};
+    for (int plane = 0; plane < cells->planes; plane++)
         for (int row = 0; row < cell->rows; row++)
-            memcpy(after.values[channel][row],
-                   row_at(&pass->from, channel, cell->top + row) + cell->left,
-                   sizeof after.values[channel][row]);
-    for (int i = 0; i < pass->count; i++) {
-        const ImageStage *stage = pass->stage + i;
+            is_light |= load16(cells->values[plane][row]) != 0.0f;
+    return !bits16(is_light & columns_below(cell->columns));
+}
+
+void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
+    CellValues before;
+    for (const ImageStage *stage = pass->points; stage < pass->points + pass->num_points; stage++) {
         /* Nothing multiplies black: most of it lies beside the mirror. */
         int keeps_black = stage->kind <= STAGE_CLIPPED_GAIN || stage->kind == STAGE_SHOT_NOISE;
-        if (keeps_black && is_dark(&after, cell))
+        int measures = is_measured(pass, stage);
+        if (keeps_black && is_dark(values, cell))
             continue;
-        if (stage->limits.max_change >= 0.0f)
-            before = after;
-        change_cell(pass, stage, cell, &after);
-        if (stage->limits.max_change >= 0.0f)
-            measure_values(stage, pass->changes + i, &before, &after, cell);
+        if (measures)
+            memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
+        CHANGES[stage->kind](pass, stage, cell, values);
+        if (measures)
+            measure_change(stage, &changes_of(pass, stage)->own, &before, values, cell);
     }
-    for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            memcpy(row_at(&pass->from, channel, cell->top + row) + cell->left,
-                   after.values[channel][row], sizeof(float) * (size_t)cell->columns);
 }

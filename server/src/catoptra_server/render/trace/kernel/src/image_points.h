@@ -4,7 +4,7 @@
 
 #include "image_planes.h"
 
-/* Change a cell by the stages of a pass, in place. */
-void change_points(Pass *pass, const Cell *cell);
+/* Change a cell by the stages of a pass, one after the other, while it is in the nearest cache. */
+void change_points(const Pass *pass, const Cell *cell, CellValues *values);
 
 #endif

@@ -14,6 +14,12 @@ static inline Floats16 load_columns(const float *values, int count) {
     return select16(columns_below(count), load16(values), (Floats16){0} + values[0]);
 }
 
+/* The first vector in even columns, the second in odd ones. */
+static inline Floats16 alternate16(Floats16 even, Floats16 odd) {
+    return __builtin_shufflevector(even, odd, 0, 17, 2, 19, 4, 21, 6, 23, 8, 25, 10, 27, 12, 29, 14,
+                                   31);
+}
+
 static inline float largest_of(Floats16 values) {
     float largest = values[0];
     for (int x = 1; x < CELL_COLUMNS; x++)
