@@ -273,12 +273,16 @@ def test_stages_before_a_mosaic_are_measured_in_the_colours_that_it_keeps(
     camera = camera_of_size(97, 71)
     context, light = make_context(camera), next(make_images(camera))
     effects = tuple(map(make_strong, ("Exposure", "FixedPattern", "ShotNoise", "Bayer")))
-    thresholds = {effect.name: Threshold(0.5, (0.5, 1.0)) for effect in effects}
+    threshold = Threshold(255.0, (0.5, 1.0))
+    thresholds = {effect.name: threshold for effect in effects}
     native = changer.change(ExposedImage(light, camera, context), effects, thresholds)
     for effect in effects[:-1]:
         before, light = light, effect.apply(light, camera, context)
-        kept = measure_change(keep_mosaic(before), keep_mosaic(light), (0.5, 1.0))
-        assert native.changes[effect.name] == pytest.approx(kept, abs=0.02)
+        raw = (keep_mosaic(one)[..., None] for one in (before, light))
+        kept = measure_change(*raw, threshold)
+        found = native.changes[effect.name]
+        assert found.largest == pytest.approx(kept.largest, abs=0.02)
+        assert found.visible_share == pytest.approx(kept.visible_share, abs=6 / (97 * 71))
 
 
 @pytest.mark.parametrize("threshold", [0.5, 255.0])
@@ -290,9 +294,10 @@ def test_mosaic_behind_other_stages_is_measured_up_to_its_threshold(
     effects = tuple(map(make_strong, ("Vignetting", "ShotNoise", "Bayer")))
     native = changer.change(exposed, effects, {"Bayer": Threshold(threshold)})
     expected = NUMPY.change(exposed, effects, {"Bayer": Threshold(threshold)}).changes["Bayer"]
-    exact = pytest.approx(expected, abs=0.02)
-    assert expected > 0.5
-    assert native.changes["Bayer"] == (exact if expected <= threshold else math.inf)
+    exact = pytest.approx(expected.largest, abs=0.02)
+    assert expected.largest > 0.5
+    found = native.changes["Bayer"].largest
+    assert found == (exact if expected.largest <= threshold else math.inf)
 
 
 def test_stages_share_the_time_of_their_pass(changer: KernelImageChanger) -> None:

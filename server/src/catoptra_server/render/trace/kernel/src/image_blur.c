@@ -244,7 +244,6 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
         for (int channel = 0; channel < 3; channel++)
             store16(totals[channel], to->values[channel][row]);
     }
-    to->planes = 3;
 }
 
 /* Most light that a pixel receives from other pixels than by the disc of infinity: by the sums of

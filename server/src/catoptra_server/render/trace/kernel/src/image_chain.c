@@ -45,6 +45,15 @@ static int begins_pass(const ImageStage *stage) {
     return reads_others(stage) || needs_luminance(stage) || stage->kind == STAGE_GLARE;
 }
 
+/* The three colours of a cell behind the pass's stage that reads others. */
+static void begin_cell(const Pass *pass, const Cell *cell, CellValues *values) {
+    values->planes = 3;
+    if (pass->stage)
+        SPREADS[pass->stage->kind](pass, cell, values);
+    else
+        load_cell(pass, cell, values);
+}
+
 /* The mosaic's change is that against the three colours, of which the pass before dropped two:
  * developed again, where stages had dropped any work no more than until the effect is seen. */
 static void measure_mosaic(const Pass *pass, const Cell *cell, const CellValues *values) {
@@ -55,20 +64,14 @@ static void measure_mosaic(const Pass *pass, const Cell *cell, const CellValues 
     ChangeMeasure *measure = &changes_of(pass, stage)->own;
     if (pass->before->num_points && !is_counted(measure, &stage->limits))
         return;
-    if (pass->before->stage)
-        SPREADS[pass->before->stage->kind](pass->before, cell, &colours);
-    else
-        load_cell(pass->before, cell, &colours);
+    begin_cell(pass->before, cell, &colours);
     change_points(pass->before, cell, &colours);
     measure_change(stage, measure, &colours, values, cell);
 }
 
 static void develop_cell(const Pass *pass, const Cell *cell) {
     CellValues values;
-    if (pass->stage)
-        SPREADS[pass->stage->kind](pass, cell, &values);
-    else
-        load_cell(pass, cell, &values);
+    begin_cell(pass, cell, &values);
     if (pass->stage && pass->stage->kind == STAGE_BAYER)
         measure_mosaic(pass, cell, &values);
     if (pass->target == TO_MOSAIC)

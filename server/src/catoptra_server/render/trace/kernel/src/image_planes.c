@@ -48,7 +48,6 @@ static void load_light(const Pass *pass, const Cell *cell, CellValues *values) {
 }
 
 void load_cell(const Pass *pass, const Cell *cell, CellValues *values) {
-    values->planes = 3;
     if (pass->is_first) {
         load_light(pass, cell, values);
         return;

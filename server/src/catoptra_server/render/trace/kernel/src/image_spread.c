@@ -157,7 +157,6 @@ static const float *mirrored_row(const Planes *mosaic, int row) {
 
 /* Bilinear: the mean of the nearest pixels of a colour. */
 void demosaic(const Pass *pass, const Cell *cell, CellValues *to) {
-    to->planes = 3;
     for (int row = 0; row < cell->rows; row++) {
         int y = cell->top + row;
         const float *above = mirrored_row(&pass->mosaic, y - 1) + cell->left;
