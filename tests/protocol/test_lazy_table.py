@@ -18,14 +18,14 @@ import json, sys
 from catoptra_protocol.optics.lenses import LENSES
 assert "ocam" in LENSES and "fish" not in LENSES and len([*LENSES]) == len(LENSES)
 before = [name for name in LENSES if LENSES._places[name].rpartition(".")[0] in sys.modules]
-LENSES["double_sphere"]
+LENSES["woodscape"]
 print(json.dumps([before, [kind.__name__ for kind in LENSES.find_present()]]))
 """
 
 
 def test_table_when_asked_for_names_loads_nothing_and_for_an_object_its_module() -> None:
     result = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, check=True)
-    assert json.loads(result.stdout) == [[], ["DoubleSphereLens"]]
+    assert json.loads(result.stdout) == [[], ["WoodScapeLens"]]
 
 
 def test_object_when_looked_up_by_any_name_is_the_same() -> None:

@@ -200,7 +200,9 @@ class Fields:
     def get_item(self, name: str, index: int) -> Fields:
         """An object of a list in this one."""
         value = self.values.get(name)
-        if not (isinstance(value, list) and isinstance(value[index], Mapping)):
+        if not isinstance(value, list) or len(value) <= index:
+            raise self.make_error(name, f"a list with at least {index + 1} objects")
+        if not isinstance(value[index], Mapping):
             raise self.make_error(name, "a list of objects with fields")
         return Fields(self.file, value[index], f"{self._path_of(name)}[{index}]")
 

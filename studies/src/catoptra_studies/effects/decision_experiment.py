@@ -49,7 +49,15 @@ from catoptra_server.world.obstacle_grid import (
 from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.
-WORLDS = ("corridor", "four_legged_2006", "incidence_rings", "legacy", "rescue", "warehouse")
+WORLDS = (
+    "corridor",
+    "corridors_and_rooms",
+    "four_legged_2006",
+    "incidence_rings",
+    "legacy",
+    "rescue",
+    "warehouse",
+)
 # Speeds of a P2AT: a metre a second is beyond the wheels.
 MOTIONS: Mapping[str, PlanarVelocity] = {
     "at rest": ZERO_VELOCITY,

@@ -229,7 +229,7 @@ class KernelRays:
         self._view = self._centres = None
 
 
-def _is_measured(thresholds: Mapping[str, Threshold], effect: str) -> bool:
+def _measures(thresholds: Mapping[str, Threshold], effect: str) -> bool:
     return effect in thresholds and thresholds[effect].is_measured
 
 
@@ -251,7 +251,7 @@ def _read_changes(
         changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels)
     if state.shutter is not None and state.shutter.exposure_s > 0.0:
         changes["MotionBlur"] = read_change(counts.blur_change, num_pixels)
-    return {name: one for name, one in changes.items() if _is_measured(thresholds, name)}
+    return {name: one for name, one in changes.items() if _measures(thresholds, name)}
 
 
 class KernelEngine:
@@ -390,11 +390,11 @@ class KernelEngine:
         if struct.has_shadows:
             self._prepare_shadows()
         struct.output = output
-        struct.measures_shadows = _is_measured(thresholds, "Shadows")
-        struct.measures_fog = _is_measured(thresholds, "Fog")
-        if _is_measured(thresholds, "SelfView"):
+        struct.measures_shadows = _measures(thresholds, "Shadows")
+        struct.measures_fog = _measures(thresholds, "Fog")
+        if _measures(thresholds, "SelfView"):
             struct.watched_object = find_ego_body(exposure)
-        if _is_measured(thresholds, "MotionBlur"):
+        if _measures(thresholds, "MotionBlur"):
             struct.blur_threshold = thresholds["MotionBlur"].plain_change
         # Those of the first effect include all others'.
         for one in [*thresholds.values()][:1]:

@@ -290,6 +290,8 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     PoseStruct,
     LabelsStruct,
     FlowStruct,
+    ChangeLimits,
+    PixelChange,
     FrameStruct,
     FrameCounts,
     ImageStage,
