@@ -18,7 +18,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.error_bound import SceneDisplacement, error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.render.renderer import AccuracyTarget, RenderedImage, RenderSettings
@@ -233,7 +233,7 @@ def test_text_and_bounds_follow_the_choice() -> None:
     assert planned.view_key == (SMALL, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
     assert planned.bounds is None, "no frame was placed"
-    planned.bound_frame({TRACE: 0.0})
+    planned.bound_frame({TRACE: SceneDisplacement(0.0)})
     assert second.bound is not None
     assert planned.bounds == second.bound.numbers_by_name() | {"scene_px": 0.0}
 
@@ -243,9 +243,9 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
     assert choice.bound is not None
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for angle_rad in (1e-3, 4e-3):
-        planned.bound_frame({TRACE: angle_rad})
+        planned.bound_frame({TRACE: SceneDisplacement(angle_rad)})
         bounds = planned.bounds
-        planned.bound_frame({TRACE: angle_rad})
+        planned.bound_frame({TRACE: SceneDisplacement(angle_rad)})
         assert planned.bounds is bounds is not None, "the same scene changes nothing"
         scene_px = planned.bounds["scene_px"]
         assert scene_px == pytest.approx(angle_rad * PX_PER_RAD)
@@ -263,7 +263,7 @@ def test_target_that_the_scene_exceeds_is_not_met_and_logged_once(
     choice = choose(3, AccuracyTarget(max_error_px=bound.outline_error_px + 0.3))
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for scene_px, is_met in ((0.05, True), (0.35, False), (0.01, True), (0.4, False)):
-        planned.bound_frame({TRACE: scene_px / PX_PER_RAD})
+        planned.bound_frame({TRACE: SceneDisplacement(scene_px / PX_PER_RAD)})
         assert planned.choice is not None
         assert planned.choice.target_met is is_met
         assert ("is not met" in planned.plan_text) is not is_met

@@ -186,7 +186,7 @@ def _measure_level(
 def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
     """Bound that holds at all poses of a subject."""
     summarizer = SceneSummarizer(subject.scene, subject.world)
-    errors = coordinate_errors(subject.camera, plan.renderer, is_large=subject.scene.is_large)
+    errors = coordinate_errors(plan.renderer, is_large=subject.scene.is_large)
     angle_rad = max(
         summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
     )
