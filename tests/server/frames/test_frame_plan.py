@@ -40,9 +40,10 @@ class FakeScene:
     def __init__(self) -> None:
         self.scene = build_scene(make_test_world())
         self.angle_rad = 1e-6
+        self.nearest_m = 1e3
 
     def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
-        return 1e3
+        return self.nearest_m
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         return self.angle_rad
@@ -291,6 +292,20 @@ def test_plan_is_chosen_with_the_part_of_the_scene() -> None:
         assert frame_plan.plan_text == asked.text
         samples.append(frame_plan.plan.samples)
     assert samples == [3, 4]
+
+
+def test_bound_of_one_viewpoint_follows_the_distance_of_the_nearest_thing() -> None:
+    scene = FakeScene()
+    plans = make_plans(scene=scene)
+    spec = replace(AUTO, camera=replace(AUTO.camera, is_approximated=True))
+    scene_px = []
+    for scene.nearest_m in (1e3, 1.0, 0.5, math.inf):
+        bounds = plans.decide(spec, CAMERA_STATE).bounds
+        assert bounds is not None
+        scene_px.append(bounds["scene_px"])
+    far_px, near_px, nearest_px, beyond_px = scene_px
+    assert beyond_px < far_px < 2e-3 * near_px
+    assert nearest_px == pytest.approx(2.0 * near_px, rel=0.05)
 
 
 def test_neighbours_of_a_plan_have_the_bound_of_the_frame_s_place() -> None:
