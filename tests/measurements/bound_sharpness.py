@@ -187,7 +187,7 @@ def bound_frame(
     camera: OmniCamera, scene: SceneMesh, world: World, state: CameraState
 ) -> ErrorBound:
     plan = plan_from_settings(RenderSettings(), camera, kind=RendererKind.TRACE, reason="")
-    errors = coordinate_errors(camera, plan.renderer, is_large=scene.is_large)
+    errors = coordinate_errors(plan.renderer, is_large=scene.is_large)
     angle_rad = SceneSummarizer(scene, world).max_rounding_angle_rad(state, errors)
     return add_scene(error_bound(camera, plan), angle_error(camera, angle_rad))
 

@@ -24,6 +24,7 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 
@@ -112,6 +113,57 @@ def test_radii_of_a_table_have_derivatives() -> None:
             shifted.append(bent.pixel_from_direction(direction)[0])
         expected = (shifted[0] - shifted[1]) / 2e-3
         np.testing.assert_allclose(found[:, 9 + index], expected, atol=1e-9)
+
+
+FLAT = PerspectiveCamera(640, 480, math.radians(75.0))
+
+
+def test_pixels_and_rays_of_a_flat_image_change_by_their_derivatives() -> None:
+    point = np.array(((2.0, 0.3, -0.4), (0.5, -0.2, 0.1), (1.0, 0.0, 0.0)))
+    found = differentiate_point(FLAT, point)
+    ray = differentiate_ray(FLAT, found.pixel)
+    assert found.valid.all()
+    assert ray.valid.all()
+
+    def see(step: Floats) -> Floats:
+        moved = Pose(rotation_from_rpy(step[3], step[4], step[5]), step[:3])
+        return FLAT.pixel_from_direction(moved.inverse().transform_points(point))[0]
+
+    steps = 1e-6 * np.eye(6)
+    by_pose = np.stack([(see(step) - see(-step)) / 2e-6 for step in steps], axis=-1)
+    np.testing.assert_allclose(found.by_pose, by_pose, atol=1e-6)
+    np.testing.assert_array_equal(found.by_point, -found.by_pose[..., :3])
+    same = differentiate_direction(FLAT, point)
+    np.testing.assert_array_equal(same.by_point, found.by_point)
+    turns = [
+        FLAT.direction_from_pixel(found.pixel + step)[0]
+        - FLAT.direction_from_pixel(found.pixel - step)[0]
+        for step in 1e-3 * np.eye(2)
+    ]
+    np.testing.assert_allclose(ray.by_pixel, np.stack(turns, axis=-1) / 2e-3, atol=1e-11)
+    assert parameter_names(FLAT) == ("horizontal_fov_rad",)
+    wide, narrow = (
+        replace(FLAT, horizontal_fov_rad=FLAT.horizontal_fov_rad + step) for step in (1e-6, -1e-6)
+    )
+    for of, by_fov in (
+        (lambda one: one.pixel_from_direction(point)[0], found.by_parameters),
+        (lambda one: one.direction_from_pixel(found.pixel)[0], ray.by_parameters),
+    ):
+        np.testing.assert_allclose(by_fov[..., 0], (of(wide) - of(narrow)) / 2e-6, atol=1e-6)
+
+
+def test_outside_a_flat_image_derivatives_are_0_and_invalid() -> None:
+    for direction in ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (math.nan, 0.0, 1.0)):
+        found = differentiate_direction(FLAT, np.array(direction))
+        assert not found.valid
+        assert not found.by_point.any()
+        assert not found.by_pose.any()
+        assert not found.by_parameters.any()
+    for pixel in ((-1.0, 3.0), (math.inf, 3.0), (math.nan, 3.0)):
+        ray = differentiate_ray(FLAT, np.array(pixel))
+        assert not ray.valid
+        assert not ray.by_pixel.any()
+        assert not ray.by_parameters.any()
 
 
 def test_outside_the_domain_derivatives_are_0_and_invalid() -> None:

@@ -18,7 +18,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.error_bound import SceneDisplacement, error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.render.renderer import AccuracyTarget, RenderedImage, RenderSettings
@@ -40,9 +40,10 @@ class FakeScene:
     def __init__(self) -> None:
         self.scene = build_scene(make_test_world())
         self.angle_rad = 1e-6
+        self.nearest_m = 1e3
 
     def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
-        return 1e3
+        return self.nearest_m
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         return self.angle_rad
@@ -233,7 +234,7 @@ def test_text_and_bounds_follow_the_choice() -> None:
     assert planned.view_key == (SMALL, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
     assert planned.bounds is None, "no frame was placed"
-    planned.bound_frame({TRACE: 0.0})
+    planned.bound_frame({TRACE: SceneDisplacement(0.0)})
     assert second.bound is not None
     assert planned.bounds == second.bound.numbers_by_name() | {"scene_px": 0.0}
 
@@ -243,9 +244,9 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
     assert choice.bound is not None
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for angle_rad in (1e-3, 4e-3):
-        planned.bound_frame({TRACE: angle_rad})
+        planned.bound_frame({TRACE: SceneDisplacement(angle_rad)})
         bounds = planned.bounds
-        planned.bound_frame({TRACE: angle_rad})
+        planned.bound_frame({TRACE: SceneDisplacement(angle_rad)})
         assert planned.bounds is bounds is not None, "the same scene changes nothing"
         scene_px = planned.bounds["scene_px"]
         assert scene_px == pytest.approx(angle_rad * PX_PER_RAD)
@@ -263,7 +264,7 @@ def test_target_that_the_scene_exceeds_is_not_met_and_logged_once(
     choice = choose(3, AccuracyTarget(max_error_px=bound.outline_error_px + 0.3))
     planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for scene_px, is_met in ((0.05, True), (0.35, False), (0.01, True), (0.4, False)):
-        planned.bound_frame({TRACE: scene_px / PX_PER_RAD})
+        planned.bound_frame({TRACE: SceneDisplacement(scene_px / PX_PER_RAD)})
         assert planned.choice is not None
         assert planned.choice.target_met is is_met
         assert ("is not met" in planned.plan_text) is not is_met
@@ -291,6 +292,20 @@ def test_plan_is_chosen_with_the_part_of_the_scene() -> None:
         assert frame_plan.plan_text == asked.text
         samples.append(frame_plan.plan.samples)
     assert samples == [3, 4]
+
+
+def test_bound_of_one_viewpoint_follows_the_distance_of_the_nearest_thing() -> None:
+    scene = FakeScene()
+    plans = make_plans(scene=scene)
+    spec = replace(AUTO, camera=replace(AUTO.camera, is_approximated=True))
+    scene_px = []
+    for scene.nearest_m in (1e3, 1.0, 0.5, math.inf):
+        bounds = plans.decide(spec, CAMERA_STATE).bounds
+        assert bounds is not None
+        scene_px.append(bounds["scene_px"])
+    far_px, near_px, nearest_px, beyond_px = scene_px
+    assert beyond_px < far_px < 2e-3 * near_px
+    assert nearest_px == pytest.approx(2.0 * near_px, rel=0.05)
 
 
 def test_neighbours_of_a_plan_have_the_bound_of_the_frame_s_place() -> None:

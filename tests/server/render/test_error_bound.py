@@ -13,11 +13,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
+from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
+    camera_with_inscribed_rim,
     direction_from_pixel,
     pixel_from_direction,
 )
@@ -310,6 +313,40 @@ def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
     seen_px = max_measured_px(device, camera, four, 15)
     bound_px = error_bound(camera, four).geometric.max_px
     assert seen_px <= bound_px < 0.7 * error_bound(camera, one).geometric.max_px
+
+
+def test_bound_of_a_rastered_lens_of_358_degrees_holds_within_a_factor_of_three(
+    device: GlDevice,
+) -> None:
+    camera = camera_with_inscribed_rim(
+        EquidistantLens(), width_px=640, height_px=640, rim_rad=math.radians(179.0)
+    )
+    plan = make_bound_plan(camera, PerPixel(), RendererKind.RASTER)
+    up = next(one for one in plan.face_regions if one.face is Face.U)
+    texel = 1.0 / up.columns_per_unit
+    rim = math.tan(math.pi - camera.rim_rad)
+    axes = np.tile(MIRROR_FROM_FACE_ROTATIONS[Face.U], (4, 1, 1))
+    # The image shows a texel beside the antipode 45 px long and a quarter wide. Outlines along the
+    # image radius are displaced lengthways there: those of discs of few texels.
+    displaced_px = []
+    for radius, beyond_rim, azimuth_rad in ((2.5, 1.0, 0.5), (2.5, 1.0, 0.02), (3.0, 1.64, 0.02)):
+        azimuth = azimuth_rad + 0.5 * math.pi * np.arange(4)
+        circle = np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
+        centre = (rim + beyond_rim * texel) * circle
+        discs = DisplacementTargets(axes, centre, np.full(4, radius * texel), True)
+        world = discs.build_world(LEVEL.world_from_mirror)
+        image = render_frame(make_raster(device, world), camera, plan, LEVEL)
+        pixels = pixel_sample_positions(camera)[:, :, 0]
+        directions, is_seen = direction_from_pixel(camera, pixels)
+        is_lit = image[..., 0][is_seen] > 187  # half of the light
+        wrong = pixels[is_seen][is_lit != discs.contains(directions[is_seen])]
+        # Outlines go on where the image has ended.
+        whole = replace(camera, rim_rad=math.radians(179.99))
+        outline_px, _ = pixel_from_direction(whole, discs.outline_directions()[0])
+        distance_px = np.linalg.norm(wrong[:, None] - outline_px, axis=-1).min(axis=1)
+        displaced_px.append(distance_px.max())
+    seen_px = max(displaced_px)
+    assert seen_px <= error_bound(camera, plan).geometric.max_px <= 3.0 * seen_px
 
 
 @pytest.mark.parametrize("way", ["uv", "position"])

@@ -88,7 +88,7 @@ def frame_bound_rad(world: World, kind: RendererKind, state: CameraState) -> flo
 
 def bound_frame(world: World, kind: RendererKind, state: CameraState) -> ErrorBound:
     scene = build_scene(world)
-    errors = coordinate_errors(CAMERA, kind, is_large=scene.is_large)
+    errors = coordinate_errors(kind, is_large=scene.is_large)
     angle_rad = SceneSummarizer(scene, world).max_rounding_angle_rad(state, errors)
     return add_scene(error_bound(CAMERA, make_plan(kind)), angle_error(CAMERA, angle_rad))
 
@@ -275,7 +275,7 @@ def measure_ulps(make_renderer: MakeRenderer, size_per_distance: float, seed: in
 def test_raster_displaces_edges_by_the_stated_part_of_their_size_and_not_by_far_less(
     make_renderer: MakeRenderer,
 ) -> None:
-    errors = coordinate_errors(CAMERA, RendererKind.RASTER, is_large=True)
+    errors = coordinate_errors(RendererKind.RASTER, is_large=True)
     limit = errors.max_size_per_distance
     # Just below what is split, where it is off the most, and far above: of 200 km, 2 cm near.
     sizes = 0.5 * limit, 0.945 * limit, 1e7
@@ -299,7 +299,7 @@ def test_raster_is_off_by_hundredths_of_a_pixel_in_worlds_of_any_size(extent_m: 
         RenderSettings(samples=1), camera, kind=RendererKind.RASTER, reason="test"
     )
     angle_rad = SceneSummarizer(build_scene(edge.world), edge.world).max_rounding_angle_rad(
-        state, coordinate_errors(camera, plan.renderer, is_large=True)
+        state, coordinate_errors(plan.renderer, is_large=True)
     )
     bound = add_scene(error_bound(camera, plan), angle_error(camera, angle_rad))
     assert 0.0 < bound.numbers_by_name()["scene_px"] < 0.05

@@ -9,7 +9,7 @@ A point at the distance s along the ray of a mirror without a viewpoint turns th
 displacement across it over s + D / (dtheta/dpsi), D the distance of the mirror's point from the
 pinhole: the law of reflection alone, for every surface. The parameters of such a surface have no
 derivative here, since they move the effective viewpoint, the origin of the mirror frame; those of
-its image have. Domain: that of the functions, and for inverses a slope above 0: a fold's is 0.
+its image have. A perspective camera has its own frame instead of the mirror's. Domain: that of the functions, and for inverses a slope above 0: a fold's is 0.
 Outside, values are those of the functions, derivatives 0, and the mask false.
 """
 
@@ -45,6 +45,7 @@ from catoptra_protocol.optics.numerics import (
     scale_components,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -84,34 +85,44 @@ class RayJacobian:
     """(..., 3, n) derivatives of the direction by the parameters."""
 
 
-def parameter_names(camera: OmniCamera) -> tuple[str, ...]:
+def parameter_names(camera: OmniCamera | PerspectiveCamera) -> tuple[str, ...]:
     """Parameters of a camera that have derivatives; entries of tuples by their index.
 
     A table's knots are where it was measured: its first entry, 0, and their angles are none.
     """
+    if isinstance(camera, PerspectiveCamera):
+        return ("horizontal_fov_rad",)
     image = ("centre_u_px", "centre_v_px", "scale_px", "image_up_azimuth_rad")
     plane = ("stretch_0", "stretch_1", "stretch_2", "stretch_3", "p1", "p2")
     return (*image, *plane, *_projection_names(camera.projection))
 
 
 @np.errstate(under="ignore")  # terms far below the largest component may vanish
-def differentiate_direction(camera: OmniCamera, direction: Floats) -> PixelJacobian:
+def differentiate_direction(
+    camera: OmniCamera | PerspectiveCamera, direction: Floats
+) -> PixelJacobian:
     """Derivatives of `pixel_from_direction` at (..., 3) directions of any length."""
+    if isinstance(camera, PerspectiveCamera):
+        return _differentiate_flat_pixel(camera, direction)
     pixel, valid = pixel_from_direction(camera, direction)
     return _differentiate_pixel(camera, direction, direction, pixel, valid)
 
 
 @np.errstate(under="ignore")
-def differentiate_point(camera: OmniCamera, point: Floats) -> PixelJacobian:
+def differentiate_point(camera: OmniCamera | PerspectiveCamera, point: Floats) -> PixelJacobian:
     """Derivatives of `pixel_from_point` at (..., 3) points, metres."""
+    if isinstance(camera, PerspectiveCamera):
+        return _differentiate_flat_pixel(camera, point)
     pixel, valid = pixel_from_point(camera, point)
     direction = point if camera.is_central else ray_from_pixel(camera, pixel)[1]
     return _differentiate_pixel(camera, point, direction, pixel, valid)
 
 
 @np.errstate(under="ignore")
-def differentiate_ray(camera: OmniCamera, pixel: Floats) -> RayJacobian:
+def differentiate_ray(camera: OmniCamera | PerspectiveCamera, pixel: Floats) -> RayJacobian:
     """Derivatives of `ray_from_pixel` and `direction_from_pixel` at (..., 2) pixels."""
+    if isinstance(camera, PerspectiveCamera):
+        return _differentiate_flat_ray(camera, pixel)
     origin, direction, valid = ray_from_pixel(camera, pixel)
     local = _Local(camera, direction, valid)
     (a, b), (c, d) = np.moveaxis(local.by_angles, (-2, -1), (0, 1))
@@ -147,10 +158,40 @@ def _differentiate_pixel(
         along, across = local.turn_of_ray(point)
     turns = np.stack((local.along * along[..., None], local.across * across[..., None]), axis=-2)
     by_point = matmul(local.by_angles, turns)
+    by_pose = _differentiate_by_pose(by_point, point)
+    return PixelJacobian(pixel, valid, by_point, by_pose, local.by_parameters)
+
+
+def _differentiate_by_pose(by_point: Floats, point: Floats) -> Floats:
+    """(..., 2, 6) derivatives by the pose, from (..., 2, 3) by the (..., 3) point."""
     # A displaced camera has p - v, a turned one p - w x p.
     by_turn = np.stack([np.cross(by_point[..., row, :], point) for row in range(2)], axis=-2)
-    by_pose = np.concatenate((-by_point, by_turn), axis=-1)
-    return PixelJacobian(pixel, valid, by_point, by_pose, local.by_parameters)
+    return np.concatenate((-by_point, by_turn), axis=-1)
+
+
+def _differentiate_flat_pixel(camera: PerspectiveCamera, point: Floats) -> PixelJacobian:
+    """Derivatives of (u, v) - centre = f (y, z) / x, f proportional to cot(fov / 2)."""
+    pixel, valid = camera.pixel_from_direction(point)
+    point = np.where(valid[..., None], point, (1.0, 0.0, 0.0))
+    offset_px = pixel - camera.centre_px
+    by_x = -offset_px[..., None]
+    by_yz = np.broadcast_to(camera.focal_length_px * np.eye(2), (*valid.shape, 2, 2))
+    shown = np.where(valid, 1.0 / point[..., 0], 0.0)[..., None, None]
+    by_point = shown * np.concatenate((by_x, by_yz), axis=-1)
+    by_parameters = by_x / sin(camera.horizontal_fov_rad)
+    by_pose = _differentiate_by_pose(by_point, point)
+    return PixelJacobian(pixel, valid, by_point, by_pose, by_parameters)
+
+
+def _differentiate_flat_ray(camera: PerspectiveCamera, pixel: Floats) -> RayJacobian:
+    direction, valid = camera.direction_from_pixel(pixel)
+    # The direction's x is one over the length of (f, u, v) in focal lengths.
+    shown = np.where(valid, direction[..., 0] / camera.focal_length_px, 0.0)[..., None, None]
+    by_pixel = shown * (np.eye(3)[:, 1:] - direction[..., None] * direction[..., None, 1:])
+    offset_px = np.where(valid[..., None], pixel - np.array(camera.centre_px), 0.0)
+    by_parameters = matmul(by_pixel, offset_px[..., None]) / sin(camera.horizontal_fov_rad)
+    origin, fixed = np.zeros_like(direction), np.zeros_like(by_pixel)
+    return RayJacobian(origin, direction, valid, fixed, by_pixel, by_parameters)
 
 
 class _Local:

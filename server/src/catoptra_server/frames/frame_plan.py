@@ -14,7 +14,8 @@ error bounds may be read by any thread.
   budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
   The price of a budget: bytes depend on the machine.
 * The bound of a frame is the plan's and the share of the scene's coordinates: 8 microseconds
-  a frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles. A plan is chosen
+  a frame, 0.2 ms in a new cell of the scene's grid, 0.6 among a million triangles; 3 to 13 ms at
+  the first of an eighth of an octave of distances from an approximated viewpoint. A plan is chosen
   with the share of the start poses. Where a frame's exceeds its tolerance the plan stays, and
   `target_met`, the plan's text and the log say so.
 """
@@ -22,6 +23,7 @@ error bounds may be read by any thread.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +36,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import EffectChange, gains_after, summary_fields
-from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
@@ -51,13 +53,17 @@ from catoptra_server.frames.plan.camera import (
     choose_viewpoint,
     shows_ego_body,
 )
-from catoptra_server.frames.plan.error_bound import ErrorBound, coordinate_errors
+from catoptra_server.frames.plan.error_bound import (
+    ErrorBound,
+    SceneDisplacement,
+    coordinate_errors,
+)
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
     DEFAULT_SAMPLES,
     PerspectivePlan,
     PlanChoice,
-    SceneAngles,
+    SceneDisplacements,
     explain_limit,
     limit_time_samples,
 )
@@ -161,7 +167,6 @@ class CameraPlan:
         self.plan = plan
         self.choice = choice
         """Choice with the bound of the last frame."""
-        self.coordinate_errors: Mapping[RendererKind, CoordinateErrors] = {}
         self.summary_fields = summary_fields(camera.effect_settings)
         self.shadow_gains = gains_after(camera.effect_settings, "Shadows")
         self.decisions: tuple[EffectDecision, ...] = ()
@@ -184,7 +189,7 @@ class CameraPlan:
         self.plan_text = str(self.plan)
         self.bounds: dict[str, float] | None = None
         self._plan_choice = self.choice  # with the bound of the plan alone
-        self._scene: SceneAngles | None = None
+        self._scene: SceneDisplacements | None = None
         self._is_excess_logged = False
 
     def set_choice(self, choice: PlanChoice) -> None:
@@ -192,13 +197,13 @@ class CameraPlan:
         self.plan, self.choice = choice.plan, choice
         self._derive()
 
-    def place(self, scene: SceneAngles) -> PlanChoice | None:
+    def place(self, scene: SceneDisplacements) -> PlanChoice | None:
         """Choice with the bounds of a frame at a place; None for a perspective camera."""
         if self._plan_choice is None or scene == self._scene:
             return self.choice
         return self._plan_choice.place(cast(OmniCamera, self.camera.camera), scene)
 
-    def bound_frame(self, scene: SceneAngles) -> None:
+    def bound_frame(self, scene: SceneDisplacements) -> None:
         """Add to the plan's bound what a frame's scene contributes."""
         choice = self.place(scene)
         if choice is None or choice.bound is None or choice is self.choice:
@@ -238,6 +243,10 @@ class FramePlanner:
         self._clock = clock
         self._planner = planner
         self._summarizer = summarizer
+        is_large = summarizer.scene.is_large
+        self._coordinate_errors = {
+            kind: coordinate_errors(kind, is_large=is_large) for kind in RendererKind
+        }
         self._calibration_states = calibration_states
         self._error_bounds: ErrorBoundTable = {} if error_bounds is None else error_bounds
         # The ones used longest ago are forgotten.
@@ -261,7 +270,8 @@ class FramePlanner:
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
-        camera_plan.bound_frame(self._find_angles(camera_plan.coordinate_errors, unlimited))
+        if isinstance(drawn, OmniCameraSpec):
+            camera_plan.bound_frame(self._find_displacements(drawn.camera, unlimited))
         # Planned, so that its bound is removed with its plan.
         own_plan = camera_plan if drawn is camera else self.plan_camera(camera)
         if camera_plan.choice is not None and own_plan.choice is not None:
@@ -316,13 +326,13 @@ class FramePlanner:
 
     def find_state(self, camera: OmniCameraSpec, camera_state: CameraState) -> ViewState:
         """Plan that a frame of a camera would have; prepares no view."""
-        drawn = self._choose_viewpoint(camera, camera_state)
+        drawn = cast(OmniCameraSpec, self._choose_viewpoint(camera, camera_state))
         # Not kept: clients that try budgets would push out the cameras that are rendered.
         camera_plan = self._cameras.get(drawn) or self._plan_camera(drawn)
         shown = apply_scene_effects(camera_state, self._decide_effects(camera_plan, camera_state))
-        choice = camera_plan.place(self._find_angles(camera_plan.coordinate_errors, shown))
+        choice = camera_plan.place(self._find_displacements(drawn.camera, shown))
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
-        choice = self._planner.update_times(cast(OmniCameraSpec, drawn), choice)
+        choice = self._planner.update_times(drawn, choice)
         return ViewState(choice, camera_plan.monitor.median_ms)
 
     def forget_all(self) -> None:
@@ -344,16 +354,19 @@ class FramePlanner:
         )
         return choose_viewpoint(camera, nearest_m)
 
-    def _find_coordinate_errors(self, camera: OmniCamera) -> dict[RendererKind, CoordinateErrors]:
-        is_large = self._summarizer.scene.is_large
-        return {kind: coordinate_errors(camera, kind, is_large=is_large) for kind in RendererKind}
-
-    def _find_angles(
-        self, errors: Mapping[RendererKind, CoordinateErrors], *states: CameraState
-    ) -> SceneAngles:
+    def _find_displacements(self, camera: OmniCamera, *states: CameraState) -> SceneDisplacements:
         """Largest displacement in any of some states."""
-        find = self._summarizer.max_rounding_angle_rad
-        return {kind: max(find(state, one) for state in states) for kind, one in errors.items()}
+        find, nearest_m = self._summarizer.max_rounding_angle_rad, math.inf
+        if camera.has_mirror and not camera.mirror.is_central:
+            # Ego bodies that are shown are among a state's objects.
+            distances_m = (
+                self._summarizer.min_distance_m(state, has_ego_body=False) for state in states
+            )
+            nearest_m = min(round_down(distances_m))
+        return {
+            kind: SceneDisplacement(max(find(state, one) for state in states), nearest_m)
+            for kind, one in self._coordinate_errors.items()
+        }
 
     def _decide_effects(self, camera_plan: CameraPlan, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -411,9 +424,7 @@ class FramePlanner:
     def _plan_camera(self, camera: CameraSpec) -> CameraPlan:
         if isinstance(camera, OmniCameraSpec):
             choice = self._choose_plan(camera)
-            camera_plan = CameraPlan(camera, choice.plan, choice)
-            camera_plan.coordinate_errors = self._find_coordinate_errors(camera.camera)
-            return camera_plan
+            return CameraPlan(camera, choice.plan, choice)
         pool = self._planner.renderers
         reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
         plan = PerspectivePlan(pool.default_kind, DEFAULT_SAMPLES, reason)
@@ -425,7 +436,7 @@ class FramePlanner:
         # Without a target nothing is weighed.
         scene = None
         if spec.render_settings.accuracy_target.is_set:
-            scene = self._find_angles(self._find_coordinate_errors(camera), *states)
+            scene = self._find_displacements(camera, *states)
         choice = self._planner.choose_plan(spec, states, scene)
         placed = choice.place(camera, scene) if scene else choice
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, placed)

@@ -21,10 +21,11 @@ from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
+    SceneDisplacement,
     add_scene,
-    angle_error,
     coordinate_errors,
     error_bound,
+    scene_error,
 )
 from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
@@ -186,11 +187,17 @@ def _measure_level(
 def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
     """Bound that holds at all poses of a subject."""
     summarizer = SceneSummarizer(subject.scene, subject.world)
-    errors = coordinate_errors(subject.camera, plan.renderer, is_large=subject.scene.is_large)
+    errors = coordinate_errors(plan.renderer, is_large=subject.scene.is_large)
     angle_rad = max(
         summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
     )
-    return add_scene(error_bound(subject.camera, plan), angle_error(subject.camera, angle_rad))
+    nearest_m = min(
+        summarizer.min_distance_m(state, has_ego_body=False) for state in subject.camera_states
+    )
+    scene = SceneDisplacement(angle_rad, nearest_m)
+    return add_scene(
+        error_bound(subject.camera, plan), scene_error(subject.camera, plan.renderer, scene)
+    )
 
 
 def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:

@@ -10,24 +10,38 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import (
+    MIRRORS,
     PAPER_MIRROR,
+    ConicalMirror,
     HyperbolicMirror,
     Mirror,
     ParabolicMirror,
     SphericalMirror,
 )
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.frames.plan.error_bound import ErrorBound, coordinate_errors, error_bound
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_from_direction,
+)
+from catoptra_server.frames.plan.error_bound import (
+    ErrorBound,
+    SceneDisplacement,
+    angle_error,
+    error_bound,
+    scene_error,
+)
 from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, atlas_coordinates, pack_atlas
 from catoptra_server.render.renderer import MirrorSurface, PerPixel, RenderPlan, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
-from helpers.mirror_checks import make_camera as make_ball_camera
+from helpers.mirror_checks import MIRROR_EXAMPLES
+from helpers.mirror_checks import make_camera as make_mirror_camera
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)
@@ -263,13 +277,58 @@ def test_corner_error_falls_with_more_samples() -> None:
         assert component_px(bound, "corners") == pytest.approx(2**0.5 / 512.0 / samples)
 
 
-def test_miss_of_an_approximated_viewpoint_counts_where_a_renderer_has_one() -> None:
-    camera = make_ball_camera(SphericalMirror(0.03, 0.2))
-    assert coordinate_errors(camera, TRACE, is_large=False).miss_m == 0.0
+NON_CENTRAL = [
+    *(kind(*MIRROR_EXAMPLES[name]) for name, kind in MIRRORS.items()),
+    SphericalMirror(0.03, 0.2, math.radians(170.0)),
+    ConicalMirror(math.radians(20.0), 0.1, math.radians(150.0)),
+]
+NON_CENTRAL = [make_mirror_camera(one) for one in NON_CENTRAL if not one.is_central]
+
+
+def displacements_px(camera: OmniCamera, nearest_m: float) -> tuple[Floats, Floats]:
+    """Places over the rim's radius, where points from a distance on are drawn from one viewpoint,
+    and (n,) distances from their pixels by the exact rays."""
+    rng = np.random.default_rng(1)
+    azimuth = rng.uniform(-math.pi, math.pi, 6_000)
+    t = camera.t_from_radius_px(camera.rim_radius_px * rng.uniform(0.0, 1.0, len(azimuth)))
+    theta = np.minimum(2.0 * np.arctan(t), camera.rim_rad)
+    circle = np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
+    directions = np.column_stack((np.sin(theta)[:, None] * circle, np.cos(theta)))
+    distances_m = nearest_m * np.where(rng.uniform(size=len(theta)) < 0.9, 1.0, 2.0 - 1e-3)
+    exact_px, is_seen = pixel_from_point(camera, distances_m[:, None] * directions)
+    drawn_px, is_drawn = pixel_from_direction(camera, directions)
+    # A point behind the mirror is hidden by it.
+    known = is_seen & is_drawn
+    places = np.linalg.norm(drawn_px - camera.centre_px, axis=-1) / camera.rim_radius_px
+    return places[known], np.linalg.norm(exact_px - drawn_px, axis=-1)[known]
+
+
+@pytest.mark.parametrize("camera", NON_CENTRAL, ids=lambda one: str(one.projection)[:24])
+@pytest.mark.parametrize("nearest_m", [0.1, 1.0, 10.0, 100.0])
+def test_points_seen_from_one_viewpoint_are_displaced_by_the_bound_of_each_ring(
+    camera: OmniCamera, nearest_m: float
+) -> None:
     approximated = replace(camera, is_approximated=True)
-    for kind in (TRACE, RASTER):
-        errors = coordinate_errors(approximated, kind, is_large=False)
-        assert errors.miss_m == pytest.approx(7.5e-3, abs=1e-4)
+    bounds = [
+        scene_error(one, kind, SceneDisplacement(0.0, nearest_m))
+        for one, kind in ((approximated, TRACE), (approximated, RASTER))
+    ]
+    assert bounds[0] == bounds[1]
+    places, seen_px = displacements_px(camera, nearest_m)
+    assert seen_px.max() <= bounds[0].max_px <= 2.0 * seen_px.max()
+    allowed_px = np.array([bounds[0].at_px(place) for place in places.tolist()])
+    assert (seen_px <= allowed_px).all()
+
+
+def test_exact_rays_are_displaced_by_coordinates_alone() -> None:
+    camera = NON_CENTRAL[0]
+    scene = SceneDisplacement(1e-6, 0.1)
+    assert scene_error(camera, TRACE, scene) == angle_error(camera, 1e-6)
+    approximated = replace(camera, is_approximated=True)
+    nearer, farther = (
+        scene_error(approximated, TRACE, replace(scene, nearest_m=one)) for one in (0.1, math.inf)
+    )
+    assert nearer.max_px > farther.max_px == pytest.approx(angle_error(camera, 1e-6).max_px)
 
 
 def test_distance_of_the_model_from_the_lens_is_a_part_of_its_own() -> None:

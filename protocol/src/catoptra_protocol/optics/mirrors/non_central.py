@@ -15,7 +15,7 @@ effects need no line for it. Trace takes origins as well as directions (`optics/
 the kernel's proofs have a pyramid for each part of the image, its apex behind the origins of all
 its rays. Frames take 1.07 to 1.23 times as long as from one viewpoint. Raster draws from one
 viewpoint alone: with `Central=always`, the error bound counts the miss as an angle at the nearest
-triangle.
+triangle, ring by ring.
 """
 
 from __future__ import annotations

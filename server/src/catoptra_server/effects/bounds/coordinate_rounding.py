@@ -165,8 +165,6 @@ class CoordinateErrors:
     """Size over distance above which the renderer splits triangles."""
     object_ulps: float = 0.0
     """Of the points of a dynamic object, over its radius: rounded in its own frame."""
-    miss_m: float = 0.0
-    """Not by coordinates: distance at which rays taken to meet in the viewpoint pass it, metres."""
 
 
 class CoordinateRounding:
@@ -188,12 +186,11 @@ class CoordinateRounding:
             errors: Errors of the renderer's coordinates.
         """
         centre_m = hypot(*(viewpoint - self._scene.centre).tolist())
-        miss_m = errors.miss_m / UNIT_ROUNDOFF
-        position_m = errors.position_ulps * centre_m + miss_m
+        position_m = errors.position_ulps * centre_m
         angle_ulps = self._triangles.proximity(viewpoint).angle_ulps(position_m, errors)
         # A camera far from the centre is the origin of its frames' objects.
         if self._scene.is_far(viewpoint):
-            position_m = miss_m
+            position_m = 0.0
         for one, near in zip(objects, self._object_proximities(objects, viewpoint), strict=True):
             own_m = position_m + errors.object_ulps * one.mesh.radius_m
             angle_ulps = max(angle_ulps, near.angle_ulps(own_m, errors))

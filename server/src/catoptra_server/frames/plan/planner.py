@@ -40,7 +40,7 @@ from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import (
     PlanChoice,
     PlanOption,
-    SceneAngles,
+    SceneDisplacements,
     choose_by_settings,
     choose_plan,
     needs_exact_rays,
@@ -321,7 +321,7 @@ class RenderPlanner:
         self,
         camera: OmniCameraSpec,
         camera_states: Sequence[CameraState],
-        scene: SceneAngles | None = None,
+        scene: SceneDisplacements | None = None,
     ) -> PlanChoice:
         """Choose the plan of a camera; the reason names the renderer, with engine and device.
 
@@ -339,7 +339,7 @@ class RenderPlanner:
         self,
         camera: OmniCameraSpec,
         camera_states: Sequence[CameraState],
-        scene: SceneAngles | None,
+        scene: SceneDisplacements | None,
     ) -> PlanChoice:
         target = camera.render_settings.accuracy_target
         if not target.is_set:

@@ -36,9 +36,10 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
+    SceneDisplacement,
     add_scene,
-    angle_error,
     error_bound,
+    scene_error,
 )
 from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
 from catoptra_server.render.renderer import (
@@ -174,8 +175,8 @@ class PerspectivePlan:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 
 
-SceneAngles = Mapping[RendererKind, float]
-"""Largest displacement at a place by each renderer's coordinates of the scene, radians."""
+SceneDisplacements = Mapping[RendererKind, SceneDisplacement]
+"""Largest displacement at a place by each renderer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,9 +195,10 @@ class PlanOption:
         """Largest displacement of an outline."""
         return self.plan_bound_px + self.scene_px
 
-    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanOption:
+    def place(self, camera: OmniCamera, scene: SceneDisplacements) -> PlanOption:
         """Same option at a place."""
-        return replace(self, scene_px=angle_error(camera, scene[self.plan.renderer]).max_px)
+        kind = self.plan.renderer
+        return replace(self, scene_px=scene_error(camera, kind, scene[kind]).max_px)
 
     def __str__(self) -> str:
         numbers = f"{self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
@@ -239,14 +241,15 @@ class PlanChoice:
         reasons = (self.excess, self.plan.reason) if self.excess else (self.plan.reason,)
         return str(replace(self.plan, reason="; ".join(reasons)))
 
-    def place(self, camera: OmniCamera, scene: SceneAngles) -> PlanChoice:
+    def place(self, camera: OmniCamera, scene: SceneDisplacements) -> PlanChoice:
         """Same choice with the bounds of frames at a place; from one with those of plans alone.
 
         A neighbour that the scene makes no longer one is left out.
         """
         if self.bound is None:
             return self
-        bound = add_scene(self.bound, angle_error(camera, scene[self.plan.renderer]))
+        kind = self.plan.renderer
+        bound = add_scene(self.bound, scene_error(camera, kind, scene[kind]))
         neighbours = self.more_accurate, self.faster
         better, faster = (one and one.place(camera, scene) for one in neighbours)
         own_px = bound.outline_error_px
