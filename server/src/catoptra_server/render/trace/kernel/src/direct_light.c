@@ -112,21 +112,27 @@ static Uncertainty look_up_light(const FrameState *state, int light, const HitBl
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
-void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
+float unseen_light(const FrameState *state, float radiance) {
+    float gain = state->frame->largest_gain;
+    float share = UNSEEN_PART * state->frame->limits.plain_change / (255.0f * gain);
+    float x = gain * radiance;
+    x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+    float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
+    float curved = root * eighth * (1.0f / SLOPE);
+    return share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
+}
+
+int leaves_unseen(const FrameState *state) {
     const Frame *frame = state->frame;
-    int is_any = frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
-    float gain = frame->largest_gain;
-    float share = UNSEEN_PART * frame->limits.plain_change / (255.0f * gain);
+    return frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
+}
+
+void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
+    int is_any = leaves_unseen(state);
     memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++) {
-            float x = gain * radiance[channel][i];
-            x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-            float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
-            float curved = root * eighth * (1.0f / SLOPE);
-            surface->unseen[channel][i] =
-                share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
-        }
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            surface->unseen[channel][i] = unseen_light(state, radiance[channel][i]);
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
