@@ -208,17 +208,77 @@ static int is_precise(const LightMap *map, float height) {
     return height_tolerance(map, height) < MAX_ERROR * fabsf(height) || !map->is_perspective;
 }
 
-int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point) {
-    const LightMap *map = map_at(state, light, point);
-    if (!map)
-        return LIGHT_UNKNOWN;
-    MapPoint at = project(map, point);
-    if (!is_precise(map, at.height))
-        return LIGHT_UNKNOWN;
-    int cell = cell_of(map, at.y, map->top) * map->side + cell_of(map, at.x, map->left);
-    MapBox box = {at, at};
-    return find_in_cell(state, map, cell, triangle < 0 ? -2 : state->scene->surfaces.surface[triangle], &box,
-                        NULL);
+/* Points on a map, whose places of others mean nothing. */
+typedef struct {
+    float x[BLOCK_RAYS], y[BLOCK_RAYS], height[BLOCK_RAYS];
+    int32_t cell[BLOCK_RAYS], is_known[BLOCK_RAYS]; /* their heights are precise */
+} MapPoints;
+
+/* Vector code: one division for 16 points. */
+static void place_points(const LightMap *map, const float position[3][BLOCK_RAYS],
+                         MapPoints *points, int32_t is_on_face[BLOCK_RAYS]) {
+    Vec3 x = map->x_axis, y = map->y_axis, z = map->towards;
+    int is_flat = !map->is_perspective;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        Vec3 p = {position[0][i] - map->origin.x, position[1][i] - map->origin.y,
+                  position[2][i] - map->origin.z};
+        float across = dot(x, p), down = dot(y, p), depth = dot(z, p), inverse = 1.0f / depth;
+        is_on_face[i] = is_flat | ((fabsf(across) <= depth) & (fabsf(down) <= depth));
+        float height = is_flat ? depth : inverse, factor = is_flat ? 1.0f : inverse;
+        points->x[i] = across * factor;
+        points->y[i] = down * factor;
+        points->height[i] = height;
+        points->is_known[i] =
+            is_flat | (map->tolerance * height * height < MAX_ERROR * fabsf(height));
+        points->cell[i] = cell_of(map, points->y[i], map->top) * map->side +
+                          cell_of(map, points->x[i], map->left);
+    }
+}
+
+/* What a map says of those of the lanes that lie on it, the first of them in any case. */
+static uint32_t find_on_map(const FrameState *state, const LightMap *map,
+                            const int32_t surface[BLOCK_RAYS],
+                            const float position[3][BLOCK_RAYS], uint32_t lanes,
+                            LightViews *found) {
+    MapPoints points;
+    int32_t is_on_face[BLOCK_RAYS];
+    uint32_t done = 0;
+    place_points(map, position, &points, is_on_face);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        if (!is_on_face[lane] && lane != __builtin_ctz(lanes))
+            continue;
+        done |= 1u << lane;
+        MapPoint at = {points.x[lane], points.y[lane], points.height[lane]};
+        MapBox box = {at, at};
+        int known = points.is_known[lane]
+                        ? find_in_cell(state, map, points.cell[lane], surface[lane], &box, NULL)
+                        : LIGHT_UNKNOWN;
+        found->hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
+        found->unknown |= (uint32_t)(known == LIGHT_UNKNOWN) << lane;
+        found->behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
+    }
+    return done;
+}
+
+LightViews find_light(const FrameState *state, int light, const HitBlock *hits,
+                      const float position[3][BLOCK_RAYS], uint32_t lanes) {
+    LightViews found = {0, 0, 0};
+    int32_t surface[BLOCK_RAYS];
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left), is_static = hits->object[lane] == OBJECT_STATIC;
+        surface[lane] = is_static ? state->scene->surfaces.surface[hits->triangle[lane]] : -2;
+    }
+    while (lanes) {
+        const LightMap *map = map_at(state, light, get_lane(position, __builtin_ctz(lanes)));
+        uint32_t done = 1u << __builtin_ctz(lanes);
+        if (map)
+            done = find_on_map(state, map, surface, position, lanes, &found);
+        else
+            found.unknown |= done;
+        lanes &= ~done;
+    }
+    return found;
 }
 
 /* What all cells of a box agree on. */
