@@ -22,10 +22,16 @@ ON = TrialDecision(
     is_measured=True,
     bound=255.0,
     change=3.0,
+    visible_share=1.0,
     threshold=0.5,
+    share_threshold=1.0,
     truth=3.0,
+    true_share=0.75,
 )
 OFF = replace(ON, enabled=False, is_measured=False, bound=0.4, change=None, truth=0.3)
+OFF = replace(OFF, visible_share=0.0, true_share=0.0)
+# The largest change is allowed, the share of the pixels decides.
+SHARED = replace(ON, threshold=8.0, share_threshold=0.5)
 
 
 def evaluate(*groups: tuple[TrialDecision, int], effects: int = 4) -> DecisionReport:
@@ -47,6 +53,7 @@ def test_right_decisions_meet_all_criteria() -> None:
     first = report.scores[0]
     assert (first.effect, first.num_truth_on, first.num_on, first.agreement) == ("Bayer", 50, 50, 1)
     assert (first.num_proved_off, first.num_measured) == (50, 50)
+    assert "1 of 5 decisions vary." in str(report)
     assert "All criteria are met." in str(report)
 
 
@@ -72,6 +79,16 @@ WRONGLY_OFF = "Bayer is wrongly off in 1 situations"
         (
             [(ON, 50), (OFF, 46), (LATE, 4)],
             ("Bayer follows its truth in 96.0 % of the situations",),
+        ),
+        ([(SHARED, 50), (replace(SHARED, enabled=False, true_share=0.5), 50)], ()),
+        ([(SHARED, 99), (replace(SHARED, enabled=False, true_share=0.51), 1)], (WRONGLY_OFF,)),
+        ([(SHARED, 99), (replace(SHARED, enabled=False, true_share=0.501), 1)], ()),
+        # Needless is what lies below half of both.
+        ([(replace(SHARED, true_share=0.3), 100)], ()),
+        ([(replace(SHARED, truth=4.1, true_share=0.2), 100)], ()),
+        (
+            [(replace(SHARED, true_share=0.2), 100)],
+            ("100 of 500 decisions are needlessly on",),
         ),
     ],
 )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import Effect
+from catoptra_server.effects import Effect, EffectChange
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -45,7 +45,7 @@ def measure_alone(
 ) -> float:
     """True change by one effect that is not drawn."""
     (truth,) = make_truth(render_linear).measure(state, (effect,), frozenset()).values()
-    return truth
+    return truth.largest
 
 
 def render_slope(state: CameraState) -> LinearImage:
@@ -64,16 +64,24 @@ def test_change_is_in_the_grey_levels_of_the_images(light: float) -> None:
     assert truth == pytest.approx(grey(light) - grey(0.5 * light), abs=1e-4)
 
 
+def test_share_counts_the_pixels_that_change_visibly() -> None:
+    image = make_image(0.0)
+    image[:4, :8, 1] = 0.5
+    image[4:, :, 2] = 1e-4  # a third of a level
+    truth = make_truth(lambda _: image).measure(STATE, (Exposure(0.01, 0.02),), frozenset())
+    assert truth["Exposure"].visible_share == 4 * 8 / (image.shape[0] * image.shape[1])
+
+
 def test_change_is_of_the_picture_behind_all_drawn_effects() -> None:
     effects = (Exposure(0.01, 0.02), WhiteBalance(1.5, 1.0))
     truth = make_truth(lambda _: make_image(0.5))
     both = truth.measure(STATE, effects, frozenset({"Exposure", "WhiteBalance"}))
     # Red changes most; each behind or before the other one.
-    assert both["Exposure"] == pytest.approx(grey(0.75) - grey(0.375))
-    assert both["WhiteBalance"] == pytest.approx(grey(0.375) - grey(0.25))
+    assert both["Exposure"].largest == pytest.approx(grey(0.75) - grey(0.375))
+    assert both["WhiteBalance"].largest == pytest.approx(grey(0.375) - grey(0.25))
     last = truth.measure(STATE, effects, frozenset({"WhiteBalance"}))
-    assert last["Exposure"] == both["Exposure"], "whether drawn or not"
-    assert last["WhiteBalance"] == pytest.approx(grey(0.75) - grey(0.5))
+    assert last["Exposure"].largest == both["Exposure"].largest, "whether drawn or not"
+    assert last["WhiteBalance"].largest == pytest.approx(grey(0.75) - grey(0.5))
 
 
 def test_change_in_the_dark_is_of_the_bright_picture() -> None:
@@ -82,7 +90,7 @@ def test_change_in_the_dark_is_of_the_bright_picture() -> None:
 
     effects = (Shadows(), Exposure(1.0, 1e-3))
     truth = make_truth(render).measure(STATE, effects, frozenset({"Exposure"}))
-    assert truth["Shadows"] == pytest.approx(grey(0.2) - grey(0.1), rel=1e-6)
+    assert truth["Shadows"].largest == pytest.approx(grey(0.2) - grey(0.1), rel=1e-6)
 
 
 def test_shadows_and_own_body_are_differences_of_frames() -> None:
@@ -92,10 +100,10 @@ def test_shadows_and_own_body_are_differences_of_frames() -> None:
     state = replace(STATE, ego_body=DYNAMIC_OBJECT)
     effects = (SelfView(), Shadows())
     truth = make_truth(render).measure(state, effects, frozenset({"SelfView"}))
-    assert truth["SelfView"] == pytest.approx(grey(0.75) - grey(0.5))
-    assert truth["Shadows"] == pytest.approx(grey(0.75) - grey(0.55), rel=1e-6)
+    assert truth["SelfView"].largest == pytest.approx(grey(0.75) - grey(0.5))
+    assert truth["Shadows"].largest == pytest.approx(grey(0.75) - grey(0.55), rel=1e-6)
     alone = make_truth(render).measure(STATE, effects, frozenset())
-    assert alone["SelfView"] == 0.0, "a camera that no robot carries"
+    assert alone["SelfView"] == EffectChange(0.0), "a camera that no robot carries"
 
 
 def test_motion_is_the_mean_of_the_exposure() -> None:
@@ -124,8 +132,8 @@ def test_motion_blur_of_a_rolling_shutter_is_beside_its_sharp_rows() -> None:
     effects = (RollingShutter(0.2), MotionBlur(0.1))
     truth = make_truth(render_slope).measure(DRIVING, effects, frozenset({"RollingShutter"}))
     # Linear light of a linear motion: the blur changes nothing but by the steps of the frames.
-    assert truth["RollingShutter"] > 15.0
-    assert truth["MotionBlur"] < 1.0
+    assert truth["RollingShutter"].largest > 15.0
+    assert truth["MotionBlur"].largest < 1.0
 
 
 def test_disc_by_depth_is_compared_with_the_disc_of_infinity() -> None:
@@ -136,15 +144,17 @@ def test_disc_by_depth_is_compared_with_the_disc_of_infinity() -> None:
     aperture = Aperture(1.4, 7.4e-6, 0.0)
     effects = (DefocusByDepth(aperture), Defocus(aperture))
 
-    def measure(range_m: float, drawn: str) -> dict[str, float]:
+    def measure(range_m: float, drawn: str) -> dict[str, EffectChange]:
         ranges = np.full((200, 200), range_m, dtype=np.float32)
         truth = EffectTruth(camera, lambda _: image, lambda _: ranges)
         return truth.measure(STATE, effects, frozenset({drawn}))
 
     # Everything is far away: the same disc, and Defocus has nothing left to do.
-    assert measure(np.inf, "DefocusByDepth") == {"DefocusByDepth": pytest.approx(0.0, abs=0.1)}
-    assert measure(0.06, "DefocusByDepth")["DefocusByDepth"] > 1.0
-    assert measure(np.inf, "Defocus")["Defocus"] > 10.0
+    ((name, far),) = measure(np.inf, "DefocusByDepth").items()
+    assert name == "DefocusByDepth"
+    assert far.largest < 0.1
+    assert measure(0.06, "DefocusByDepth")["DefocusByDepth"].largest > 1.0
+    assert measure(np.inf, "Defocus")["Defocus"].largest > 10.0
 
 
 def test_frames_of_a_pose_are_rendered_once() -> None:

@@ -73,6 +73,7 @@ Spill = tuple[float, float]
 """Largest factor of light up to a pixel's well, and the largest part of what is above the well that
 reaches another pixel of the finished picture."""
 NO_SPILL: Spill = (0.0, 0.0)
+_SPILLING = "Blooming"
 
 # Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
 # by ring: the floor below the robot is near, the surroundings at the rim are far.
@@ -411,7 +412,7 @@ _IMAGE_BYTES_PER_PX, _SCENE_BYTES_PER_PX = 500, 30
 def following_gains(settings: EffectSettings) -> tuple[Gains, ...]:
     """Factors from the light at each named effect to that of the finished picture, before any
     decision."""
-    return chain_gains([possible_gains(one) for one in settings.settings])
+    return chain_gains(settings, [possible_gains(one) for one in settings.settings])
 
 
 def possible_gains(setting: EffectSetting) -> Gains:
@@ -424,12 +425,14 @@ def possible_gains(setting: EffectSetting) -> Gains:
     return min(least, 1.0), max(largest, 1.0)
 
 
-def chain_gains(gains: Sequence[Gains]) -> tuple[Gains, ...]:
-    """Factors by all effects after each one, by the factors of each."""
-    chained = [UNCHANGED]
-    for least, largest in reversed(gains[1:]):
-        chained.append((least * chained[-1][0], largest * chained[-1][1]))
-    return tuple(reversed(chained[: len(gains)]))
+def chain_gains(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Gains, ...]:
+    """Factors of a pixel's own light by all effects after each one, by the factors of each."""
+    least, largest, chained = 1.0, 1.0, []
+    for setting, factors in zip(reversed(settings.settings), reversed(gains), strict=True):
+        chained.append((least, largest))
+        if setting.effect.name != _SPILLING:  # whose factor is that of the spill
+            least, largest = least * factors[0], largest * factors[1]
+    return tuple(reversed(chained))
 
 
 def chain_spills(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Spill, ...]:
@@ -437,7 +440,7 @@ def chain_spills(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Spil
     spill, after, chained = NO_SPILL, 1.0, []
     for setting, (_, largest) in zip(reversed(settings.settings), reversed(gains), strict=True):
         chained.append(spill)
-        if setting.effect.name == "Blooming":
+        if setting.effect.name == _SPILLING:
             spill = (1.0, (largest - 1.0) * after)
         else:
             spill = (spill[0] * largest, spill[1])

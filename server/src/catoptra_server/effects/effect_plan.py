@@ -269,7 +269,7 @@ def _thresholds(
         for setting, decision, gains, spill in zip(
             settings.settings,
             decisions,
-            chain_gains(decided),
+            chain_gains(settings, decided),
             chain_spills(settings, decided),
             strict=True,
         )

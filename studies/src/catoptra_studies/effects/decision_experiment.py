@@ -187,20 +187,31 @@ class TrialDecision:
     """Grey levels."""
     change: float | None
     """Change that the renderer measured, grey levels."""
+    visible_share: float
+    """Share of pixels that change visibly, by the decision."""
     threshold: float
+    share_threshold: float
     truth: float
     """Largest true change of any pixel, grey levels."""
+    true_share: float
+    """True share of pixels that change visibly."""
+
+    def exceeds(self, fraction: float, *, levels: float = 0.0, share: float = 0.0) -> bool:
+        """Whether the truth is above either threshold times a fraction, by a tolerance.
+
+        All pixels are no threshold: the largest change alone decides.
+        """
+        allowed = self.share_threshold * (1.0 if self.share_threshold == 1.0 else fraction)
+        is_larger = self.truth > fraction * self.threshold + levels
+        return is_larger or self.true_share > allowed + share
 
 
 class _TrialWorld:
     """A world with the shipped real camera: decisions by the server, truth by the study."""
 
-    def __init__(self, name: str, *, width_px: int | None = None) -> None:
-        """Read a bundled world.
-
-        Args:
-            width_px: Side of a square image; None for the shipped camera's own size.
-        """
+    def __init__(self, name: str, study: DecisionStudy) -> None:
+        """Read a bundled world."""
+        width_px = study.width_px
         self._name = name
         self.startup = read_startup_config(
             [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
@@ -217,6 +228,10 @@ class _TrialWorld:
                 rim_rad=omni.camera.rim_rad,
             )
             omni = replace(omni, camera=camera)
+        if study.rule is not None:
+            max_change, visible_share = study.rule
+            rule = replace(omni.effects, max_change=max_change, visible_share=visible_share)
+            omni = replace(omni, effects=rule)
         self._robot, self._omni = robot, omni
         self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
         settings = self._omni.effects.settings
@@ -248,8 +263,11 @@ class _TrialWorld:
                         _follows_frame(one),
                         one.bound,
                         one.change,
-                        self._omni.effects.max_change,
-                        truths[one.effect],
+                        one.visible_share,
+                        one.threshold,
+                        one.share_threshold,
+                        truths[one.effect].largest,
+                        truths[one.effect].visible_share,
                     )
 
     def close(self) -> None:
@@ -301,6 +319,8 @@ class DecisionStudy:
     seed: int = 0
     width_px: int | None = None
     """Side of a square image; None for the camera's own size."""
+    rule: tuple[float, float] | None = None
+    """MaxChange and VisibleShare; None for those of the robot file."""
     num_processes: int = field(default=_NUM_PROCESSES, compare=False)
 
 
@@ -344,14 +364,14 @@ def _collect(
 
 
 # The world that this process used last: tasks come world by world.
-_kept: dict[tuple[str, int | None], _TrialWorld] = {}
+_kept: dict[tuple[str, DecisionStudy], _TrialWorld] = {}
 
 
 def _keep_world(study: DecisionStudy, world: str) -> _TrialWorld:
-    key = (world, study.width_px)
+    key = (world, study)
     if key not in _kept:
         for other in _kept.values():
             other.close()
         _kept.clear()
-        _kept[key] = _TrialWorld(world, width_px=study.width_px)
+        _kept[key] = _TrialWorld(world, study)
     return _kept[key]

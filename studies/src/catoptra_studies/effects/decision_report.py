@@ -2,10 +2,11 @@
 
 | quantity     | meaning                                                                      |
 |--------------|------------------------------------------------------------------------------|
-| truth on     | situations in which the effect changes some pixel by more than the threshold |
+| truth on     | situations in which the effect's change is above either threshold            |
 | wrongly off  | truth on, decision off: must not occur                                       |
-| needless on  | decision on, truth below half the threshold                                  |
+| needless on  | decision on, truth below half of both thresholds                             |
 | agreement    | situations in which decision and truth are both on or both off               |
+| vary         | effects that are on in some situations and off in others                     |
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ _MIN_AGREEMENT = 0.97
 _MIN_MEASURED_PER_SITUATION = 3000 / 960
 # A renderer computes the change from 32-bit light and a fast encoding, the truth from 64 bits.
 _TOLERANCE_GREY_LEVELS = 0.02
+# Of pixels that change by half a level within that tolerance.
+_TOLERANCE_SHARE = 0.002
 
 _HEAD = (
     "| effect | situations | truth on | decision on | wrongly off | needless on | agreement "
@@ -73,8 +76,10 @@ class DecisionReport:
             for one in (*self.scores, self._total())
         ]
         line = "|---|" + "---|" * 8
+        varying = sum(0 < one.num_on < one.num_situations for one in self.scores)
+        counts = f"{varying} of {len(self.scores)} decisions vary."
         verdict = [f"* falls short: {text}" for text in self.failures] or ["All criteria are met."]
-        return "\n".join((_HEAD, line, *rows, "", *verdict))
+        return "\n".join((_HEAD, line, *rows, "", counts, "", *verdict))
 
     def _total(self) -> _EffectScore:
         sums = (sum(getattr(one, name) for one in self.scores) for name in _COUNTS)
@@ -95,26 +100,28 @@ def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
 
 
 def _is_wrongly_off(one: TrialDecision) -> bool:
-    """Whether an effect is left out that changes a pixel visibly."""
-    # A bound has no tolerance: computed in float64, never below the truth.
-    tolerance = _TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
-    return not one.enabled and one.truth > one.threshold + tolerance
+    """Whether an effect is left out whose change is above a threshold."""
+    if one.enabled:
+        return False
+    if not one.is_measured:  # a bound has no tolerance: computed in float64, never below the truth
+        return one.exceeds(1.0)
+    return one.exceeds(1.0, levels=_TOLERANCE_GREY_LEVELS, share=_TOLERANCE_SHARE)
 
 
 def _is_needless_on(one: TrialDecision) -> bool:
-    """Whether an effect is on that changes no pixel by even half the threshold."""
-    return one.enabled and one.truth < 0.5 * one.threshold
+    """Whether an effect is on whose change is below half of both thresholds."""
+    return one.enabled and not one.exceeds(0.5)
 
 
 def _score(effect: str, decisions: Sequence[TrialDecision]) -> _EffectScore:
     return _EffectScore(
         effect,
         num_situations=len(decisions),
-        num_truth_on=sum(one.truth > one.threshold for one in decisions),
+        num_truth_on=sum(one.exceeds(1.0) for one in decisions),
         num_on=sum(one.enabled for one in decisions),
         num_wrongly_off=sum(map(_is_wrongly_off, decisions)),
         num_needless_on=sum(map(_is_needless_on, decisions)),
-        num_agreeing=sum(one.enabled == (one.truth > one.threshold) for one in decisions),
+        num_agreeing=sum(one.enabled == one.exceeds(1.0) for one in decisions),
         num_proved_off=sum(not one.enabled and not one.is_measured for one in decisions),
         num_measured=sum(one.is_measured for one in decisions),
     )

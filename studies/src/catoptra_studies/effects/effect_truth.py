@@ -1,7 +1,8 @@
 """True changes of effects: what each makes of the finished picture, in encoded grey levels.
 
-The truth of an effect is the largest change of any pixel and channel: of the light that the earlier
-effects leave, with and without it, behind all later image effects that are drawn, without noise.
+The truth of an effect is the largest change of any pixel and channel, and the share of pixels that
+change visibly: of the light that the earlier effects leave, with and without it, behind all later
+image effects that are drawn, without noise.
 They are the references of `effect.apply` in float64, and sharp frames of the engine for scene
 effects; motion during an exposure is the mean of many sharp frames. Nothing here knows criteria,
 bounds, thresholds, or what a renderer measures.
@@ -18,8 +19,10 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects import (
+    VISIBLE_LEVELS,
     CaptureContext,
     Effect,
+    EffectChange,
     ImageEffect,
     is_image_effect,
     is_scene_effect,
@@ -73,8 +76,8 @@ class EffectTruth:
 
     def measure(
         self, camera_state: CameraState, effects: Sequence[Effect], drawn: frozenset[str]
-    ) -> dict[str, float]:
-        """Largest change of any pixel by each effect, encoded grey levels.
+    ) -> dict[str, EffectChange]:
+        """Change by each effect.
 
         Args:
             camera_state: State of the exposure, before any effect.
@@ -99,7 +102,7 @@ class EffectTruth:
 
     def _change_scene(
         self, state: CameraState, effects: Sequence[Effect], drawn: frozenset[str]
-    ) -> tuple[dict[str, float], CameraState, _Opening]:
+    ) -> tuple[dict[str, EffectChange], CameraState, _Opening]:
         """Changes by scene effects, and the state and times with all drawn ones."""
         truths, opening = {}, _Opening()
         later = _drawn_images(effects, drawn)
@@ -122,7 +125,7 @@ class EffectTruth:
                 changed = effect.apply_to_scene(state, 0.0)
             before, after = self._expose(state, opening), self._expose(changed, changed_opening)
             finished = (self._finish(one, later, context) for one in (before, after))
-            truths[effect.name] = 0.0 if after is before else _max_change(*finished)
+            truths[effect.name] = _UNCHANGED if after is before else _find_change(*finished)
             if effect.name in drawn:
                 state, opening = changed, changed_opening
         return truths, state, opening
@@ -160,7 +163,7 @@ class EffectTruth:
         light: Floats,
         effects: Sequence[ImageEffect],
         drawn: frozenset[str],
-    ) -> dict[str, float]:
+    ) -> dict[str, EffectChange]:
         """Changes by image effects, each of the light behind the drawn ones before."""
         later = _drawn_images(effects, drawn)
         context = self._make_context(state, effects)
@@ -177,7 +180,7 @@ class EffectTruth:
                 plain = next((one for one in effects if isinstance(one, Defocus)), None)
                 without = light if plain is None else plain.apply(light, self.camera, context)
             # One of both is the picture, most often.
-            truths[effect.name] = _max_change(
+            truths[effect.name] = _find_change(
                 picture if without is light and not acts else self._finish(without, later, context),
                 picture if acts else self._finish(changed, later, context),
             )
@@ -229,9 +232,13 @@ def _encode(light: Floats) -> Floats:
     return encoded
 
 
-def _max_change(before: Floats, after: Floats) -> float:
-    """Largest difference of any pixel and channel."""
-    return float(np.abs(after - before).max())
+_UNCHANGED = EffectChange(0.0)
+
+
+def _find_change(before: Floats, after: Floats) -> EffectChange:
+    """Change between two pictures: of each pixel the channel that differs most."""
+    changes = np.abs(after - before).max(axis=-1)
+    return EffectChange(float(changes.max()), float((changes > VISIBLE_LEVELS).mean()))
 
 
 def _row_weights(centres_s: Floats, exposure_s: float, begin_s: float, end_s: float) -> Floats:

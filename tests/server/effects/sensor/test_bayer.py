@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.effects.sensor.bayer import Bayer
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion, make_test_pattern
 
 
@@ -28,6 +30,21 @@ def test_light_above_the_full_well_is_measured_as_a_full_well() -> None:
     light[2, 3, 1] = 40.0  # a green filter, beside red ones
     assert demosaic(light).max() == 1.0
     assert demosaic(light)[2, 2, 1] == 0.25
+
+
+@pytest.mark.parametrize("size", [0.003, 0.1, 0.5, 2.0])
+def test_mosaic_shows_no_change_of_light_more_than_its_gains_do(size: float) -> None:
+    generator = np.random.default_rng(3)
+    one = generator.uniform(0.0, 2.0, (48, 64, 3)) ** 4
+    other = one * generator.uniform(1.0, 1.0 + size, one.shape)
+    pictures = [255.0 * srgb_from_linear(demosaic(light)) for light in (one, other)]
+    shown = float(np.abs(pictures[1] - pictures[0]).max())
+    assert shown <= find_changes(one, other, Bayer().gains).max() + 1e-9
+
+
+def test_light_above_the_full_well_is_white_whatever_it_loses() -> None:
+    light = np.full((6, 6, 3), 1.8)
+    assert find_changes(light, light / 1.8, Bayer().gains).max() == 0.0
 
 
 def test_border_when_interpolated_is_mirrored_about_the_last_pixel() -> None:

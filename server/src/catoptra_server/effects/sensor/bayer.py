@@ -18,7 +18,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
-    AVERAGING,
+    UNCHANGED,
     CaptureContext,
     EffectBound,
     EffectType,
@@ -37,7 +37,8 @@ class Bayer:
 
     name: ClassVar[str] = "Bayer"
     changes_scene: ClassVar[bool] = False
-    gains: ClassVar[Gains] = AVERAGING
+    # A mean of wells that are clipped before: no light above white becomes darker.
+    gains: ClassVar[Gains] = UNCHANGED
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 

@@ -42,10 +42,14 @@ typedef struct {
     float low, high, difference;
 } LightChange;
 
+/* Change above the well, of light by its larger value. */
+static inline Floats16 excess_changes(const ImageStage *stage, Floats16 high, Floats16 difference) {
+    return least16(stage->spill[0] * difference, stage->spill[0] * high - 1.0f);
+}
+
 /* Change of a black pixel beside light that changes above the well. */
-static inline float spilt_levels(const ImageStage *stage, LightChange light) {
-    float excess = stage->spill[0] * light.high - 1.0f, change = stage->spill[0] * light.difference;
-    change = stage->spill[1] * (change < excess ? change : excess);
+static inline float spilt_levels(const ImageStage *stage, Floats16 excess) {
+    float change = stage->spill[1] * most_of16(excess);
     return change > 0.0f ? grey_levels((Floats16){change})[0] : 0.0f;
 }
 
@@ -58,7 +62,8 @@ static inline float bound_change(const ImageStage *stage, LightChange light) {
     base = base < 1.0f - change ? base : 1.0f - change;
     base = base > 0.0f ? base : 0.0f;
     Floats16 levels = grey_levels((Floats16){base, base + change});
-    return levels[1] - levels[0] + 1e-2f + spilt_levels(stage, light);
+    Floats16 excess = excess_changes(stage, splat16(light.high), splat16(difference));
+    return levels[1] - levels[0] + 1e-2f + spilt_levels(stage, excess);
 }
 
 static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
@@ -91,19 +96,15 @@ static inline Floats16 bound_changes(const ImageStage *stage, Floats16 before, F
 /* Change of a black pixel beside the cell, by light above the well in any colour. */
 static inline float spilt_by_cell(const ImageStage *stage, const CellValues *before,
                                   const CellValues *after, const Cell *cell) {
-    float spilt = 0.0f;
-    for (int plane = 0; plane < after->planes; plane++) {
-        Floats16 highs = {0}, differences = {0};
+    Floats16 excess = {0};
+    for (int plane = 0; plane < after->planes; plane++)
         for (int row = 0; row < cell->rows; row++) {
             Floats16 one = load_columns(before->values[plane][row], cell->columns);
             Floats16 other = load_columns(after->values[plane][row], cell->columns);
-            highs = most16(most16(one, other), highs);
-            differences = most16(most16(one, other) - least16(one, other), differences);
+            Floats16 high = most16(one, other), difference = high - least16(one, other);
+            excess = most16(excess_changes(stage, high, difference), excess);
         }
-        float high = most_of16(highs);
-        spilt = fmaxf(spilt, spilt_levels(stage, (LightChange){0.0f, high, most_of16(differences)}));
-    }
-    return spilt;
+    return spilt_levels(stage, excess);
 }
 
 /* Note the change between two versions of a cell. What a bound shows to be neither larger than the
