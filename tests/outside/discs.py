@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,16 +29,23 @@ from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Ring, World
 from outside.findings import MUTATION, Finding, summarize, version_of
-from outside.mirrors import DISTANCES_M, HUB_RAD, MirrorCase, reflect
+from outside.mirrors import (
+    DISTANCES_M,
+    HUB_RAD,
+    MirrorCase,
+    differentiate,
+    reflect,
+    scatter_points,
+)
 
 BOUND_PX = 0.02
 MIN_AREA_PX = 4.0
 # Half of the mutation: a scale that is wrong by 1e-4 is beyond, one that is right within.
 SCALE_BOUND = 0.5 * MUTATION
 WINDOW_PX = 20
-_NUM_CANDIDATES = 400
-_REPEATS = 4
-_GRID = 16
+_NUM_CANDIDATES, _PER_DISTANCE = 400, 4
+# Samplings of each side; samples a pixel of Mitsuba's, and along a side of a pixel of ours.
+_REPEATS, _SAMPLES, _GRID = 4, 144, 16
 # Facets of 0.25 px and half a degree: their normals are interpolated, so they show no edges.
 _RINGS, _SECTORS = 720, 720
 # Mitsuba moves a ray's start off a surface by 9e-5 of its largest coordinate plus one: in metres
@@ -55,97 +63,81 @@ class Disc:
 
     centre: Floats
     """(3,) mirror frame, metres."""
+    distance_m: float
+    theta_rad: float
     radius_m: float
     corner: tuple[int, int]
     """First column and row of its window."""
-    theta_rad: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Centroids:
-    """Centroids of (n) discs in the image by (m) samplings."""
+    """Centroids of (n) discs in the image."""
 
-    pixels: Floats
-    """(m, n, 2)."""
+    mean: Floats
+    """(n, 2) pixels."""
+    standard_errors: Floats
+    """(n,) of the means, both coordinates together."""
     areas: Floats
     """(n,) light, in pixels of the disc."""
 
-    @property
-    def mean(self) -> Floats:
-        """(n, 2) centroids."""
-        return np.asarray(self.pixels.mean(axis=0))
 
-    @property
-    def standard_errors(self) -> Floats:
-        """(n,) of the means, both coordinates together."""
-        spread = self.pixels.std(axis=0, ddof=1) / math.sqrt(len(self.pixels))
-        return np.asarray(np.hypot(*spread.T))
-
-
-def scatter_discs(camera: OmniCamera, per_distance: int, seed: int = 7) -> list[Disc]:
+def scatter_discs(camera: OmniCamera) -> list[Disc]:
     """Discs whose windows lie within the rim and do not overlap."""
-    rng = np.random.default_rng(seed)
-    low = max(2.0 * math.atan(camera.projection.t_min) + 0.04, math.radians(3.0))
-    theta = rng.uniform(low, camera.rim_rad, _NUM_CANDIDATES)
-    azimuth = rng.uniform(-math.pi, math.pi, _NUM_CANDIDATES)
-    sine = np.sin(theta)
-    units = np.stack((sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(theta)), axis=-1)
-    distances = np.resize(DISTANCES_M, _NUM_CANDIDATES)
-    pixels, valid = pixel_from_point(camera, distances[:, None] * units)
+    points, theta = scatter_points(camera, _NUM_CANDIDATES, seed=7)
+    pixels, valid = pixel_from_point(camera, points)
     radii = np.hypot(*(pixels - camera.centre_px).T)
     slopes = camera.radius_slope_px(np.tan(0.5 * theta))
     discs: list[Disc] = []
-    counts = dict.fromkeys(DISTANCES_M, 0)
     for i in np.flatnonzero(valid):
-        distance = float(distances[i])
-        size = _DIAMETERS_PX[counts[distance] % len(_DIAMETERS_PX)]
-        half = 0.5 * size / math.sqrt(slopes[i] * radii[i] / sine[i]) * distance
+        distance = float(np.linalg.norm(points[i]))
+        count = sum(abs(disc.distance_m - distance) < 1e-9 for disc in discs)
+        size = _DIAMETERS_PX[count % len(_DIAMETERS_PX)]
+        half = 0.5 * size / math.sqrt(slopes[i] * radii[i] / math.sin(theta[i])) * distance
         column, row = np.floor(pixels[i] - 0.5 * WINDOW_PX).astype(int).tolist()
-        disc = Disc(distance * units[i], half, (column, row), float(theta[i]))
+        gaps = [np.abs(np.subtract((column, row), disc.corner)).max() for disc in discs]
         within = radii[i] < camera.rim_radius_px - 0.5 * size - 2.0
-        is_free = within and all(_are_apart(disc, other) for other in discs)
-        if is_free and counts[distance] < per_distance:
-            counts[distance] += 1
-            discs.append(disc)
+        if within and count < _PER_DISTANCE and min(gaps, default=WINDOW_PX) >= WINDOW_PX:
+            discs.append(Disc(points[i], distance, float(theta[i]), half, (column, row)))
     return discs
 
 
-def _are_apart(one: Disc, other: Disc) -> bool:
-    gaps = np.abs(np.subtract(one.corner, other.corner))
-    return bool(gaps.max() >= WINDOW_PX)
-
-
-def _centroid(light: Floats, disc: Disc) -> Floats:
+def _find_centroids(discs: list[Disc], images: list[list[Floats]], shifts: Floats) -> Centroids:
+    """Centroids of light in images of each disc's window, whose sampling is shifted by (m, 2)."""
+    light = np.array(images, dtype=np.float64)
     v, u = np.mgrid[:WINDOW_PX, :WINDOW_PX] + 0.5
-    return np.array(((u * light).sum(), (v * light).sum())) / light.sum() + disc.corner
+    areas = light.sum(axis=(2, 3))
+    moments = np.stack([(place * light).sum(axis=(2, 3)) for place in (u, v)], axis=-1)
+    corners = np.array([disc.corner for disc in discs])
+    pixels = moments / areas[..., None] + corners[:, None] - shifts
+    spread = pixels.std(axis=1, ddof=1) / math.sqrt(_REPEATS)
+    return Centroids(pixels.mean(axis=1), np.hypot(*spread.T), areas.mean(axis=1))
 
 
 def draw_ours(camera: OmniCamera, discs: list[Disc]) -> Centroids:
     """Centroids in pictures of the trace renderer in linear light, window by window."""
     white = Material((1.0, 1.0, 1.0), unlit=True)
-    items = tuple(
+    world = World("discs", tuple(
         Item(f"disc {i}", Ring(0.0, disc.radius_m, sectors=240), _facing(disc.centre), white)
         for i, disc in enumerate(discs)
-    )
-    world = World("discs", items)
+    ))  # fmt: skip
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    pixels, areas = np.zeros((_REPEATS, len(discs), 2)), np.zeros(len(discs))
     settings = RenderSettings(PerPixel(), samples=_GRID)
-    for number, disc in enumerate(discs):
-        for repeat in range(_REPEATS):
-            # A window that begins elsewhere in the pixel has its samples elsewhere on the disc.
-            shift = np.array((repeat, repeat * 3 % _REPEATS)) / (_REPEATS * _GRID)
-            centre = np.asarray(camera.centre_px) - disc.corner + shift
-            window = replace(camera, width_px=WINDOW_PX, height_px=WINDOW_PX,
-                             centre_px=(float(centre[0]), float(centre[1])))  # fmt: skip
-            plan = plan_from_settings(settings, window, kind=RendererKind.TRACE, reason="proof")
-            view = renderer.prepare(window, plan)
-            light = view.render_linear(CameraState(Pose.identity()))[..., 0].astype(np.float64)
-            view.close()
-            pixels[repeat, number] = _centroid(light, disc) - shift
-            areas[number] += light.sum() / _REPEATS
+    # A window that begins elsewhere in the pixel has its samples elsewhere on the disc.
+    shifts = np.array([(i, i * 3 % _REPEATS) for i in range(_REPEATS)]) / (_REPEATS * _GRID)
+
+    def draw(disc: Disc, shift: Floats) -> Floats:
+        u, v = (np.asarray(camera.centre_px) - disc.corner + shift).tolist()
+        window = replace(camera, width_px=WINDOW_PX, height_px=WINDOW_PX, centre_px=(u, v))
+        plan = plan_from_settings(settings, window, kind=RendererKind.TRACE, reason="proof")
+        view = renderer.prepare(window, plan)
+        light = view.render_linear(CameraState(Pose.identity()))[..., 0]
+        view.close()
+        return light
+
+    images = [[draw(disc, shift) for shift in shifts] for disc in discs]
     renderer.close()
-    return Centroids(pixels, areas)
+    return _find_centroids(discs, images, shifts)
 
 
 def _facing(centre: Floats) -> Pose:
@@ -156,40 +148,33 @@ def _facing(centre: Floats) -> Pose:
     return Pose(np.stack((x, np.cross(z, x), z), axis=-1), centre)
 
 
-def draw_by_mitsuba(case: MirrorCase, discs: list[Disc], samples: int) -> Centroids:
-    """Centroids in Mitsuba's pictures of the same windows."""
+@lru_cache(maxsize=1)
+def draw_by_mitsuba(case: MirrorCase) -> tuple[list[Disc], Centroids]:
+    """A mirror's discs, and their centroids in Mitsuba's pictures of the same windows."""
     import mitsuba as mi
 
     mi.set_variant("scalar_rgb")
     mi.set_log_level(mi.LogLevel.Error)
-    scene: dict[str, Any] = {
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": 2},
-        "mirror": _mitsuba_mirror(mi, case),
-    }
+    discs = scatter_discs(case.camera)
+    scene: dict[str, Any] = {"type": "scene", "integrator": {"type": "path", "max_depth": 2},
+                             "mirror": _mitsuba_mirror(mi, case)}  # fmt: skip
+    light = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
     for number, disc in enumerate(discs):
-        up = np.eye(3)[int(np.argmin(np.abs(disc.centre)))]
-        pose = _look(mi, case, disc.centre, up)
-        scene[f"disc{number}"] = {
-            "type": "disk",
-            "to_world": pose.scale(_UNITS_PER_M * disc.radius_m),
-            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
-        }
+        pose = _look(mi, case, disc.centre, np.eye(3)[int(np.argmin(np.abs(disc.centre)))])
+        scene[f"disc{number}"] = {"type": "disk", "emitter": light,
+                                  "to_world": pose.scale(_UNITS_PER_M * disc.radius_m)}  # fmt: skip
     loaded = mi.load_dict(scene)
-    pixels, areas = np.zeros((_REPEATS, len(discs), 2)), np.zeros(len(discs))
+    images = []
     for number, disc in enumerate(discs):
         sensor = mi.load_dict(_mitsuba_camera(mi, case, disc))
-        for seed in range(_REPEATS):
-            image = mi.render(loaded, sensor=sensor, seed=1000 * number + seed, spp=samples)
-            light = np.array(image, dtype=np.float64)[..., 0]
-            pixels[seed, number] = _centroid(light, disc)
-            areas[number] += light.sum() / _REPEATS
-    return Centroids(pixels, areas)
+        seeds = range(1000 * number, 1000 * number + _REPEATS)
+        drawn = [mi.render(loaded, sensor=sensor, seed=seed, spp=_SAMPLES) for seed in seeds]
+        images.append([np.array(image)[..., 0] for image in drawn])
+    return discs, _find_centroids(discs, images, np.zeros((_REPEATS, 2)))
 
 
 def _mitsuba_camera(mi: Any, case: MirrorCase, disc: Disc) -> dict[str, Any]:
-    camera, pinhole = case.camera, case.camera.mirror.pinhole_distance_m
-    width = camera.width_px
+    width = case.camera.width_px
     film = {
         "type": "hdrfilm", "width": width, "height": width, "rfilter": {"type": "box"},
         "crop_offset_x": disc.corner[0], "crop_offset_y": disc.corner[1],
@@ -197,12 +182,13 @@ def _mitsuba_camera(mi: Any, case: MirrorCase, disc: Disc) -> dict[str, Any]:
         "pixel_format": "rgb", "component_format": "float32",
     }  # fmt: skip
     sensor = {"film": film, "sampler": {"type": "stratified"}, "near_clip": _NEAR_MM}
+    half = 0.5 * width / case.surface.focal_px
+    height = 0.1 if case.surface.is_telecentric else case.pinhole_m
+    pose = _look(mi, case, np.array((0.0, 0.0, height)), np.eye(3)[0])
     if case.surface.is_telecentric:
-        pose = _look(mi, case, np.array((0.0, 0.0, 0.1)), np.eye(3)[0])
-        half = 0.5 * width / case.surface.focal_px * _UNITS_PER_M
-        return sensor | {"type": "orthographic", "to_world": pose.scale([half, half, 1.0])}
-    pose = _look(mi, case, np.array((0.0, 0.0, pinhole)), np.eye(3)[0])
-    fov = 2.0 * math.degrees(math.atan(0.5 * width / case.surface.focal_px))
+        to_world = pose.scale([half * _UNITS_PER_M, half * _UNITS_PER_M, 1.0])
+        return sensor | {"type": "orthographic", "to_world": to_world}
+    fov = 2.0 * math.degrees(math.atan(half))
     return sensor | {"type": "perspective", "fov": fov, "to_world": pose}
 
 
@@ -216,91 +202,72 @@ def _look(mi: Any, case: MirrorCase, place: Floats, up: Floats) -> Any:
 def _middle_m(case: MirrorCase) -> float:
     """Height half-way between vertex and rim."""
     mirror = case.camera.mirror
-    t = np.array((mirror.t_min, case.camera.rim_t))
-    return float(mirror.surface_point(t)[1].mean())
+    return float(mirror.surface_point(np.array((mirror.t_min, case.camera.rim_t)))[1].mean())
 
 
 def _mitsuba_mirror(mi: Any, case: MirrorCase) -> Any:
     steel = {"type": "conductor", "material": "none"}
-    surface, mirror = case.surface, case.camera.mirror
-    pinhole = 0.0 if surface.is_telecentric else mirror.pinhole_distance_m
-    # Depth of the middle, from which heights are counted.
-    pinhole -= _middle_m(case)
+    surface, top = case.surface, case.pinhole_m - _middle_m(case)
     if case.name == "spherical":
-        r, depth, _, _ = surface.curve(np.array((0.5 * math.pi, 0.0)))
-        return {"type": "sphere", "center": [0, 0, _UNITS_PER_M * (pinhole - depth[0])],
+        r, depth = surface.curve(np.array((0.5 * math.pi, 0.0)))
+        return {"type": "sphere", "center": [0, 0, _UNITS_PER_M * (top - depth[0])],
                 "radius": _UNITS_PER_M * float(r[0]), "bsdf": steel}  # fmt: skip
-    parameter = _rings(case)
-    r, depth, dr, dd = surface.curve(parameter)
+    r, depth, dr, dd = differentiate(surface, _rings(case))
     azimuth = 2.0 * math.pi * np.arange(_SECTORS) / _SECTORS
-    circle = np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
 
     def spread(across: Floats, along: Floats) -> Any:
-        around = across[:, None, None] * circle
-        height = np.broadcast_to(along[:, None, None], (*around.shape[:2], 1))
-        return np.concatenate((around, height), axis=-1).astype(np.float32).ravel()
+        x, y = across[:, None] * np.cos(azimuth), across[:, None] * np.sin(azimuth)
+        height = np.broadcast_to(along[:, None], x.shape)
+        return np.stack((x, y, height), axis=-1).astype(np.float32).ravel()
 
     length = np.hypot(dr, dd)
-    ring, sector = np.meshgrid(np.arange(len(r) - 1), np.arange(_SECTORS), indexing="ij")
+    ring, sector = np.meshgrid(np.arange(_RINGS), np.arange(_SECTORS), indexing="ij")
     a, b = ring * _SECTORS + sector, ring * _SECTORS + (sector + 1) % _SECTORS
-    first = np.stack((a, a + _SECTORS, b), axis=-1).reshape(-1, 3)
-    second = np.stack((b, a + _SECTORS, b + _SECTORS), axis=-1).reshape(-1, 3)
-    faces = np.concatenate((first, second)).astype(np.uint32)
+    faces = np.stack((a, a + _SECTORS, b, b, a + _SECTORS, b + _SECTORS), axis=-1)
     properties = mi.Properties()
     properties["mesh_bsdf"] = mi.load_dict(steel)
-    mesh = mi.Mesh("mirror", len(r) * _SECTORS, len(faces), has_vertex_normals=True,
+    mesh = mi.Mesh("mirror", len(r) * _SECTORS, faces.size // 3, has_vertex_normals=True,
                    props=properties)  # fmt: skip
     numbers = mi.traverse(mesh)
-    numbers["vertex_positions"] = spread(_UNITS_PER_M * r, _UNITS_PER_M * (pinhole - depth))
+    numbers["vertex_positions"] = spread(_UNITS_PER_M * r, _UNITS_PER_M * (top - depth))
     numbers["vertex_normals"] = spread(dd / length, dr / length)
-    numbers["faces"] = faces.ravel()
+    numbers["faces"] = faces.astype(np.uint32).ravel()
     numbers.update()
     return mesh
 
 
 def _rings(case: MirrorCase) -> Floats:
     """Parameters of the mesh's rings, at even image radii to a little beyond the rim."""
-    fine = np.linspace(0.0, case.surface.last * (1.0 - 1e-9), 20_001)
-    r, depth, out_r, out_d = reflect(case.surface, fine[1:])
-    image = r if case.surface.is_telecentric else r / depth
+    fine = np.linspace(0.0, case.surface.last * (1.0 - 1e-9), 20_001)[1:]
+    _, _, out_r, out_d = reflect(case.surface, fine)
+    image = case.surface.image_radius_px(fine)
     rim = np.searchsorted(np.arctan2(out_r, -out_d), case.camera.rim_rad)
     end = min(1.02 * image[rim], image[-1])
-    return np.interp(np.linspace(1e-6 * end, end, _RINGS + 1), image, fine[1:])
+    return np.interp(np.linspace(1e-6 * end, end, _RINGS + 1), image, fine)
 
 
-def compare_discs(case: MirrorCase, *, per_distance: int, samples: int) -> Iterator[Finding]:
-    """Compare both renderers' discs; the last finding is the scale of a camera 1e-4 too large."""
-    discs = scatter_discs(case.camera, per_distance)
-    theirs = draw_by_mitsuba(case, discs, samples)
-    yield from _judge(case, discs, draw_ours(case.camera, discs), theirs)
-    camera = replace(case.camera, scale_px=case.camera.scale_px * (1.0 + MUTATION))
-    yield list(_judge(case, discs, draw_ours(camera, discs), theirs))[-1]
-
-
-def _judge(
-    case: MirrorCase, discs: list[Disc], ours: Centroids, theirs: Centroids
-) -> Iterator[Finding]:
-    authority = version_of("mitsuba")
-    apart, areas = ours.mean - theirs.mean, theirs.areas
+def compare_discs(case: MirrorCase, camera: OmniCamera | None = None) -> Iterator[Finding]:
+    """Compare our discs by a case's camera, or by a mutant, with Mitsuba's; last their scale."""
+    discs, theirs = draw_by_mitsuba(case)
+    ours, authority = draw_ours(camera or case.camera, discs), version_of("mitsuba")
+    apart = ours.mean - theirs.mean
     theta = np.array([disc.theta_rad for disc in discs])
-    distances = np.array([np.linalg.norm(disc.centre) for disc in discs])
+    distances = np.array([disc.distance_m for disc in discs])
     # A cone's image begins at the angle of its apex.
     hub_rad = 2.0 * math.atan(case.camera.projection.t_min) + HUB_RAD
-    counted = (areas >= MIN_AREA_PX) & (theta >= hub_rad)
+    counted = (theirs.areas >= MIN_AREA_PX) & (theta >= hub_rad)
     rows = [(f" at {m:g} m", counted & (np.abs(distances - m) < 1e-9)) for m in DISTANCES_M]
     for name, chosen in (*rows, (_IN_HUB, theta < hub_rad)):
         if chosen.any():
-            errors = [float(np.median(c.standard_errors[chosen])) for c in (theirs, ours)]
-            error = f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}"
+            errors = [float(np.median(each.standard_errors[chosen])) for each in (theirs, ours)]
             bound = math.inf if name == _IN_HUB else BOUND_PX
-            apart_px = np.hypot(*apart[chosen].T)
-            yield summarize(case.name + name, authority, apart_px, bound, "px", error=error)
+            yield summarize(case.name + name, authority, np.hypot(*apart[chosen].T), bound, "px",
+                            error=f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}")  # fmt: skip
     # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours; a
     # shift by the inverse distance is Mitsuba's start off the surface.
     place = theirs.mean[counted] - case.camera.centre_px
     unit = place / np.linalg.norm(place, axis=1, keepdims=True)
-    near = 1.0 / distances[counted]
-    columns = np.stack((place.ravel(), (unit * near[:, None]).ravel()), axis=-1)
+    columns = np.stack((place.ravel(), (unit / distances[counted, None]).ravel()), axis=-1)
     fit, rest, _, _ = np.linalg.lstsq(columns, apart[counted].ravel(), rcond=None)
     variance = float(rest[0]) / (len(columns) - 2) * np.linalg.inv(columns.T @ columns)[0, 0]
     factor = abs(float(fit[0]))

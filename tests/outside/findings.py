@@ -5,9 +5,8 @@ A model whose parameter is changed by 1e-4 must exceed its bound somewhere: `mut
 
 from __future__ import annotations
 
-import importlib
 import importlib.metadata
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -19,8 +18,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 MUTATION = 1e-4
-# Program of a formula that the measurement has itself, from the publication named beside it.
-TRANSCRIBED = "transcribed formula"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +44,9 @@ class Finding:
 
 
 def summarize(
-    subject: str,
-    authority: str,
-    differences: Floats,
-    bound: float,
-    unit: str,
-    *,
-    error: str = "",
-    note: str = "",
-) -> Finding:
+    subject: str, authority: str, differences: Floats, bound: float, unit: str,
+    *, error: str = "", note: str = "",
+) -> Finding:  # fmt: skip
     """Finding of (n,) absolute differences."""
     if len(differences) == 0:
         raise ValueError(f"{subject}, {authority}: nothing was compared")
@@ -63,43 +54,41 @@ def summarize(
     return Finding(subject, authority, largest, median, bound, unit, len(differences), error, note)
 
 
+def bisect(value: Callable[[Floats], Floats], target: Floats, high: float) -> Floats:
+    """Arguments in 0 to `high` at which an increasing function has (n,) values, to a last digit."""
+    low, upper = np.zeros_like(target), np.full_like(target, high)
+    for _ in range(64):
+        middle = 0.5 * (low + upper)
+        below = value(middle) < target
+        low, upper = np.where(below, middle, low), np.where(below, upper, middle)
+    return 0.5 * (low + upper)
+
+
 def version_of(package: str) -> str:
     """Name and version of an installed package."""
     return f"{package} {importlib.metadata.version(package)}"
 
 
-def is_installed(module: str) -> bool:
-    """Whether a foreign program can be imported."""
-    try:
-        importlib.import_module(module)
-    except ImportError:
-        return False
-    return True
-
-
 def mutants(camera: OmniCamera) -> Iterator[tuple[str, OmniCamera]]:
-    """Cameras with one number of the model, or the scale, changed by 1e-4 of itself.
+    """Cameras with the scale, first, or one number of the model changed by 1e-4 of itself.
 
     A rim is no number of the model: it says where the image ends.
     """
     yield "scale", replace(camera, scale_px=camera.scale_px * (1.0 + MUTATION))
     for part in ("projection", "plane"):
         model: Any = getattr(camera, part)
-        for each in fields(model):
-            if each.name == "rim_rad":
-                continue
-            for name, value in _changed(each.name, getattr(model, each.name)):
+        for each in (each.name for each in fields(model) if each.name != "rim_rad"):
+            for name, value in _changed(each, getattr(model, each)):
                 # A table that the model itself rejects is noticed before it is drawn.
                 with suppress(DomainError):
-                    yield name, replace(camera, **{part: replace(model, **{each.name: value})})
+                    yield name, replace(camera, **{part: replace(model, **{each: value})})
 
 
 def _changed(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    numbers = value if isinstance(value, tuple) else (value,)
-    for index, number in enumerate(numbers):
-        if number != 0.0:
-            changed = (*numbers[:index], number * (1.0 + MUTATION), *numbers[index + 1 :])
-            if isinstance(value, tuple):
-                yield f"{name}[{index}]", changed
-            else:
-                yield name, changed[0]
+    if not isinstance(value, tuple):
+        if value != 0.0:
+            yield name, value * (1.0 + MUTATION)
+        return
+    for index, number in enumerate(value):
+        for place, changed in _changed(f"{name}[{index}]", number):
+            yield place, (*value[:index], changed, *value[index + 1 :])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,7 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
-from outside.findings import Finding, summarize
+from outside.findings import Finding, bisect, summarize
 from outside.mirrors import MirrorCase, mirror_cases, reflect
 
 # float32 rays of an image of 360 px: 6e-8 of 180 px, and some roundings.
@@ -83,19 +84,10 @@ def mirror_rays(case: MirrorCase) -> Rays:
     def rays(pixels: Floats) -> tuple[Floats, Floats]:
         offset = pixels - camera.centre_px
         radius = np.hypot(*offset.T)
-        low, high = np.zeros_like(radius), np.full_like(radius, surface.last * (1.0 - 1e-9))
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            r, depth, _, _ = surface.curve(middle)
-            image = surface.focal_px * (r if surface.is_telecentric else r / depth)
-            low, high = (
-                np.where(image < radius, middle, low),
-                np.where(image < radius, high, middle),
-            )
-        r, depth, out_r, out_d = reflect(surface, 0.5 * (low + high))
+        parameter = bisect(surface.image_radius_px, radius, surface.last * (1.0 - 1e-9))
+        r, depth, out_r, out_d = reflect(surface, parameter)
         unit = -offset[:, ::-1] / radius[:, None]
-        pinhole = 0.0 if surface.is_telecentric else camera.mirror.pinhole_distance_m
-        origins = np.column_stack((r[:, None] * unit, pinhole - depth))
+        origins = np.column_stack((r[:, None] * unit, case.pinhole_m - depth))
         directions = np.column_stack((out_r[:, None] * unit, -out_d))
         # Rays of a mirror with a viewpoint begin there.
         return (origins * 0.0 if camera.is_central else origins), directions
@@ -116,44 +108,49 @@ def lens_rays(camera: OmniCamera) -> Rays:
     return rays
 
 
-def label_cases() -> list[tuple[str, OmniCamera, Rays]]:
+@dataclass(frozen=True, slots=True)
+class LabelCase:
+    """A camera, and its rays by the publication."""
+
+    name: str
+    camera: OmniCamera
+    rays: Rays
+
+
+def label_cases() -> list[LabelCase]:
     """Cameras with one viewpoint, without, and a lens."""
     eye = OmniCamera(EquidistantLens(), 360, 360, (180.3, 179.6), 90.0, math.radians(110.0),
                      picture=Picture.FLIPPED)  # fmt: skip
     mirrors = [case for case in mirror_cases() if case.name in ("hyperbolic", "spherical")]
-    return [(case.name, case.camera, mirror_rays(case)) for case in mirrors] + [
-        ("equidistant", eye, lens_rays(eye))
-    ]
+    cases = [LabelCase(case.name, case.camera, mirror_rays(case)) for case in mirrors]
+    return [*cases, LabelCase("equidistant", eye, lens_rays(eye))]
 
 
-def compare_labels(
-    name: str, camera: OmniCamera, rays: Rays, drawn: OmniCamera | None = None
-) -> Iterator[Finding]:
-    """Compare the labels of `drawn`, in place of the camera itself, with the caster's."""
+def compare_labels(case: LabelCase, camera: OmniCamera | None = None) -> Iterator[Finding]:
+    """Compare labels by a case's camera, or by a mutant, with the caster's."""
     world = make_world()
     scene = build_scene(world)
+    pose = Pose.from_rpy((0.02, -0.03, 0.01), (0.3, -0.2, 0.7))
+    image = LabelledImage(camera or case.camera, CameraState(pose))
     renderer = TraceRenderer(scene, world, threads=1)
     labels = LabelRenderer(renderer, scene)
-    pose = Pose.from_rpy((0.02, -0.03, 0.01), (0.3, -0.2, 0.7))
-    image = LabelledImage(drawn or camera, CameraState(pose))
     found = labels.render(image, ("ids", "range", "valid")).channels
     labels.close()
     renderer.close()
     rows, columns = np.nonzero(found["valid"])
     centres = np.stack((columns + 0.5, rows + 0.5), axis=-1)
-    steps = EDGE_PX * np.array(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)))
-    hits = [cast(world, *_in_world(pose, *rays(centres + step))) for step in steps]
+    hits = []
+    for step in EDGE_PX * np.array(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))):
+        origins, directions = case.rays(centres + step)
+        place = origins @ pose.rotation.T + pose.translation
+        hits.append(cast(world, place, directions @ pose.rotation.T))
     ids, ranges = np.stack([hit[0] for hit in hits]), hits[0][1]
     ours, our_ranges = found["ids"][rows, columns], found["range"][rows, columns]
     wrong = ~(ids == ours).any(axis=0)
     at_edge = (ids != ids[0]).any(axis=0)
-    note = f"{int(at_edge.sum())} centres on an edge"
-    yield summarize(f"{name}: ids", _AUTHORITY, wrong.astype(float), 0.0, "wrong", note=note)
+    total, note = float(wrong.sum()), f"centres on an edge: {int(at_edge.sum())}"
+    yield Finding(f"{case.name}: ids", _AUTHORITY, total, total, 0.0, "wrong", len(wrong), "", note)
     same = np.isfinite(ranges) & ~at_edge & ~wrong
     relative = np.abs(our_ranges[same] / ranges[same] - 1.0)
-    yield summarize(f"{name}: ranges", _AUTHORITY, relative, BOUND_RELATIVE, "of the range",
+    yield summarize(f"{case.name}: ranges", _AUTHORITY, relative, BOUND_RELATIVE, "of the range",
                     note="float32 of ours")  # fmt: skip
-
-
-def _in_world(pose: Pose, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    return origins @ pose.rotation.T + pose.translation, directions @ pose.rotation.T

@@ -3,36 +3,35 @@
 Run: make outside, or PYTHONPATH=tests .venv/bin/python -m outside.run [PART ...]
 
 Exit status 0: all differences are within their bounds, and every model that is changed by 1e-4 is
-noticed; 1: not; 2: a foreign program is missing. Parts: lenses, mirrors, discs, labels, boards.
-Findings of each part are kept in out/outside; the page has all parts, and is written once all have
-run.
+noticed; 1: not; 2: a foreign program is missing. Parts: lenses, mirrors, discs, labels, boards; the
+page is written by a run of all of them alone.
 """
 
 from __future__ import annotations
 
-import json
+import importlib
 import math
 import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
+from cost.bench import describe_machine
 from outside import boards, discs, labels, lenses, mirrors
-from outside.findings import MUTATION, Finding, is_installed, mutants
+from outside.findings import Finding, mutants, version_of
 
-ROOT = Path(__file__).parents[2]
-OUTPUT = ROOT / "out/outside"
-PAGE = ROOT / "docs/PROOF.md"
+PAGE = Path(__file__).parents[2] / "docs/PROOF.md"
 PROGRAMS = ("mitsuba", "pycolmap", "ds_msp", "astropy", "scipy", "cv2")
 INSTALL = "pip install 'catoptra-server[outside]', then pip install --no-deps ds-msp==0.22.2"
-# Discs at each of four distances; Mitsuba's samples a pixel, a square, by each of four seeds.
-_DISCS, _SAMPLES = 4, 144
 
-# Whether a mutant was noticed, by its name.
-Noticed = tuple[str, bool]
+# A comparison, or the name of a mutant and whether it was noticed.
+Result = Finding | tuple[str, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,44 +40,24 @@ class Part:
 
     title: str
     text: str
-    run: Callable[[], Iterator[Finding | Noticed]]
+    run: Callable[[], Iterator[Result]]
 
 
-def _is_noticed(findings: Iterable[Finding]) -> bool:
-    return not all(finding.holds for finding in findings)
+def _with_mutants(
+    cases: Callable[[], list[Any]],
+    compare: Callable[..., Iterable[Finding]],
+    limit: int | None = None,
+) -> Callable[[], Iterator[Result]]:
+    """Compare cases, and mutants of their cameras, all or the first ones."""
 
+    def run() -> Iterator[Result]:
+        for case in cases():
+            yield from compare(case)
+            for name, camera in islice(mutants(case.camera), limit):
+                noticed = not all(finding.holds for finding in compare(case, camera))
+                yield f"{case.name}: {name}", noticed
 
-def _run_lenses() -> Iterator[Finding | Noticed]:
-    for case in lenses.lens_cases():
-        yield from lenses.compare_lens(case)
-        for name, camera in mutants(case.camera):
-            yield f"{case.name}: {name}", _is_noticed(lenses.compare_lens(case, camera))
-
-
-def _run_mirrors() -> Iterator[Finding | Noticed]:
-    for case in mirrors.mirror_cases():
-        yield from mirrors.compare_mirror(case)
-        for name, camera in mutants(case.camera):
-            yield f"{case.name}: {name}", _is_noticed(mirrors.compare_mirror(case, camera))
-
-
-def _run_discs() -> Iterator[Finding | Noticed]:
-    for case in mirrors.mirror_cases():
-        *found, mutant = discs.compare_discs(case, per_distance=_DISCS, samples=_SAMPLES)
-        yield from found
-        yield f"{case.name} drawn: scale", not mutant.holds
-
-
-def _run_labels() -> Iterator[Finding | Noticed]:
-    for name, camera, rays in labels.label_cases():
-        yield from labels.compare_labels(name, camera, rays)
-        mutant = replace(camera, scale_px=camera.scale_px * (1.0 + MUTATION))
-        noticed = _is_noticed(labels.compare_labels(name, camera, rays, mutant))
-        yield f"{name} labelled: scale", noticed
-
-
-def _run_boards() -> Iterator[Finding | Noticed]:
-    yield from boards.compare_calibration()
+    return run
 
 
 PARTS = {
@@ -88,13 +67,13 @@ PARTS = {
         "programs compute in float64. DS-MSP's OCam is not asked within 0.06 degrees of 90, where "
         "its Newton iteration misses the root; COLMAP's and OpenCV's fish-eyes end at 90 degrees. "
         "WCSLIB, in astropy, has lenses as its zenithal projections ARC, ZEA, STG, SIN and ZPN.",
-        _run_lenses,
+        _with_mutants(lenses.lens_cases, lenses.compare_lens),
     ),
     "mirrors": Part(
         "Mirrors, by formula",
         "Pixels of 20 000 points at 0.15 to 3 m: the law of reflection on the published surface, "
         "solved by bisection, transcribed and not a foreign program; and points of the surface.",
-        _run_mirrors,
+        _with_mutants(mirrors.mirror_cases, mirrors.compare_mirror),
     ),
     "discs": Part(
         "Mirrors, drawn by Mitsuba",
@@ -105,117 +84,116 @@ PARTS = {
         "degrees, of a cone from its apex, the mesh's hub is the limit: its discs are drawn out to "
         "less than a pixel's width, and nothing is required. Mitsuba starts a reflected "
         "ray 9e-5 of its largest coordinate off the surface: up to 0.01 px at 0.15 m on the cone. "
-        "Scale: the factor between positions about the centre, as a fraction.",
-        _run_discs,
+        "Scale: the factor between positions about the centre, less 1; it notices a mutant.",
+        _with_mutants(mirrors.mirror_cases, discs.compare_discs, 1),
     ),
     "labels": Part(
         "Labels and ranges",
         "Ids and ranges of all pixels of 360 px, in a world of 28 boxes and 8 rectangles, against "
         "a float64 caster that knows these as numbers, with rays of the publications. Where rays "
         "1e-4 px from the centre differ, an edge runs through the centre and either id is right.",
-        _run_labels,
+        _with_mutants(labels.label_cases, labels.compare_labels, 1),
     ),
     "boards": Part(
         "The paper's geometry",
         "OpenCV finds corners of chessboards in pictures of ours and calibrates its unified model; "
         "xi and gamma follow from the paper's k = 11.546.",
-        _run_boards,
+        boards.compare_calibration,
     ),
-}
+}  # fmt: skip
 
 
 def main(arguments: list[str]) -> int:
-    """Run parts, all by default; write the page, and answer with the exit status."""
-    missing = [program for program in PROGRAMS if not is_installed(program)]
+    """Run parts, all by default; all write the page. Answers with the exit status."""
+    missing = [program for program in PROGRAMS if not _is_installed(program)]
     if missing:
         print(f"the proof from outside needs {', '.join(missing)}: {INSTALL}")
         return 2
-    OUTPUT.mkdir(parents=True, exist_ok=True)
-    for name in arguments or PARTS:
-        begin = time.perf_counter(), time.process_time()
-        results = []
-        for result in PARTS[name].run():
-            _show(result)
-            results.append(asdict(result) if isinstance(result, Finding) else result)
-        seconds = time.perf_counter() - begin[0], time.process_time() - begin[1]
-        print(f"{name}: {seconds[0]:.0f} s, {seconds[1]:.0f} s of processor time", flush=True)
-        record = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "processor_s": seconds[1],
-                  "results": results}  # fmt: skip
-        (OUTPUT / f"{name}.json").write_text(json.dumps(record))
-    records = {
-        name: json.loads(path.read_text())
-        for name in PARTS
-        if (path := OUTPUT / f"{name}.json").exists()
-    }
-    if len(records) == len(PARTS):
-        PAGE.write_text(make_page(records), encoding="utf-8")
-    return int(any(not _is_right(r) for one in records.values() for r in one["results"]))
+    begin = time.perf_counter(), time.process_time()
+    found = {name: list(map(_show, PARTS[name].run())) for name in arguments or PARTS}
+    wall_s, processor_s = time.perf_counter() - begin[0], time.process_time() - begin[1]
+    took = f"{wall_s / 60.0:.1f} minutes, {processor_s / 60.0:.1f} of processor time"
+    print(took)
+    if not arguments:
+        PAGE.write_text(make_page(found, took), encoding="utf-8")
+    return int(not all(_is_right(result) for results in found.values() for result in results))
 
 
-def _show(result: Finding | Noticed) -> None:
+def _is_installed(module: str) -> bool:
+    with suppress(ImportError):
+        importlib.import_module(module)
+        return True
+    return False
+
+
+def _show(result: Result) -> Result:
     if isinstance(result, Finding):
         mark = "" if result.holds else "  EXCEEDED"
         print(f"{result.subject}, {result.authority}: {result.largest:.1e}{mark}", flush=True)
     elif not result[1]:
         print(f"mutant of 1e-4 not noticed: {result[0]}", flush=True)
+    return result
 
 
-def _is_right(result: dict[str, object] | list[object]) -> bool:
-    return Finding(**result).holds if isinstance(result, dict) else bool(result[1])  # type: ignore[arg-type]
+def _is_right(result: Result) -> bool:
+    return result.holds if isinstance(result, Finding) else result[1]
 
 
-def make_page(records: dict[str, dict]) -> str:
+def make_page(found: dict[str, list[Result]], took: str) -> str:
     """Text of docs/PROOF.md."""
-    seen = [r for one in records.values() for r in one["results"] if isinstance(r, list)]
-    rows = [r for one in records.values() for r in one["results"] if isinstance(r, dict)]
-    noticed, held = sum(bool(r[1]) for r in seen), sum(map(_is_right, rows))
-    minutes = sum(one["processor_s"] for one in records.values()) / 60.0
+    results = [result for each in found.values() for result in each]
+    rows = [_is_right(result) for result in results if isinstance(result, Finding)]
+    seen = [_is_right(result) for result in results if not isinstance(result, Finding)]
     lines = [
         "# Proof from outside",
         "",
-        "What this repository computes, compared with programs that share no code with it. Written "
-        "by `make outside`, which installs them (0.7 GB) and repeats everything; it ends with an "
-        "error when a difference exceeds its bound.",
+        "What this repository computes, compared with programs that share no code with it.",
         "",
-        f"* {held} of {len(rows)} differences are within their bounds.",
-        f"* {noticed} of {len(seen)} mutants are noticed: models with one number changed by 1e-4 "
-        "of itself, in each model. Pictures notice "
-        "the scale; smaller parts, such as a k that is 1e-4 larger (2e-4 px), formulas alone.",
-        f"* {minutes:.0f} minutes of processor time, {platform.python_implementation()} "
-        f"{platform.python_version()}, {platform.machine()}.",
+        f"* {sum(rows)} of {len(rows)} differences are within their bounds.",
+        f"* {sum(seen)} of {len(seen)} mutants are noticed: models with one number changed by 1e-4 "
+        "of itself, in each model. Pictures notice the scale; smaller parts, such as a k that is "
+        "1e-4 larger (2e-4 px), formulas alone.",
+        f"* Measured {datetime.now(UTC):%Y-%m-%d}, {version_of('catoptra-server')}, in {took}: "
+        f"{_processor()}, {describe_machine()}.",
+        "* To repeat: `make outside` installs the programs (0.7 GB), compares everything and "
+        "writes this page. It ends with 1 when a difference exceeds its bound or a mutant is not "
+        "noticed. `tests/outside` has the comparisons.",
         "",
-        "\"Transcribed\" is a formula that the measurement (`tests/outside`) has from the "
-        "publication; every other row is a program with its version.",
-    ]  # fmt: skip
+        '"Transcribed" is a formula that the measurement has from the publication; every other '
+        "row is a program with its version. Largest and median are absolute differences.",
+    ]
     for name, part in PARTS.items():
-        lines += [
-            "",
-            f"## {part.title}",
-            "",
-            part.text,
-            "",
-            f"Measured {records[name]['date']}.",
-            "",
-        ]
-        lines += [
-            "| what | compared with | number | largest | median | bound | standard error | note |",
-            "|---|---|---|---|---|---|---|---|",
-        ]
-        for row in records[name]["results"]:
-            if isinstance(row, dict):
-                lines.append(_format_row(Finding(**row)))
+        lines += ["", f"## {part.title}", "", part.text, ""]
+        lines += _format_table([row for row in found[name] if isinstance(row, Finding)])
     return "\n".join(lines) + "\n"
 
 
-def _format_row(row: Finding) -> str:
-    largest, median, bound = (
-        "none" if math.isinf(value) else f"{value:.2g} {row.unit}".strip()
-        for value in (row.largest, row.median, row.bound)
-    )
-    return (
-        f"| {row.subject} | {row.authority} | {row.count} | {largest} | {median} | {bound} "
-        f"| {row.error} | {row.note} |"
-    )
+def _processor() -> str:
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(": ")[2] for line in lines if line.startswith("model name"))
+    return platform.processor()
+
+
+def _format_table(rows: list[Finding]) -> list[str]:
+    """Lines of a table, without columns that have no entry."""
+    columns = {
+        "what": [row.subject for row in rows],
+        "compared with": [row.authority for row in rows],
+        "number": [str(row.count) for row in rows],
+        "largest": [_quantity(row.largest, row.unit) for row in rows],
+        "median": [_quantity(row.median, row.unit) for row in rows],
+        "bound": [_quantity(row.bound, row.unit) for row in rows],
+        "standard error": [row.error for row in rows],
+        "note": [row.note for row in rows],
+    }
+    filled = {name: cells for name, cells in columns.items() if any(cells)}
+    table = [tuple(filled), ("---",) * len(filled), *zip(*filled.values(), strict=True)]
+    return [f"| {' | '.join(cells)} |" for cells in table]
+
+
+def _quantity(value: float, unit: str) -> str:
+    return "none" if math.isinf(value) else f"{value:.2g} {unit}".strip()
 
 
 if __name__ == "__main__":
