@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects, project_box
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from helpers.labelled_rooms import CAMERAS
+from helpers.mirror_checks import make_camera
 from helpers.run_lengths import mask_from_string
 
 BOX = LabelledObject(
@@ -34,6 +39,31 @@ def test_rays_of_the_pixels_pass_through_the_corners() -> None:
         to_corner = POSE.inverse().transform_points(BOX.corners()) - origins
         miss = np.linalg.norm(np.cross(to_corner, directions), axis=-1)
         assert miss.max() < 1e-5
+
+
+@pytest.mark.parametrize("rim_deg", [90.0, 150.0, 170.0, 175.0])
+def test_corners_near_a_ball_are_valid_where_a_ray_of_the_ball_meets_them(rim_deg: float) -> None:
+    camera = make_camera(SphericalMirror(0.03, 0.4, math.radians(rim_deg)))
+    rim_ratio = camera.rim_radius_px / camera.scale_px
+    t, r, z = camera.mirror.ray_from_radius_ratio(np.linspace(0.0, rim_ratio, 4_001))
+    theta = 2.0 * np.arctan(np.minimum(t, camera.rim_t))
+    rng = np.random.default_rng(3)
+    num_valid = 0
+    for half_m in (0.002, 0.01, 0.03):
+        for place in rng.uniform(-0.08, 0.08, (10, 3)):
+            box = replace(BOX, world_from_box=Pose.from_rpy(place), half_size_m=np.full(3, half_m))
+            _, valid = project_box(box, camera, Pose.identity())
+            corners = box.corners()
+            aside = np.hypot(corners[:, 0], corners[:, 1])[:, None] - r
+            ahead = corners[:, 2][:, None] - z
+            # The corner's distance across each ray changes its sign between two that pass it.
+            across = aside * np.cos(theta) - ahead * np.sin(theta)
+            is_met = (across[:, 1:] * across[:, :-1] <= 0.0) & (
+                (aside * np.sin(theta) + ahead * np.cos(theta))[:, 1:] > 0.0
+            )
+            np.testing.assert_array_equal(valid, is_met.any(axis=1))
+            num_valid += np.count_nonzero(valid)
+    assert 25 < num_valid < 235
 
 
 def test_corners_outside_the_image_are_invalid() -> None:

@@ -9,8 +9,9 @@ A point at the distance s along the ray of a mirror without a viewpoint turns th
 displacement across it over s + D / (dtheta/dpsi), D the distance of the mirror's point from the
 pinhole: the law of reflection alone, for every surface. The parameters of such a surface have no
 derivative here, since they move the effective viewpoint, the origin of the mirror frame; those of
-its image have. A perspective camera has its own frame instead of the mirror's. Domain: that of the functions, and for inverses a slope above 0: a fold's is 0.
-Outside, values are those of the functions, derivatives 0, and the mask false.
+its image have. A perspective camera has its own frame instead of the mirror's. Domain: that of the
+functions, and for inverses a slope above 0: a fold's is 0. Outside, values are those of the
+functions, derivatives 0, and the mask false.
 """
 
 from __future__ import annotations
