@@ -100,7 +100,6 @@ def test_rule_of_the_study_is_in_place_of_the_file() -> None:
     one, other = map(run_decision_study, studies)
     assert {(each.threshold, each.share_threshold) for each in one} == {(2.0, 1.0)}
     assert {(each.threshold, each.share_threshold) for each in other} == {(8.0, 0.25)}
-    assert sum(each.enabled for each in other) < sum(each.enabled for each in one)
 
 
 def test_truth_of_motion_follows_the_motion() -> None:
@@ -139,8 +138,6 @@ def test_measured_changes_are_never_below_the_truth(decisions: tuple[TrialDecisi
         if one.change is not None and one.motion == "at rest"
     ]
     assert len(compared) > 40
-    still = [one for one in decisions if one.motion == "at rest" and one.change is not None]
-    assert [one for one in still if one.visible_share < one.true_share - 0.002] == []
     below = [row for row in compared if row[1] < row[2] - 0.05 - 0.02 * row[2]]
     assert below == []
     # The last effects of the chain are measured in the picture itself.
