@@ -98,7 +98,7 @@ def test_rule_of_the_study_is_in_place_of_the_file() -> None:
         for rule in rules
     ]
     one, other = map(run_decision_study, studies)
-    assert {(each.threshold, each.share_threshold) for each in one} == {(2.0, 1.0)}
+    assert {(each.threshold, each.share_threshold) for each in one} == {(1.0, 1.0)}
     assert {(each.threshold, each.share_threshold) for each in other} == {(8.0, 0.25)}
 
 

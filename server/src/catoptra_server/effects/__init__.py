@@ -358,7 +358,7 @@ class EffectSettings:
     settings: tuple[EffectSetting, ...] = ()
     """In optical order."""
     # Chosen by the figure in docs/EFFECTS.md.
-    max_change: float = 2.0
+    max_change: float = 1.0
     """`auto` leaves out effects that change no pixel of the finished picture by more, levels,"""
     visible_share: float = 1.0
     """and at most this share of its pixels by more than VISIBLE_LEVELS."""
