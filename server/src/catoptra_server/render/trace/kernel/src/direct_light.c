@@ -116,8 +116,7 @@ void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], Surfac
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
-static uint32_t skip_unseen(const FrameState *state, const Light *light,
-                            const float factor[BLOCK_RAYS], uint32_t among,
+static uint32_t skip_unseen(const FrameState *state, const Light *light, const float factor[BLOCK_RAYS], uint32_t among,
                             SurfaceBlock *surface) {
     _Alignas(64) float left[3][BLOCK_RAYS];
     int32_t is_skipped[BLOCK_RAYS];

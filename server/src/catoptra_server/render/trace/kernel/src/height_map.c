@@ -209,8 +209,7 @@ static int add_to_face(LightMap *map, const float *corners, int32_t surface, int
         points[i] = project(map, add(polygon[i], map->origin));
     }
     for (int i = 2; i < count; i++)
-        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface,
-                   number);
+        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface, number);
     return 1;
 }
 
