@@ -89,30 +89,44 @@ static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoi
     }
 }
 
+/* Rays by what may occlude a light from their points. */
+typedef struct {
+    uint32_t hidden, unknown, behind_objects;
+} Uncertainty;
+
+static Uncertainty look_up_light(const FrameState *state, int light, const HitBlock *hits,
+                                 const SurfaceBlock *surface, uint32_t facing) {
+    Uncertainty found = {0, 0, 0};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(facing >> lane & 1))
+            continue;
+        int32_t triangle = hits->object[lane] == OBJECT_STATIC ? hits->triangle[lane] : -1;
+        int known = find_light(state, light, triangle, get_lane(surface->points.position, lane));
+        found.hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
+        found.unknown |= (uint32_t)(known == LIGHT_UNKNOWN) << lane;
+        found.behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
+    }
+    return found;
+}
+
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
-float unseen_light(const FrameState *state, float radiance) {
-    float gain = state->frame->largest_gain;
-    float share = UNSEEN_PART * state->frame->limits.plain_change / (255.0f * gain);
-    float x = gain * radiance;
-    x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-    float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
-    float curved = root * eighth * (1.0f / SLOPE);
-    return share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
-}
-
-int leaves_unseen(const FrameState *state) {
-    const Frame *frame = state->frame;
-    return frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
-}
-
 void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
-    int is_any = leaves_unseen(state);
+    const Frame *frame = state->frame;
+    int is_any = frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
+    float gain = frame->largest_gain;
+    float share = UNSEEN_PART * frame->limits.plain_change / (255.0f * gain);
     memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
-            surface->unseen[channel][i] = unseen_light(state, radiance[channel][i]);
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            float x = gain * radiance[channel][i];
+            x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+            float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
+            float curved = root * eighth * (1.0f / SLOPE);
+            surface->unseen[channel][i] =
+                share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
+        }
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
@@ -156,7 +170,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
         return hidden;
-    LightViews found = find_light(state, light, hits, surface->points.position, facing);
+    Uncertainty found = look_up_light(state, light, hits, surface, facing);
     uint32_t occluded = hidden | found.hidden;
     if (!(found.unknown | found.behind_objects))
         return occluded;

@@ -29,10 +29,6 @@ typedef struct {
     uint32_t rays;                              /* bit mask of those that lose any */
 } LostLight;
 
-/* Whether a frame may do without light that nobody misses, and how much of it in a radiance. */
-int leaves_unseen(const FrameState *state);
-float unseen_light(const FrameState *state, float radiance);
-
 /* How much light of lamps nobody misses in the radiance of other light, (3, 16); of it, `add_light`
  * takes that of lamps for which it casts no ray. */
 void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface);

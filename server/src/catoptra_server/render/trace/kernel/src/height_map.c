@@ -12,10 +12,6 @@
  * they are sums of three products; shadow rays begin 4e-6 of the extent beside their points. */
 #define TOLERANCE 6e-6f
 
-/* Casters a cell, in the mean, of a map that keeps lists: 0.5 MB around a lamp, 2 MB of a
- * directional light. */
-enum { MAX_LISTED_PER_CELL = 4 };
-
 static void set_axes(LightMap *map, Vec3 towards) {
     map->towards = towards;
     Vec3 other = fabsf(map->towards.x) < 0.7f ? (Vec3){1, 0, 0} : (Vec3){0, 1, 0};
@@ -135,23 +131,7 @@ static void cast_on_cell(const LightMap *map, const Caster *caster, float x, flo
         cell->cover = fmaxf(centre - rise, caster->lowest);
 }
 
-/* Put a caster on the list of a cell, unless what covers the cell hides it; parts of one are added
- * one after the other. */
-static void list_caster(LightMap *map, int cell, float highest, int32_t number) {
-    int32_t first = map->first[cell];
-    if (!map->casters || highest < map->cells[cell].cover ||
-        (first >= 0 && map->casters[first].caster == number))
-        return;
-    if (map->num_casters == MAX_LISTED_PER_CELL * map->side * map->side) {
-        free(map->casters);
-        map->casters = NULL;
-        return;
-    }
-    map->casters[map->num_casters] = (CellCaster){number, first};
-    map->first[cell] = map->num_casters++;
-}
-
-static void add_caster(LightMap *map, const MapPoint p[3], int32_t surface, int32_t number) {
+static void add_caster(LightMap *map, const MapPoint p[3], int32_t surface) {
     Caster caster = make_caster(p);
     float margin = 2.0f * lateral_tolerance(map, caster.highest);
     float half = 0.5f * map->cell_side + margin;
@@ -164,11 +144,9 @@ static void add_caster(LightMap *map, const MapPoint p[3], int32_t surface, int3
         for (int column = first_column; column <= last_column; column++) {
             float x = map->left + ((float)column + 0.5f) * map->cell_side;
             float y = map->top + ((float)row + 0.5f) * map->cell_side;
-            int cell = row * map->side + column;
-            if (is_beside_cell(&caster, x, y, half))
-                continue;
-            list_caster(map, cell, caster.highest, number);
-            cast_on_cell(map, &caster, x, y, half, surface, &map->cells[cell]);
+            if (!is_beside_cell(&caster, x, y, half))
+                cast_on_cell(map, &caster, x, y, half, surface,
+                             &map->cells[row * map->side + column]);
         }
 }
 
@@ -188,7 +166,7 @@ static int clip_polygon(const Vec3 *from, int count, Vec3 inward, Vec3 *clipped)
 }
 
 /* A caster on a face around a point light; 0 if it reaches to the light, where nothing is known. */
-static int add_to_face(LightMap *map, const float *corners, int32_t surface, int32_t number) {
+static int add_to_face(LightMap *map, const float *corners, int32_t surface) {
     /* Little more than the face, for the rounding of the cut. */
     const float reach = 1.01f * FACE_REACH;
     Vec3 z = scale(reach, map->towards), polygon[8], other[8];
@@ -209,18 +187,17 @@ static int add_to_face(LightMap *map, const float *corners, int32_t surface, int
         points[i] = project(map, add(polygon[i], map->origin));
     }
     for (int i = 2; i < count; i++)
-        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface, number);
+        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface);
     return 1;
 }
 
-static int add_mesh_triangle(LightMap *map, const float *corners, int32_t surface,
-                             int32_t number) {
+static int add_mesh_triangle(LightMap *map, const float *corners, int32_t surface) {
     if (map->is_perspective)
-        return add_to_face(map, corners, surface, number);
+        return add_to_face(map, corners, surface);
     MapPoint points[3];
     for (int i = 0; i < 3; i++)
         points[i] = project(map, vec3(corners + 3 * i));
-    add_caster(map, points, surface, number);
+    add_caster(map, points, surface);
     return 1;
 }
 
@@ -229,17 +206,13 @@ static void fill_map(LightMaps *maps, LightMap *map, const Scene *scene) {
         scene->casters ? &scene->casters->arrays : &scene->mesh->arrays;
     size_t count = (size_t)map->side * (size_t)map->side;
     map->cells = malloc(sizeof(MapCell) * count);
-    map->first = malloc(sizeof *map->first * count);
-    map->casters = malloc(sizeof(CellCaster) * MAX_LISTED_PER_CELL * count);
-    int is_whole = map->cells && map->first;
-    for (size_t i = 0; is_whole && i < count; i++) {
+    int is_whole = map->cells != NULL;
+    for (size_t i = 0; is_whole && i < count; i++)
         map->cells[i] = (MapCell){-INFINITY, -INFINITY, -INFINITY, -1};
-        map->first[i] = -1;
-    }
     for (int32_t i = 0; is_whole && i < casters->num_triangles; i++) {
         int32_t triangle = scene->caster_triangles ? scene->caster_triangles[i] : i;
         is_whole = add_mesh_triangle(map, casters->corners + 9 * (size_t)i,
-                                     scene->surfaces.surface[triangle], i);
+                                     scene->surfaces.surface[triangle]);
     }
     map->is_built = is_whole;
     map->first_cell = maps->num_cells;
@@ -290,10 +263,7 @@ void *catoptra_build_light_maps(const Scene *scene) {
 
 void catoptra_release_light_maps(void *light_maps, int32_t num_lights) {
     LightMaps *maps = light_maps;
-    for (int32_t map = 0; maps && map < FACES * num_lights; map++) {
+    for (int32_t map = 0; maps && map < FACES * num_lights; map++)
         free(maps->maps[map].cells);
-        free(maps->maps[map].first);
-        free(maps->maps[map].casters);
-    }
     free(maps);
 }

@@ -2,8 +2,6 @@
  *
  * Around a point light the map is projective: the height of a point is the inverse of its depth, in
  * which planes are linear as they are across a directional light. Both kinds share all the rest.
- * Where heights decide nothing, a list of the casters of each cell does (Haines and Greenberg 1986,
- * "The light buffer").
  */
 #ifndef CATOPTRA_HEIGHT_MAP_H
 #define CATOPTRA_HEIGHT_MAP_H
@@ -27,11 +25,6 @@ typedef struct {
     int32_t surface;
 } MapCell;
 
-/* A caster in a cell's list, by its number among the scene's casters. */
-typedef struct {
-    int32_t caster, next; /* of the same cell; -1 at the end */
-} CellCaster;
-
 typedef struct {
     int is_built, is_perspective;
     int side;
@@ -41,9 +34,6 @@ typedef struct {
     float tolerance;    /* metres by which heights and positions may be wrong */
     size_t first_cell;  /* of the map in an array of all maps' cells */
     MapCell *cells;     /* (side, side) */
-    int32_t *first;     /* of each cell's list, -1 if it is empty */
-    CellCaster *casters; /* of all lists; NULL if there are too many */
-    int32_t num_casters;
 } LightMap;
 
 typedef struct {

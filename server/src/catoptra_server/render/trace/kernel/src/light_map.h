@@ -40,14 +40,8 @@ typedef struct {
  * memory is short (`*failed`). */
 float *raise_objects(const FrameState *state, int *failed);
 
-/* Bit masks of rays by what may occlude a light from their points. */
-typedef struct {
-    uint32_t hidden, unknown, behind_objects;
-} LightViews;
-
-/* What is known of a light at the points of a mask of rays. */
-LightViews find_light(const FrameState *state, int light, const HitBlock *hits,
-                      const float position[3][BLOCK_RAYS], uint32_t lanes);
+/* What is known of a light at a point on a facet of the static scene, or of an object (-1). */
+int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point);
 
 /* Cosine to a directional light, or the height of a point light above a static facet's plane: above
  * zero if the light shines on the facet. */
