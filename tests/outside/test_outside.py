@@ -78,7 +78,6 @@ def test_exit_status_and_page_state_what_was_found(
         yield from results
 
     monkeypatch.setattr(run, "PROGRAMS", ())
-    monkeypatch.setattr(run, "OUTPUT", tmp_path)
     monkeypatch.setattr(run, "PAGE", tmp_path / "PROOF.md")
     monkeypatch.setattr(run, "PARTS", {"lenses": run.Part("Lenses", "All.", part)})
     assert run.main([]) == status
