@@ -409,14 +409,7 @@ static int check_rays(const void *scene, const RayBlock *rays, const Expected *e
 }
 
 static void intersect_mesh(const void *bvh, RayBlock *rays, HitBlock *hits) {
-    intersect_bvh(bvh, NULL, NULL, OBJECT_STATIC, rays, hits);
-}
-
-/* The same from a node of all that the rays may meet. */
-static void intersect_entered(const void *bvh, RayBlock *rays, HitBlock *hits) {
-    BvhNode entry;
-    int is_narrow = rays->active && enter_bvh(bvh, NULL, rays, &entry);
-    intersect_bvh(bvh, is_narrow ? &entry : NULL, NULL, OBJECT_STATIC, rays, hits);
+    intersect_bvh(bvh, NULL, OBJECT_STATIC, rays, hits);
 }
 
 static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) {
@@ -445,7 +438,6 @@ static void test_queries(Workers *workers, int rounds) {
                     expected.hits.object[lane] = OBJECT_STATIC;
             }
             met += check_rays(&bvh, &rays, &expected, intersect_mesh, occlude_mesh);
-            check_rays(&bvh, &rays, &expected, intersect_entered, occlude_mesh);
         }
         CHECK(met > rounds || k == 6 || k == 8);
         ray_name = "";

@@ -34,11 +34,8 @@ static const double NOWHERE[3];
  * coordinate before they begin, which holds the rounding of corners, too. */
 #define PLACE_RESERVE 0x1p-22f
 
-/* The node that a query enters, among indices of nodes. */
-enum { ENTRY = INT32_MAX };
-
 typedef struct {
-    const BvhNode *nodes, *entry;
+    const BvhNode *nodes;
     const BvhLeaf *leaves;
     const FineLeaf *fine_leaves; /* instead of `leaves`, or NULL */
     const RayBlock *rays;
@@ -48,7 +45,7 @@ typedef struct {
     uint32_t active; /* of an occlusion query: the rays that have met nothing */
     _Alignas(64) float limit[BLOCK_RAYS];
     int32_t triangle[BLOCK_RAYS]; /* the nearest so far */
-    float inverse[3][BLOCK_RAYS]; /* of the directions' components, once they are needed */
+    float inverse[3][BLOCK_RAYS]; /* of the directions' components */
     /* The ray's own frame: a point is sheared along the axis in which the ray goes farthest, so
      * that the ray is this axis. */
     float shear8[2][BLOCK_RAYS];
@@ -56,7 +53,6 @@ typedef struct {
     uint32_t lanes_along[3]; /* bit masks of the rays by this axis */
     int has_one_axis;        /* of all active rays */
     int first;               /* active ray */
-    int has_inverse;
     float largest;           /* coordinate of the mesh */
     /* The same for fine leaves: starts in the rays' coordinates. Only these read them. */
     float placed[3][BLOCK_RAYS];
@@ -93,13 +89,8 @@ static void aim_finely(Query *query) {
     }
 }
 
-static inline Floats16 invert16(Floats16 component) {
-    Ints16 is_none = absolute16(component) < LEAST_COMPONENT;
-    return 1.0f / select16(is_none, splat16(LEAST_COMPONENT), component);
-}
-
 static void aim_query(Query *query, const Bvh *bvh, const double *place, const RayBlock *rays) {
-    query->nodes = query->entry = bvh->nodes;
+    query->nodes = bvh->nodes;
     query->leaves = bvh->leaves;
     query->fine_leaves = bvh->fine_leaves;
     query->rays = rays;
@@ -114,15 +105,15 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     query->active = rays->active;
     store16(load16(rays->limit), query->limit);
     store_ints16((Ints16){0} + NO_TRIANGLE, query->triangle);
-    query->has_inverse = 0;
-    Floats16 direction[3], size[3];
+    Floats16 direction[3], size[3], inverse[3];
     for (int i = 0; i < 3; i++) {
         direction[i] = load16(rays->direction[i]);
         size[i] = absolute16(direction[i]);
+        inverse[i] = 1.0f / select16(size[i] < LEAST_COMPONENT, splat16(LEAST_COMPONENT), direction[i]);
+        store16(inverse[i], query->inverse[i]);
     }
     Ints16 is_x = (size[0] >= size[1]) & (size[0] >= size[2]), is_y = ~is_x & (size[1] >= size[2]);
-    Floats16 farthest = select16(is_x, direction[0], select16(is_y, direction[1], direction[2]));
-    Floats16 along = invert16(farthest);
+    Floats16 along = select16(is_x, inverse[0], select16(is_y, inverse[1], inverse[2]));
     store16(along, query->along8);
     store16(select16(is_x, direction[1], direction[0]) * along, query->shear8[0]);
     store16(select16(is_x | is_y, direction[2], direction[1]) * along, query->shear8[1]);
@@ -481,12 +472,11 @@ static int aim_beam(const Query *query, Beam *beam) {
     const RayBlock *rays = query->rays;
     Ints16 is_active = mask16(query->active);
     beam->axis = find_axes(query, query->first);
-    beam->sign = query->along8[query->first] < 0.0f ? -1.0f : 1.0f;
+    beam->sign = query->inverse[beam->axis[2]][query->first] < 0.0f ? -1.0f : 1.0f;
     Floats16 along = load16(rays->direction[beam->axis[2]]) * beam->sign;
     if (bits16(is_active & (along < LEAST_COSINE)))
         return 0;
-    Floats16 inverse = query->has_one_axis ? load16(query->along8) * beam->sign : invert16(along);
-    Floats16 slopes[4];
+    Floats16 inverse = load16(query->inverse[beam->axis[2]]) * beam->sign, slopes[4];
     for (int i = 0; i < 2; i++) {
         Floats16 slope = load16(rays->direction[beam->axis[i]]) * inverse;
         slopes[2 * i] = select16(is_active, slope, splat16(INFINITY));
@@ -559,15 +549,8 @@ static inline uint32_t meet_beam(const Beam *beam, const BvhNode *node, float de
     return bits8((*near <= far * BOX_RESERVE) & (*near <= depth));
 }
 
-static inline void find_inverse(Query *query) {
-    for (int i = 0; !query->has_inverse && i < 3; i++)
-        store16(invert16(load16(query->rays->direction[i])), query->inverse[i]);
-    query->has_inverse = 1;
-}
-
 /* Rays that meet a box before their limits. */
-static uint32_t meet_box(Query *query, const float bounds[6]) {
-    find_inverse(query);
+static uint32_t meet_box(const Query *query, const float bounds[6]) {
     Floats16 near = (Floats16){0}, far = load16(query->limit) * LIMIT_RESERVE;
     for (int axis = 0; axis < 3; axis++) {
         Floats16 origin = load16(query->start8[axis]), inverse = load16(query->inverse[axis]);
@@ -579,20 +562,16 @@ static uint32_t meet_box(Query *query, const float bounds[6]) {
     return bits16(near <= far) & query->active;
 }
 
-static uint32_t meet_child(Query *query, const BvhNode *node, int slot) {
+static uint32_t meet_child(const Query *query, const BvhNode *node, int slot) {
     float bounds[6];
     for (int side = 0; side < 6; side++)
         bounds[side] = node->bounds[side][slot];
     return meet_box(query, bounds);
 }
 
-static inline const BvhNode *node_at(const Query *query, int32_t at) {
-    return at == ENTRY ? query->entry : query->nodes + at;
-}
-
 static int push_parts(const Query *query, int32_t parent, uint32_t met, uint32_t narrow,
                       Floats8 near, BeamVisit *stack, int height) {
-    const BvhNode *node = node_at(query, parent);
+    const BvhNode *node = query->nodes + parent;
     _Alignas(32) float nears[LANES];
     store8(near, nears);
     int bottom = height;
@@ -611,7 +590,6 @@ static int push_parts(const Query *query, int32_t parent, uint32_t met, uint32_t
 /* Search below a child for the hits of some rays, one by one; whether one has a hit. */
 static int descend_rays(Query *query, uint32_t lanes, int32_t child, int ends_at_first) {
     int has_hit = 0;
-    find_inverse(query);
     for (; lanes; lanes &= lanes - 1) {
         int lane = __builtin_ctz(lanes);
         int is_met = ends_at_first ? find_any(query, lane, child) : find_nearest(query, lane, child);
@@ -654,20 +632,20 @@ static int test_leaf_rays(Query *query, const Beam *beam, uint32_t lanes, int32_
 }
 
 static void descend_beam(Query *query, const Beam *beam, int ends_at_first) {
-    BeamVisit stack[MAX_STACK], visit = {0.0f, ENTRY, -1, -1};
+    BeamVisit stack[MAX_STACK], visit = {0.0f, 0, -1, -1};
     int height = 0;
     float depth = find_depth(query, beam);
     for (;;) {
         uint32_t lanes = visit.slot < 0
                              ? query->active
-                             : meet_child(query, node_at(query, visit.parent), visit.slot);
+                             : meet_child(query, query->nodes + visit.parent, visit.slot);
         int has_hit = 0;
         if (lanes && visit.child < 0) {
             has_hit = test_leaf_rays(query, beam, lanes, ~visit.child, ends_at_first);
         } else if (__builtin_popcount(lanes) <= SINGLE_RAYS) {
             has_hit = descend_rays(query, lanes, visit.child, ends_at_first);
         } else {
-            const BvhNode *node = node_at(query, visit.child);
+            const BvhNode *node = query->nodes + visit.child;
             Floats8 near;
             uint32_t narrow;
             uint32_t met = meet_beam(beam, node, depth, &near, &narrow);
@@ -700,59 +678,17 @@ static void run_query(Query *query, int ends_at_first) {
         descend_beam(query, &beam, ends_at_first);
 }
 
-void intersect_bvh(const Bvh *bvh, const BvhNode *entry, const double place[3], int32_t object,
-                   RayBlock *rays, HitBlock *hits) {
+void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
+                   HitBlock *hits) {
     Query query;
-    if (!bvh->num_nodes || !rays->active || (entry && entry->child[0] == NO_CHILD))
+    if (!bvh->num_nodes || !rays->active)
         return;
     aim_query(&query, bvh, place, rays);
-    if (entry)
-        query.entry = entry;
     run_query(&query, 0);
     Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
     store16(load16(query.limit), rays->limit);
     store_ints16((is_met & triangle) | (~is_met & load_ints16(hits->triangle)), hits->triangle);
     store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
-}
-
-static void copy_child(const BvhNode *from, int slot, BvhNode *to, int place) {
-    for (int side = 0; side < 6; side++)
-        to->bounds[side][place] = from ? from->bounds[side][slot] : side < 3 ? INFINITY : -INFINITY;
-    to->child[place] = from ? from->child[slot] : NO_CHILD;
-}
-
-/* Put children of a mask into a node's places from one on; the next one. */
-static int copy_children(const BvhNode *from, uint32_t mask, BvhNode *to, int place) {
-    for (; mask; mask &= mask - 1)
-        copy_child(from, __builtin_ctz(mask), to, place++);
-    return place;
-}
-
-int enter_bvh(const Bvh *bvh, const double place[3], const RayBlock *edges, BvhNode *entry) {
-    Query query;
-    Beam beam;
-    Floats8 near;
-    uint32_t narrow;
-    if (!bvh->num_nodes)
-        return 0;
-    aim_query(&query, bvh, place, edges);
-    if (!aim_beam(&query, &beam))
-        return 0;
-    uint32_t inside = meet_beam(&beam, bvh->nodes, INFINITY, &near, &narrow);
-    int count = copy_children(bvh->nodes, inside, entry, 0);
-    for (int at = 0; at < count;) {
-        const BvhNode *node = entry->child[at] < 0 ? NULL : bvh->nodes + entry->child[at];
-        inside = node ? meet_beam(&beam, node, INFINITY, &near, &narrow) : 0;
-        if (!node || count - 1 + __builtin_popcount(inside) > LANES) {
-            at++;
-        } else {
-            copy_child(entry, --count, entry, at);
-            count = copy_children(node, inside, entry, count);
-        }
-    }
-    for (int at = count; at < LANES; at++)
-        copy_child(NULL, 0, entry, at);
-    return 1;
 }
 
 uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays) {

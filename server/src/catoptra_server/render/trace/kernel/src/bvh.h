@@ -86,14 +86,9 @@ int32_t max_nodes(int32_t count, int32_t leaf_size);
 
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit, `object`
  * the object that it belongs to. `place` is that of the rays' coordinates in the mesh's; NULL: they
- * are the same. `entry` is a node of parts of the hierarchy that has all that the rays may meet;
- * NULL: the root. */
-void intersect_bvh(const Bvh *bvh, const BvhNode *entry, const double place[3], int32_t object,
-                   RayBlock *rays, HitBlock *hits);
-
-/* A node of all that rays between some may meet: nodes and leaves, as far down the hierarchy as
- * eight are enough. 0 if the rays diverge too far. */
-int enter_bvh(const Bvh *bvh, const double place[3], const RayBlock *edges, BvhNode *entry);
+ * are the same. */
+void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
+                   HitBlock *hits);
 
 /* Bit mask of the active rays that meet something nearer than their limits. */
 uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays);

@@ -293,22 +293,6 @@ void find_sides(const FrameState *state, const BeamLevel *parts, int part, BeamS
     }
 }
 
-const BvhNode *find_entry(const FrameState *state, int part, BvhNode *entry) {
-    const BeamLevel *parts = &state->view->levels[ENTRY_LEVEL];
-    RayBlock edges = {.active = 0xf};
-    BeamSides sides;
-    if (parts->origins || state->shift > 0.0f || state->turn > 0.0f ||
-        parts->beams[part].kind != BEAM_NARROW)
-        return NULL;
-    find_sides(state, parts, part, &sides);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        set_lane(edges.direction, lane, sides.edge[lane % 4]);
-        set_lane(edges.origin, lane, vec3(state->camera.translation));
-        edges.limit[lane] = INFINITY;
-    }
-    return enter_bvh(&state->scene->mesh->bvh, place_of(state), &edges, entry) ? entry : NULL;
-}
-
 /* Mark the candidates that lie on the outer side of one of the beam's sides. */
 static inline __attribute__((always_inline)) void
 mark_outside(const CandidateList *list, const BeamSides *sides, int has_apex,

@@ -52,13 +52,6 @@ int candidates_collect(CandidateList *list, const FrameState *state);
  * more. */
 int add_scene(const FrameState *state, const BeamSides *sides, int max_count, CandidateList *list);
 
-/* Parts of this level have an entry: of quarters it would cost more than it saves. */
-enum { ENTRY_LEVEL = 3 };
-
-/* Where the rays of a part of this level enter the static scene's hierarchy, in `entry`; NULL: at
- * its root, since they diverge too far or begin at several places. */
-const BvhNode *find_entry(const FrameState *state, int part, BvhNode *entry);
-
 Vec3 candidate_corner(const CandidateList *list, int at, int corner);
 void candidate_copy(const CandidateList *from, int at, CandidateList *to);
 

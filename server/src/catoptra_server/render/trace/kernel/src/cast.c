@@ -30,7 +30,7 @@ void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins, const
         load_cast(origins + 3 * first, directions + 3 * first, place ? place : centre, lanes, &rays);
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             hits.triangle[lane] = NO_TRIANGLE;
-        intersect_bvh(&mesh->bvh, NULL, place, OBJECT_STATIC, &rays, &hits);
+        intersect_bvh(&mesh->bvh, place, OBJECT_STATIC, &rays, &hits);
         for (int lane = 0; lane < lanes; lane++) {
             range_m[first + lane] = rays.limit[lane];
             triangle[first + lane] = hits.triangle[lane];

@@ -16,7 +16,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 /* Parts with more candidates than this are split without a search for a surface that covers them:
  * hardly any is covered. */
@@ -53,7 +52,6 @@ struct Search {
     CandidateList levels[BEAM_LEVELS]; /* what reaches into the current beam of each level */
     uint8_t *marks;
     ShortList short_list; /* of the part whose tiles are being rendered */
-    BvhNode entry;         /* likewise */
     TriangleSet triangles; /* likewise */
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
@@ -66,10 +64,9 @@ int can_prove_coverage(const FrameState *state) {
 }
 
 Search *create_search(const FrameState *state, int num_boxes) {
-    Search *search = aligned_alloc(_Alignof(Search), sizeof *search);
+    Search *search = calloc(1, sizeof *search);
     if (!search)
         return NULL;
-    memset(search, 0, sizeof *search);
     search->state = state;
     /* The rays of a tile of one sample a pixel take less time than a proof. */
     search->finest_proven = state->rays->samples == 1 ? 1 : 0;
@@ -415,11 +412,7 @@ static void render_beam(Search *search, const View *view, Part part) {
         if (is_dim(search, &part))
             prove_light(search, &sides, &part);
     }
-    int is_closed = part.level == 0 || !(is_unproven(&part) || is_dim(search, &part));
-    int is_searched = part.content.triangle == SURFACE_UNKNOWN && !part.content.short_list;
-    if (is_closed && is_searched && part.level == ENTRY_LEVEL)
-        part.content.entry = find_entry(search->state, at, &search->entry);
-    if (is_closed && !(is_searched && part.level > ENTRY_LEVEL)) {
+    if (part.level == 0 || !(is_unproven(&part) || is_dim(search, &part))) {
         render_closed(search, view, &part);
         return;
     }

@@ -129,7 +129,7 @@ static void move_rays(const FrameState *state, int32_t object, const RayBlock *r
 static void intersect_placed(const FrameState *state, int32_t object, const RayBlock *moved,
                              RayBlock *rays, HitBlock *hits) {
     RayBlock local = *moved;
-    intersect_bvh(&state->frame->objects[object]->bvh, NULL, NULL, object + 1, &local, hits);
+    intersect_bvh(&state->frame->objects[object]->bvh, NULL, object + 1, &local, hits);
     memcpy(rays->limit, local.limit, sizeof rays->limit);
 }
 

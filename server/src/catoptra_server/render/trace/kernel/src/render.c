@@ -87,10 +87,6 @@ static void render_unknown(const FrameState *state, int tile) {
     render_tile(state, tile, &UNKNOWN_CONTENT);
 }
 
-static void trace_unknown(const FrameState *state, int tile) {
-    trace_tile(state, tile, &UNKNOWN_CONTENT);
-}
-
 static void render_tiles(void *job) { for_each_tile(job, render_unknown); }
 
 static void blur_tiles(void *argument) {
@@ -103,30 +99,7 @@ static void blur_tiles(void *argument) {
     add_result(job, &result);
 }
 
-static void trace_part(const FrameState *state, int part) {
-    const BeamLevel *parts = &state->view->levels[ENTRY_LEVEL];
-    BvhNode entry;
-    TileContent content = UNKNOWN_CONTENT;
-    content.entry = find_entry(state, part, &entry);
-    int side = 1 << ENTRY_LEVEL, columns = state->rays->tile_columns;
-    int top = part / parts->columns * side, left = part % parts->columns * side;
-    for (int row = top; row < top + side && row < state->view->tile_rows; row++)
-        for (int column = left; column < left + side && column < columns; column++) {
-            int tile = state->view->tile_at[row * columns + column];
-            if (tile >= 0)
-                trace_tile(state, tile, &content);
-        }
-}
-
-static void trace_parts(void *argument) {
-    Job *job = argument;
-    const BeamLevel *parts = &job->view->levels[ENTRY_LEVEL];
-    int part;
-    while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns)
-        trace_part(job->state, part);
-}
-
-static void trace_tiles(void *job) { for_each_tile(job, trace_unknown); }
+static void trace_tiles(void *job) { for_each_tile(job, trace_tile); }
 
 static int has_lights(const Scene *scene, int kind) {
     for (int i = 0; i < scene->num_lights; i++)
@@ -328,7 +301,7 @@ int32_t catoptra_trace(Device *device, const Scene *scene, const View *view, con
     FrameState state;
     if (begin_frame(&state, device, scene, view, frame, error)) {
         Job job = {.state = &state, .view = view};
-        workers_run(device->workers, view->rays.times ? trace_tiles : trace_parts, &job);
+        workers_run(device->workers, trace_tiles, &job);
     }
     end_frame(&state);
     return 0;

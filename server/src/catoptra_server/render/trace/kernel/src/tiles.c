@@ -38,12 +38,11 @@ static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, in
     find_distances(&plane, rays, rays->limit);
 }
 
-static void intersect_scene(const FrameState *state, const TileContent *content, RayBlock *rays,
+static void intersect_scene(const FrameState *state, const ShortList *short_list, RayBlock *rays,
                             HitBlock *hits) {
-    if (content->short_list && intersect_short_list(content->short_list, rays, hits))
+    if (short_list && intersect_short_list(short_list, rays, hits))
         return;
-    intersect_bvh(&state->scene->mesh->bvh, content->entry, place_of(state), OBJECT_STATIC, rays,
-                  hits);
+    intersect_bvh(&state->scene->mesh->bvh, place_of(state), OBJECT_STATIC, rays, hits);
 }
 
 /* Note whether the watched object is seen. */
@@ -60,7 +59,7 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
                        const TileContent *content) {
     clear_hits(hits);
     if (content->triangle == SURFACE_UNKNOWN)
-        intersect_scene(state, content, rays, hits);
+        intersect_scene(state, content->short_list, rays, hits);
     else if (content->triangle >= 0)
         set_hits(state, rays, hits, content->triangle);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */
@@ -79,13 +78,13 @@ void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
         watch_object(state, rays, hits);
 }
 
-void trace_tile(const FrameState *state, int tile, const TileContent *content) {
+void trace_tile(const FrameState *state, int tile) {
     int blocks = state->rays->samples * state->rays->samples;
     for (int block = 0; block < blocks; block++) {
         RayBlock rays;
         HitBlock hits;
         load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-        find_hits(state, &rays, &hits, content);
+        find_hits(state, &rays, &hits, &UNKNOWN_CONTENT);
     }
 }
 

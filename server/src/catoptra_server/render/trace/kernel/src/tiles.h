@@ -19,11 +19,10 @@ typedef struct {
     const ShortList *short_list; /* all that may be seen of the static scene; NULL: not known */
     const FacetProofs *proofs; /* of the lights on facets of the static scene; NULL: none */
     const TriangleSet *triangles; /* likewise, during the exposure of a moving frame */
-    const BvhNode *entry; /* where searches of the static scene begin; NULL: at its root */
 } TileContent;
 
 #define UNKNOWN_CONTENT \
-    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL, NULL, NULL, NULL})
+    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
@@ -56,6 +55,6 @@ void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                const TileContent *content);
 
 /* Trace the rays of a tile against the static scene without any use of the hits. */
-void trace_tile(const FrameState *state, int tile, const TileContent *content);
+void trace_tile(const FrameState *state, int tile);
 
 #endif
