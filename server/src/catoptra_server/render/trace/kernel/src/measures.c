@@ -17,8 +17,8 @@ float spilt_levels(const Frame *frame, float larger, float difference) {
     return encode_level(frame->spill[1] * (change < excess ? change : excess));
 }
 
-/* On its way to the picture light is multiplied by any of the frame's gains: a difference shows most
- * where the larger value just reaches white. */
+/* On its way to the picture light is multiplied by any of the frame's gains: a difference shows
+ * most where the larger value just reaches white. */
 float level_change(const Frame *frame, float one, float other) {
     float larger = one > other ? one : other, gain = frame->largest_gain;
     if (one == other)
