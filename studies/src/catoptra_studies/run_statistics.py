@@ -119,4 +119,4 @@ def _sign_test(share: RunShare) -> float:
     """Two-sided p of a share of at least half, where both outcomes have equal chances."""
     num_others = share.num_runs - share.num_satisfying
     ways = sum(math.comb(share.num_runs, count) for count in range(num_others + 1))
-    return min(1.0, 2 * ways / 2**share.num_runs)
+    return min(1.0, 2 * ways / (1 << share.num_runs))
