@@ -9,7 +9,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion, occluder_weights
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import (
     Box,
@@ -37,7 +37,7 @@ def make_box_world(
 def bake_scene(world: World, *, threads: int = 1) -> SceneMesh:
     """Scene of a world with its occlusion map."""
     scene = build_scene(world)
-    caster = ReferenceRayCaster(scene)
+    caster = commit_to_reference(scene)
     return replace(scene, occlusion=bake_occlusion(scene, caster, threads=threads))
 
 

@@ -42,8 +42,12 @@ def test_shares_are_pooled_and_printed():
     assert str(RunShare(15, 20)) == "15 of 20 runs (53% to 89%)"
 
 
-# Conover 1999, Table A3, and the binomial distribution: ranks 6 and 15 of 20, 1 and 6 of 6.
-@pytest.mark.parametrize(("num_runs", "ranks"), [(6, (1, 6)), (9, (2, 8)), (20, (6, 15))])
+# Conover 1999, Table A3, and the binomial distribution: ranks 6 and 15 of 20, 1 and 6 of 6. Numbers
+# of ways are beyond 64 bits from 64 runs on, beyond float64 from 1024 on.
+@pytest.mark.parametrize(
+    ("num_runs", "ranks"),
+    [(6, (1, 6)), (9, (2, 8)), (20, (6, 15)), (64, (24, 41)), (1100, (518, 583))],
+)
 def test_median_has_the_interval_of_its_order_statistics(num_runs, ranks):
     values = np.random.default_rng(1).permutation(np.arange(1.0, num_runs + 1.0))
     assert median_with_interval(values) == (0.5 * (num_runs + 1.0), *ranks)
@@ -77,6 +81,11 @@ def test_pairs_differ_by_the_sign_test_with_holms_steps():
     # 12 of 20, which were once called a confirmation: p is 0.50.
     assert third.p_value == pytest.approx(0.5034, abs=1e-4)
     assert [pair.is_decided for pair in (first, second, third)] == [True, True, False]
+
+
+def test_pairs_of_many_runs_have_a_level():
+    (pair,) = compare_pairs({"a": np.zeros(1100), "b": np.ones(1100)})
+    assert 0.0 <= pair.p_value < 1e-300
 
 
 def test_pairs_of_equal_values_do_not_differ():

@@ -66,8 +66,9 @@ def median_with_interval(values: Floats) -> tuple[float, float, float]:
     """
     ordered, n = np.sort(values), len(values)
     # Both tails of the binomial distribution of the values below the median: 2.5 % each at most.
-    tails = np.cumsum([math.comb(n, below) for below in range(n // 2 + 1)]) / 2.0**n
-    rank = int((tails <= 0.025).sum())
+    tails = accumulate(math.comb(n, below) for below in range(n // 2 + 1))
+    # Whole numbers: from 64 runs on they are beyond NumPy's, from 1024 on beyond float64's.
+    rank = sum(tail / 2**n <= 0.025 for tail in tails)
     ends = (ordered[rank - 1], ordered[n - rank]) if rank else (math.nan, math.nan)
     return float(np.median(ordered)), float(ends[0]), float(ends[1])
 
@@ -118,4 +119,4 @@ def _sign_test(share: RunShare) -> float:
     """Two-sided p of a share of at least half, where both outcomes have equal chances."""
     num_others = share.num_runs - share.num_satisfying
     ways = sum(math.comb(share.num_runs, count) for count in range(num_others + 1))
-    return min(1.0, 2.0 * ways / 2.0**share.num_runs)
+    return min(1.0, 2 * ways / (1 << share.num_runs))

@@ -20,7 +20,7 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
@@ -83,7 +83,7 @@ def reference_image(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
     rays, _ = CAMERA.direction_from_pixel(np.stack((u, v), axis=-1))
     rays = at.rotate_directions(rays.reshape(-1, 3))
-    distance, normals = ReferenceRayCaster(scene).closest_hits(
+    distance, normals = commit_to_reference(scene).closest_hits(
         np.tile(at.translation, (len(rays), 1)), rays
     )
     hits = np.flatnonzero(np.isfinite(distance))

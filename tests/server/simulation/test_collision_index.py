@@ -30,7 +30,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.simulation import spawning
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
@@ -82,7 +82,7 @@ def drive_bundled_p2at(seed: int = 1) -> tuple[Fleet, FakeClient]:
     """Fleet of the bundled P2AT, with noise, between walls that rays measure."""
     world = make_walled_world(3.0)
     scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
-    fleet = Fleet(robots, world, scene, seed=seed, ray_caster=ReferenceRayCaster(scene))
+    fleet = Fleet(robots, world, scene, seed=seed, ray_caster=commit_to_reference(scene))
     client = spawn(fleet, "P2AT", 0.0)
     fleet.execute(client, Drive(2.0, 2.0), 0.0)
     run(fleet, 2.0)

@@ -24,7 +24,7 @@ from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, Persp
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
     EmptyScene,
@@ -76,7 +76,7 @@ def compute_visibility(
 def environment_of_landmark(landmark: Landmark) -> SensorEnvironment:
     """Scene of the landmark alone, as rendered."""
     world = World("field", (), landmarks=(landmark,), landmark_albedos=GREY)
-    return SensorEnvironment(ReferenceRayCaster(build_scene(world)))
+    return SensorEnvironment(commit_to_reference(build_scene(world)))
 
 
 def test_pixel_in_a_perspective_camera_is_the_projection_of_the_band() -> None:
@@ -167,7 +167,7 @@ def look(
     camera: CameraSpec, point_px: tuple[float, float], robots: dict[str, OrientedBox] | None = None
 ) -> PixelView:
     boxes = robots or {}
-    things = NamedScene(SCENE, ReferenceRayCaster(SCENE), tuple(boxes), tuple(boxes.values()))
+    things = NamedScene(SCENE, commit_to_reference(SCENE), tuple(boxes), tuple(boxes.values()))
     return look_through_pixel(camera, POSE, point_px, things, None)
 
 
@@ -215,7 +215,7 @@ def test_ball_next_to_a_mirror_without_a_viewpoint_is_where_it_is_drawn(
     )[..., 1]
     renderer.close()
     drawn_px = centroid_px(light)
-    things = NamedScene(scene, ReferenceRayCaster(scene), (), ())
+    things = NamedScene(scene, commit_to_reference(scene), (), ())
     spec = OmniCameraSpec(camera, RenderSettings())
     left, top = (int(value) - 6 for value in drawn_px)
     names = np.zeros((24, 24))
@@ -256,7 +256,7 @@ def test_perspective_camera_looks_along_its_axis() -> None:
 def test_bound_at_a_pixel_is_that_of_its_place() -> None:
     plan = make_plan(OMNI.camera, Tessellation(8, 8), samples=2)
     bound = error_bound(OMNI.camera, plan)
-    things = NamedScene(SCENE, ReferenceRayCaster(SCENE), (), ())
+    things = NamedScene(SCENE, commit_to_reference(SCENE), (), ())
     at_centre = look_through_pixel(OMNI, POSE, (100.0, 101.0), things, bound)
     at_rim = look_through_pixel(OMNI, POSE, (100.0, 1.0), things, bound)
     assert at_centre.bound_px is not None

@@ -46,6 +46,7 @@ def test_texts_of_the_papers_limits_are_outside_the_curves(tmp_path, monkeypatch
     runs = [make_filter_run(0, largest_m=0.6), make_filter_run(1, largest_m=1.2)]
     report_figures.draw_position_errors(tmp_path / "a.png", [("sim", runs[0]), ("real", runs[1])])
     report_figures.draw_error_ensemble(tmp_path / "b.png", [("sim", runs)])
+    assert len(kept) == 2
     for figure in kept:
         (legend,) = figure.legends
         assert any("0.6 m" in text.get_text() for text in legend.get_texts())

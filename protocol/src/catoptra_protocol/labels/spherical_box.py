@@ -190,7 +190,6 @@ class PixelSphere:
                 level axes.
         """
         height, width = camera.height_px, camera.width_px
-        self._size_px = height, width
         u, v = 0.5 * np.arange(2 * width + 1), 0.5 * np.arange(2 * height + 1)
         points = np.stack(np.meshgrid(u, v), axis=-1)
         directions, valid = _look_up(camera, points)

@@ -259,18 +259,11 @@ class _Local:
         ]
         scale, azimuth, *rest = np.moveaxis(matmul(stretch, np.stack(stretched, axis=-1)), -1, 0)
         ox, oy, zero = *np.moveaxis(camera.scale_px * offset, -1, 0), np.zeros_like(t)
-        columns = [
-            np.stack((zero + 1.0, zero), -1),
-            np.stack((zero, zero + 1.0), -1),
-            scale,
-            azimuth,
-            np.stack((hand * ox, zero), -1),
-            np.stack((hand * oy, zero), -1),
-            np.stack((zero, ox), -1),
-            np.stack((zero, oy), -1),
-            *rest,
-        ]
-        self.by_parameters = shown * np.stack(columns, axis=-1)
+        centre = ((zero + 1.0, zero), (zero, zero + 1.0))
+        by_stretch = ((hand * ox, zero), (hand * oy, zero), (zero, ox), (zero, oy))
+        first, second = ([np.stack(one, -1) for one in pairs] for pairs in (centre, by_stretch))
+        columns = np.stack((*first, scale, azimuth, *second, *rest), axis=-1)
+        self.by_parameters = shown * columns
 
     def reflect(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Camera angle, mirror's radius, d(theta) / d(psi) and distance from the pinhole."""

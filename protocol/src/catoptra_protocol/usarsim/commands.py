@@ -586,33 +586,6 @@ def _read_location(message: Message) -> Vector3 | None:
     return None if x is None and y is None and z is None else (x or 0.0, y or 0.0, z or 0.0)
 
 
-# All commands are imported from this module, so that a command can move between the files.
-__all__ = [
-    "COMMAND_PARSERS",
-    "Command",
-    "ControlOrder",
-    "Drive",
-    "DriveJoints",
-    "GetConf",
-    "GetGeo",
-    "GetStartPoses",
-    "Init",
-    "JointCommand",
-    "LinkCommand",
-    "MisPkg",
-    "MultiDrive",
-    "Note",
-    "SetCommand",
-    "SetViewports",
-    "ShareControl",
-    "StepCommand",
-    "Stepper",
-    "Trace",
-    "command_from_message",
-    "line_from_command",
-]
-
-
 def _check_count(joints: Sequence[object]) -> None:
     if len(joints) > MAX_COMMAND_JOINTS:
         raise RemoteProtocolError(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -186,13 +186,8 @@ class SonarReadings:
     @classmethod
     def from_message(cls, message: Message) -> SonarReadings:
         """Parse a line of either dialect."""
-        # One item per line in UDK, all in one line in UT2004.
-        items = items_from_message(message)
-        readings = (
-            (strict_fields.read_text(item, "Name"), strict_fields.read_number(item, "Range"))
-            for item in items
-        )
-        return cls(strict_fields.read_number(message, "Time"), tuple(readings))
+        items = _read_items(message, "Range", strict_fields.read_number)
+        return cls(strict_fields.read_number(message, "Time"), items)
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line; in UDK one line each."""
@@ -204,6 +199,7 @@ class SonarReadings:
 
 
 _TWO_PI = 2.0 * math.pi
+_ValueT = TypeVar("_ValueT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,12 +331,8 @@ class EncoderReadings:
     @classmethod
     def from_message(cls, message: Message) -> EncoderReadings:
         """Parse a line of either dialect."""
-        items = items_from_message(message)
-        readings = (
-            (strict_fields.read_text(item, "Name"), strict_fields.read_integer(item, "Tick"))
-            for item in items
-        )
-        return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
+        items = _read_items(message, "Tick", strict_fields.read_integer)
+        return cls(items, strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line for all items; in UDK one line each."""
@@ -398,12 +390,8 @@ class TouchReadings:
     @classmethod
     def from_message(cls, message: Message) -> TouchReadings:
         """Parse a line of either dialect."""
-        items = items_from_message(message)
-        readings = (
-            (strict_fields.read_text(item, "Name"), strict_fields.read_boolean(item, "Touch"))
-            for item in items
-        )
-        return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
+        items = _read_items(message, "Touch", strict_fields.read_boolean)
+        return cls(items, strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line for all items; in UDK one line each."""
@@ -535,6 +523,14 @@ def _wrap_to_positive(angle_rad: float) -> float:
     wrapped = angle_rad % _TWO_PI
     # The remainder of a tiny negative angle rounds up to 2 pi itself.
     return 0.0 if wrapped >= _TWO_PI else wrapped
+
+
+def _read_items(
+    message: Message, field: str, read: Callable[[Message, str], _ValueT]
+) -> tuple[tuple[str, _ValueT], ...]:
+    """Name and value of each item: one per line in UDK, all in one line in UT2004."""
+    items = items_from_message(message)
+    return tuple((strict_fields.read_text(item, "Name"), read(item, field)) for item in items)
 
 
 def _read_optional_numbers(message: Message, name: str) -> tuple[float, ...]:

@@ -29,8 +29,8 @@ from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import default_cache_folder, hash_scene
-from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.occlusion import occlusion_cache
+from catoptra_server.render.trace.ray_caster import SceneRayCaster, commit_to_kernel
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
@@ -157,7 +157,7 @@ class DatasetStage:
             choice,
             world,
             scene,
-            KernelRayCaster(scene),
+            commit_to_kernel(scene),
             CollisionIndex(scene, tuple(robots.values())),
             _has_floor(scene),
         )
@@ -173,7 +173,7 @@ class RecipeWorld:
     choice: WorldChoice
     world: World
     scene: SceneMesh
-    caster: KernelRayCaster
+    caster: SceneRayCaster
     obstacles: CollisionIndex
     """Obstacles of all robots of the recipe."""
     has_floor: bool

@@ -543,5 +543,3 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         "WhiteBalance": "sensor.white_balance.EFFECT_TYPE",
     },
 )
-
-__all__ = ["EFFECT_TYPES"]

@@ -26,7 +26,6 @@ from catoptra_server.effects import (
     UNCHANGED,
     VISIBLE_LEVELS,
     DecisionBasis,
-    Effect,
     EffectBound,
     EffectChange,
     EffectMode,
@@ -90,11 +89,6 @@ class EffectPlan:
     """Enabled effects that change the image."""
     thresholds: Mapping[str, Threshold] = field(default_factory=dict, compare=False)
     """Changes that nobody misses, of the enabled effects: `renderer.View.render`."""
-
-    @property
-    def enabled_effects(self) -> tuple[Effect, ...]:
-        """Scene effects, then image effects."""
-        return (*self.scene_effects, *self.image_effects)
 
     def find_displacement_px(self, effect_name: str) -> float:
         """Largest displacement by an effect; 0 for one that displaces nothing or is not named."""

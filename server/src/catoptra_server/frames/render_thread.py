@@ -28,14 +28,13 @@ from catoptra_server.frames.frame import (
     Channel,
     Frame,
     FrameComposition,
-    FrameLabels,
     FrameRequest,
     ViewRequest,
     append_difference,
 )
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.views import RenderedView, ViewFailedError
+from catoptra_server.frames.views import RenderedView, ViewCache, ViewFailedError
 from catoptra_server.render.renderer import Image
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.queues import FairQueue
@@ -146,7 +145,7 @@ class RenderThread:
             self._changed.notify()
 
     def run(
-        self, create_views: Callable[[], _ViewProvider | None], on_ready: Callable[[], None]
+        self, create_views: Callable[[], ViewCache | None], on_ready: Callable[[], None]
     ) -> None:
         """Create the views, call `on_ready`, and render until stopped.
 
@@ -165,7 +164,7 @@ class RenderThread:
             if views is not None:
                 views.close()
 
-    def _serve_queue(self, views: _ViewProvider | None) -> None:
+    def _serve_queue(self, views: ViewCache | None) -> None:
         """Answer requests until stopped."""
         while True:
             with self._changed:
@@ -188,7 +187,7 @@ class RenderThread:
                 query.reply(_find_plan(query.request, views))
 
     def _answer_frame(
-        self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
+        self, request: FrameRequest, future: Future[None] | None, views: ViewCache | None
     ) -> None:
         """Put the frame of a request, or reject the channel."""
         clients = self._sink.find_clients(request.channel)
@@ -210,7 +209,7 @@ class RenderThread:
             for client in clients or {request.channel}:
                 self._frames.charge(client, duration_s, weight=weight)
 
-    def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
+    def _render_or_fail(self, request: FrameRequest, views: ViewCache | None) -> str:
         """Render and put a frame; the reason of a failure, empty after success."""
         channel, backoff = request.channel, self._backoff
         reason = backoff.find_reason(channel) if backoff else ""
@@ -242,7 +241,7 @@ class RenderThread:
 
 
 def render_frame(
-    request: FrameRequest, views: _ViewProvider | None, *, monotonic: Callable[[], float]
+    request: FrameRequest, views: ViewCache | None, *, monotonic: Callable[[], float]
 ) -> Frame:
     """Render all views of a request and compose the frame; black without a view provider."""
     composition = request.composition
@@ -306,25 +305,6 @@ class _FrameSink(Protocol):
         """Clients that a frame of a channel is for; None if nobody waits for it."""
 
 
-class _ViewProvider(Protocol):
-    """Source of rendered views; the server's is `ViewCache`."""
-
-    def render(self, request: ViewRequest) -> RenderedView:
-        """Render a view."""
-
-    def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
-        """Label the pixels of a rendered view."""
-
-    def view_state(self, request: ViewRequest) -> ViewState:
-        """Plan that a frame of an omnidirectional camera would have; prepares no view."""
-
-    def close_idle(self) -> None:
-        """Close views that nobody has requested for long."""
-
-    def close(self) -> None:
-        """Close all views and renderers."""
-
-
 # A request, and the future that is set after the frame was put or rejected; None if nobody waits.
 _PendingFrame = tuple[FrameRequest, Future[None] | None]
 
@@ -337,7 +317,7 @@ class _PlanQuery:
     reply: PlanCallback
 
 
-def _find_plan(request: ViewRequest, views: _ViewProvider | None) -> ViewState | PlanFailure:
+def _find_plan(request: ViewRequest, views: ViewCache | None) -> ViewState | PlanFailure:
     if views is None:
         return PlanFailure("this server has no camera")
     try:

@@ -13,7 +13,7 @@ cost a look-up instead of a power. Float64 twin: `world/world_description.py:srg
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Generic, Protocol, TypeVar
 
@@ -122,6 +122,31 @@ class NumpyImageChanger:
 
     def close(self) -> None:
         """Free nothing."""
+
+
+def narrow_thresholds(
+    thresholds: Mapping[str, Threshold],
+    effects: tuple[ImageEffect, ...],
+    camera: RadialCamera,
+    sample_light: Callable[[], tuple[LinearImage, float]],
+) -> Mapping[str, Threshold]:
+    """Thresholds by the gain that a frame's light gives to its automatic exposure, if it has one.
+
+    Args:
+        thresholds: Thresholds for any gain within the control's limits.
+        effects: Image effects of the frame.
+        camera: Camera of the frame.
+        sample_light: Light that reaches the first effect, in a part of the pixels and black in the
+            others; and the number of all over the number of these.
+    """
+    if not any(effect.name == "AutoExposure" for effect in effects):
+        return thresholds
+    # Loaded with the effect itself.
+    from catoptra_server.effects.kernels.grey_levels import mean_luminance
+    from catoptra_server.effects.sensor.auto_exposure import expect_gain
+
+    light, factor = sample_light()
+    return expect_gain(thresholds, effects, factor * mean_luminance(light, camera))
 
 
 _MAX_LEVEL = 2**16 - 1

@@ -37,7 +37,7 @@ from catoptra_studies.reports import replace_block
 # Decisions that differ from the truth too often.
 _EXIT_WRONG = 1
 _PARTS = ("pages", "decisions", "sweeps")
-# Places in each of the worlds, in four motions each: 960 situations.
+# Places in each of the seven worlds, in four motions each: 1120 situations.
 _NUM_PLACES = 40
 _NUM_QUICK_PLACES = 5
 # Two thirds of the experiment's: a sweep trains for each of fifty levels anew.

@@ -13,6 +13,7 @@ from catoptra_server.effects.kernels.convolution import (
     convolve_symmetric,
     convolve_symmetric_within,
     disc_kernel_table,
+    float32_weights,
     offset_pairs,
     pair_multiplicities,
     table_row,
@@ -159,8 +160,8 @@ def test_row_when_beyond_the_table_is_its_last() -> None:
 
 def test_texture_when_computed_twice_is_the_same_array() -> None:
     table = disc_kernel_table(3.0)
-    assert table.float32_weights() is table.float32_weights()
-    np.testing.assert_array_equal(table.float32_weights(), table.weights.astype(np.float32))
+    assert float32_weights(table) is float32_weights(table)
+    np.testing.assert_array_equal(float32_weights(table), table.weights.astype(np.float32))
 
 
 def test_table_of_a_disc_wider_than_any_drawn_takes_no_more_memory() -> None:

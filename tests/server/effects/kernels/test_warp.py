@@ -26,7 +26,7 @@ from catoptra_server.effects.kernels.warp import (
     warp,
     warp_map_from_offsets,
 )
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist
 from helpers.bilinear import sample_bilinear_at_offset
@@ -148,7 +148,7 @@ def traced_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Boo
     Then the distances of the points in view, and the validity: both cameras see the mirror.
     """
     point, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
-    caster = ReferenceRayCaster(build_scene(make_test_world()))
+    caster = commit_to_reference(build_scene(make_test_world()))
     pose = CAMERA_STATE.world_from_mirror
     far = caster.distances(pose.transform_points(point), pose.rotate_directions(on))
     towards = np.where(np.isfinite(far)[:, None], point + np.minimum(far, 1e6)[:, None] * on, on)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from catoptra_server.effects import Threshold
@@ -7,6 +9,7 @@ from catoptra_server.effects.kernels.grey_levels import mean_luminance
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure, expect_gain
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import (
     CAMERA,
@@ -59,6 +62,16 @@ def test_thresholds_in_the_dark_or_in_glare_have_the_gain_of_a_limit(
     mean: float, largest: float
 ) -> None:
     assert expect_gain(THRESHOLDS, CHAIN, mean)["Shadows"].gains[1] == pytest.approx(largest)
+
+
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+def test_image_that_shows_nothing_of_the_mirror_is_black(engine: EngineName) -> None:
+    world = make_test_world()
+    beside = replace(CAMERA, centre_px=(1e4, 1e4))
+    renderer = TraceRenderer(build_scene(world), world, threads=1, engine=engine)
+    view = renderer.prepare(beside, make_plan(beside))
+    assert not view.render(CAMERA_STATE, (WIDE,)).rgb.any()
+    renderer.close()
 
 
 def test_change_in_a_frame_counts_by_its_gain_and_not_by_the_largest_possible_one() -> None:

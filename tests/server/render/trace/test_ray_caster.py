@@ -8,27 +8,30 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace import ray_caster
-from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import (
+    SceneRayCaster,
+    commit_ray_caster,
+    commit_to_kernel,
+    commit_to_reference,
+)
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
-Caster = ReferenceRayCaster | KernelRayCaster
-Commit = Callable[[SceneMesh], Caster]
+Commit = Callable[[SceneMesh], SceneRayCaster]
 
 
-def commit_to_kernel(scene: SceneMesh) -> Caster:
+def commit_or_skip(scene: SceneMesh) -> SceneRayCaster:
     try:
-        return KernelRayCaster(scene)
+        return commit_to_kernel(scene)
     except KernelUnavailableError as error:
         pytest.skip(str(error))
 
 
-@pytest.fixture(params=[ReferenceRayCaster, commit_to_kernel], ids=["reference", "kernel"])
+@pytest.fixture(params=[commit_to_reference, commit_or_skip], ids=["reference", "kernel"])
 def commit(request: pytest.FixtureRequest) -> Commit:
     made: Commit = request.param
     return made
@@ -81,14 +84,18 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
 def test_ray_caster_is_the_kernel_s_or_the_reference_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fail(scene: SceneMesh) -> Caster:
+    def fail(scene: SceneMesh) -> SceneRayCaster:
         raise KernelUnavailableError("a test")
 
     scene = build_scene(make_room_world())
-    commit_to_kernel(scene)  # skips where there is no kernel
-    assert isinstance(commit_ray_caster(scene), KernelRayCaster)
-    monkeypatch.setattr(ray_caster, "KernelRayCaster", fail)
-    assert isinstance(commit_ray_caster(scene), ReferenceRayCaster)
+    origins, ways = np.full((1, 3), 0.1), np.array([[0.6, 0.0, 0.8]])
+    by_kernel, by_reference = (
+        make(scene).distances(origins, ways) for make in (commit_or_skip, commit_to_reference)
+    )
+    assert by_kernel != by_reference  # float32 of the one
+    assert commit_ray_caster(scene).distances(origins, ways) == by_kernel
+    monkeypatch.setattr(ray_caster, "commit_to_kernel", fail)
+    assert commit_ray_caster(scene).distances(origins, ways) == by_reference
 
 
 def test_closest_triangles_are_those_of_the_hits(commit: Commit) -> None:

@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.simulation.robot_description import Mount
 from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
@@ -44,7 +44,7 @@ def test_scan_when_without_noise_is_exact() -> None:
 
 
 def test_scan_when_traced_is_exact_to_a_millimetre() -> None:
-    caster = ReferenceRayCaster(build_scene(make_room_world()))
+    caster = commit_to_reference(build_scene(make_room_world()))
     ranges = scan(SensorContext(0.0, 0, POSE, SensorEnvironment(caster)))
     np.testing.assert_allclose(ranges, exact_ranges(POSE), atol=1e-3)
 

@@ -185,14 +185,6 @@ class DiscKernelTable:
         between = interpolate_linear(rows, np.arange(float(len(exchanges))), exchanges)
         return min(1.0, abs(float(between[1] - between[0])))
 
-    def float32_weights(self) -> npt.NDArray[np.float32]:
-        """Weights for the kernel's stage, (rows, pairs), the same array in each call."""
-        return _float32_weights(self)
-
-    def float32_summed_exchanges(self) -> npt.NDArray[np.float32]:
-        """Exchanges from row 0 on for the kernel's stage, (rows,), the same array in each call."""
-        return _float32_summed_exchanges(self)
-
 
 def table_row(diameter_px: Floats) -> Floats:
     """Fractional row of the kernel of a disc."""
@@ -241,12 +233,14 @@ def _summed_exchanges(table: DiscKernelTable) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+def float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    """Weights for the kernel's stage, (rows, pairs), the same array in each call."""
     return table.weights.astype(np.float32)
 
 
 @lru_cache(maxsize=8)
-def _float32_summed_exchanges(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+def float32_summed_exchanges(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    """Exchanges from row 0 on for the kernel's stage, (rows,), the same array in each call."""
     return _summed_exchanges(table).astype(np.float32)
 
 

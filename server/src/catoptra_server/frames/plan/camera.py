@@ -217,10 +217,6 @@ def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
         raise DomainError(f"no {noun} {name[:80]!r}: expected one of {known}") from None
 
 
-def _parse_optional(enum: type[_EnumT], name: str | None, noun: str) -> _EnumT | None:
-    return None if name is None else _parse(enum, name, noun)
-
-
 _SELF_VIEW = "SelfView"
 
 

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import CaptureContext, ImageEffect, LightSource, Threshold
-from catoptra_server.render.image_changer import ExposedImage, ImageChanger
+from catoptra_server.render.image_changer import ExposedImage, ImageChanger, narrow_thresholds
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.frustum import LensProjection
 from catoptra_server.render.raster.device import Definitions, GlDevice, ShaderPrograms
@@ -52,17 +52,6 @@ from catoptra_server.world.world_description import Light
 
 # Whether the device encodes the image; whether there are ranges; whether there is a shutter.
 _SequenceKey = tuple[bool, bool, bool]
-
-
-def _expect_gain(
-    thresholds: Mapping[str, Threshold], effects: tuple[ImageEffect, ...], exposed: ExposedImage
-) -> Mapping[str, Threshold]:
-    """Thresholds by the gain that an image's light gives."""
-    # Loaded with the effect itself.
-    from catoptra_server.effects.kernels.grey_levels import mean_luminance
-    from catoptra_server.effects.sensor.auto_exposure import expect_gain
-
-    return expect_gain(thresholds, effects, mean_luminance(exposed.light, exposed.camera))
 
 
 class RasterView:
@@ -121,8 +110,9 @@ class RasterView:
             clock = StageClock(context.finish)
             if effects:
                 exposed = self._expose(camera_state, effects, clock)
-                if any(effect.name == "AutoExposure" for effect in effects):
-                    thresholds = _expect_gain(thresholds, effects, exposed)
+                thresholds = narrow_thresholds(
+                    thresholds, effects, exposed.camera, lambda: (exposed.light, 1.0)
+                )
                 encoded = self._image_changer.encode(exposed, effects, thresholds)
                 stage_ms = clock.stage_ms | encoded.stage_ms
                 return RenderedImage(encoded.image, stage_ms, encoded.changes)

@@ -8,13 +8,13 @@ renderer, which is made anew after a fault while sensors measure.
 from __future__ import annotations
 
 import logging
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
@@ -22,52 +22,56 @@ from catoptra_server.world.shapes import hit_normals
 log = logging.getLogger(__name__)
 
 
-class _SceneRayCaster(Protocol):
+_FindHits = Callable[[Floats, Floats], tuple[Floats, npt.NDArray[np.int32]]]
+
+
+class SceneRayCaster:
     """Distances in a scene; twin: `simulation/sensors/__init__.py:RayCaster`."""
 
-    def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
+    def __init__(self, scene: SceneMesh, find_hits: _FindHits) -> None:
+        """Cast rays by a search.
 
-    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
-
-    def closest_triangles(
-        self, origins: Floats, directions: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """(n,) distances and triangles; infinite and -1 without a hit."""
-
-
-def commit_ray_caster(scene: SceneMesh) -> _SceneRayCaster:
-    """Commit a scene for distance queries: to the kernel, or to NumPy where that cannot run."""
-    try:
-        return KernelRayCaster(scene)
-    except KernelUnavailableError as error:
-        log.warning("%s; sensors cast their rays in NumPy, many times slower", error)
-    return ReferenceRayCaster(scene)
-
-
-class ReferenceRayCaster:
-    """The triangles of a scene, sorted for distance queries in float64."""
-
-    def __init__(self, scene: SceneMesh) -> None:
-        """Sort the triangles: a million in 2 s."""
-        # Where the kernel runs nothing of the reference is loaded.
-        from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
-
+        Args:
+            scene: The scene.
+            find_hits: `closest_triangles` of its triangles.
+        """
         self._normals = scene.normals
-        self._search = TriangleSearch(scene.corners)
+        self._find_hits = find_hits
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
-        return self.closest_triangles(origins, directions)[0]
+        return self._find_hits(origins, directions)[0]
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
-        distances, triangles = self.closest_triangles(origins, directions)
+        distances, triangles = self._find_hits(origins, directions)
         return distances, hit_normals(self._normals, triangles)
 
     def closest_triangles(
         self, origins: Floats, directions: Floats
     ) -> tuple[Floats, npt.NDArray[np.int32]]:
         """(n,) distances and triangles; infinite and -1 without a hit."""
-        return self._search.first_hits(origins, directions)[:2]
+        return self._find_hits(origins, directions)
+
+
+def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
+    """Commit a scene for distance queries: to the kernel, or to NumPy where that cannot run."""
+    try:
+        return commit_to_kernel(scene)
+    except KernelUnavailableError as error:
+        log.warning("%s; sensors cast their rays in NumPy, many times slower", error)
+    return commit_to_reference(scene)
+
+
+def commit_to_kernel(scene: SceneMesh) -> SceneRayCaster:
+    """Commit a scene to the kernel; errors as of `KernelMeshCaster`."""
+    return SceneRayCaster(scene, KernelMeshCaster(scene.corners, scene.centre).closest_triangles)
+
+
+def commit_to_reference(scene: SceneMesh) -> SceneRayCaster:
+    """Sort a scene's triangles for distance queries in float64: a million in 2 s."""
+    # Where the kernel runs nothing of the reference is loaded.
+    from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
+
+    search = TriangleSearch(scene.corners)
+    return SceneRayCaster(scene, lambda origins, ways: search.first_hits(origins, ways)[:2])

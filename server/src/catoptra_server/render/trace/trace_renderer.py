@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 from catoptra_protocol.errors import DomainError
@@ -18,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects import CaptureContext, ImageEffect, LightSource, Threshold
-from catoptra_server.render.image_changer import ExposedImage
+from catoptra_server.render.image_changer import ExposedImage, narrow_thresholds
 from catoptra_server.render.renderer import (
     NO_THRESHOLDS,
     FaceCamera,
@@ -50,7 +51,7 @@ log = logging.getLogger(__name__)
 EngineName = Literal["kernel", "reference"]
 EngineRequest = Literal["auto", "kernel", "reference"]
 # A prime: the sampled tiles are in all columns of an image.
-_TILES_A_SAMPLE, _MIN_SAMPLED_TILES = 17, 64
+_TILES_PER_SAMPLE, _MIN_SAMPLED_TILES = 17, 64
 
 
 class TraceRenderer:
@@ -210,8 +211,9 @@ class TraceView:
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
         is_linear = bool(effects)
-        if any(effect.name == "AutoExposure" for effect in effects):
-            thresholds = self._expect_gain(camera_state, effects, thresholds)
+        thresholds = narrow_thresholds(
+            thresholds, effects, self._camera, partial(self._sample_light, camera_state)
+        )
         frame, stage_ms = self._trace(
             camera_state, effects, thresholds, labels, is_linear=is_linear
         )
@@ -230,24 +232,15 @@ class TraceView:
         exposed = self._expose_image(camera_state, frame)
         return self._engine.image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
-    def _expect_gain(
-        self,
-        camera_state: CameraState,
-        effects: tuple[ImageEffect, ...],
-        thresholds: Mapping[str, Threshold],
-    ) -> Mapping[str, Threshold]:
-        """Thresholds by the gain that the light of some tiles of the sharp frame gives."""
-        # Loaded with the effect itself.
-        from catoptra_server.effects.kernels.grey_levels import mean_luminance
-        from catoptra_server.effects.sensor.auto_exposure import expect_gain
-
+    def _sample_light(self, camera_state: CameraState) -> tuple[LinearImage, float]:
+        """Light of some tiles of the sharp frame, and the number of all over that of these."""
         num_tiles = len(self._table.tiles)
-        step = min(_TILES_A_SAMPLE, max(1, num_tiles // _MIN_SAMPLED_TILES))
+        step = min(_TILES_PER_SAMPLE, max(1, num_tiles // _MIN_SAMPLED_TILES))
         if self._sampled_rays is None:
             self._sampled_rays = self._engine.prepare(self._table.sample_tiles(step))
         light = self._sampled_rays.render_linear(replace(camera_state, shutter=None))
-        mean = mean_luminance(light, self._camera) * num_tiles / len(range(0, num_tiles, step))
-        return expect_gain(thresholds, effects, mean)
+        # An image that shows nothing of the mirror has no tiles.
+        return light, num_tiles / max(1, len(range(0, num_tiles, step)))
 
     def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
         """Linear image at the sensor."""

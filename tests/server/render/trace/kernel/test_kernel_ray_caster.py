@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster, KernelRayCaster
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.kernel.library import KernelDevice, KernelUnavailableError
+from catoptra_server.render.trace.ray_caster import SceneRayCaster, commit_to_kernel
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.worlds import make_test_world
 
@@ -19,9 +20,9 @@ NUM_RAYS = 20_000
 WAIT_S = 20.0
 
 
-def commit_or_skip(scene: SceneMesh) -> KernelRayCaster:
+def commit_or_skip(scene: SceneMesh) -> SceneRayCaster:
     try:
-        return KernelRayCaster(scene)
+        return commit_to_kernel(scene)
     except KernelUnavailableError as error:
         pytest.skip(str(error))
 
@@ -202,5 +203,5 @@ def test_device_is_closed_with_the_caster_and_where_no_scene_can_be_committed(
     assert len(closed) == 1
     monkeypatch.setattr(KernelDevice, "commit_mesh", fail)
     with pytest.raises(KernelUnavailableError):
-        KernelRayCaster(scene)
+        commit_to_kernel(scene)
     assert len(closed) == 2

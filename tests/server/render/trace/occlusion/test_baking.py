@@ -18,7 +18,7 @@ from catoptra_server.render.trace.occlusion.baking import (
     lay_out,
     occluder_weights,
 )
-from catoptra_server.render.trace.ray_caster import ReferenceRayCaster, commit_ray_caster
+from catoptra_server.render.trace.ray_caster import commit_ray_caster, commit_to_reference
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import BLOCK, OPEN
 from catoptra_server.world.shapes import facet_normals
@@ -137,7 +137,7 @@ def test_unlit_facets_have_no_grid() -> None:
 def test_threads_give_the_same_bytes_and_casters_those_of_rays_off_edges() -> None:
     scene = build_scene(make_box_world())
     texels = []
-    for caster in (ReferenceRayCaster(scene), commit_ray_caster(scene)):
+    for caster in (commit_to_reference(scene), commit_ray_caster(scene)):
         one, two = (bake_occlusion(scene, caster, threads=n) for n in (1, 2))
         assert one is not None
         assert two is not None

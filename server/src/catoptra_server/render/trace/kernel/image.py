@@ -27,7 +27,12 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import EffectChange, ImageEffect, Threshold
-from catoptra_server.effects.kernels.convolution import DiscKernelTable, table_row
+from catoptra_server.effects.kernels.convolution import (
+    DiscKernelTable,
+    float32_summed_exchanges,
+    float32_weights,
+    table_row,
+)
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
     frame_noise_key,
@@ -296,7 +301,7 @@ def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _St
     ranges = np.ascontiguousarray(range_m, dtype=np.float32)
     parameters = _disc_parameters(effect, camera)
     table = effect.kernel_table(camera)
-    return _make_disc_blur(table, parameters, camera, ranges, table.float32_summed_exchanges())
+    return _make_disc_blur(table, parameters, camera, ranges, float32_summed_exchanges(table))
 
 
 @lru_cache(maxsize=4)
@@ -313,7 +318,7 @@ def _disc_parameters(effect: DefocusByDepth, camera: RadialCamera) -> _Float32s:
 def _make_disc_blur(
     table: DiscKernelTable, discs: _Float32s, camera: RadialCamera, *by_range: _Float32s
 ) -> _StageWithMaps:
-    weights, size = table.float32_weights(), table.half_width_px
+    weights, size = float32_weights(table), table.half_width_px
     interior = _interior(camera, size)
     return _make(_BLUR, weights, discs, interior, *by_range, size=size, num_rows=len(weights))
 

@@ -396,10 +396,11 @@ class KernelEngine:
             struct.watched_object = find_ego_body(exposure)
         if _measures(thresholds, "MotionBlur"):
             struct.blur_threshold = thresholds["MotionBlur"].plain_change
-        # Those of the first effect include all others'.
-        for one in [*thresholds.values()][:1]:
-            struct.least_gain, struct.largest_gain = one.gains
-            struct.spill[:] = one.spill
+        if thresholds:
+            # Those of the first effect include all others'.
+            first = next(iter(thresholds.values()))
+            struct.least_gain, struct.largest_gain = first.gains
+            struct.spill[:] = first.spill
         for one in thresholds.values():
             if one.is_measured:
                 struct.limits = change_limits(one, num_pixels)

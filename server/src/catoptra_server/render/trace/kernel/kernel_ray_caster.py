@@ -1,4 +1,4 @@
-"""Distances along rays in the static scene by the native kernel, for sensors that measure range.
+"""First hits of single rays among triangles, by the native kernel: of sensors, and of labels.
 
 The rays of a scan are traced as those of a picture are, in blocks of 16.
 """
@@ -14,8 +14,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shapes import hit_normals
 
 
 class KernelMeshCaster:
@@ -53,33 +51,6 @@ class KernelMeshCaster:
         triangles = np.zeros(len(rays), dtype=np.int32)
         self._device.cast(self._mesh, starts, rays, ranges, triangles)
         return ranges.astype(np.float64), triangles
-
-
-class KernelRayCaster:
-    """The triangles of a scene, committed for distance queries.
-
-    Committed apart from the renderer, which is made anew after a fault while sensors measure.
-    """
-
-    def __init__(self, scene: SceneMesh) -> None:
-        """Commit the triangles; arguments and errors as of `KernelMeshCaster`."""
-        self._normals = scene.normals
-        self._mesh = KernelMeshCaster(scene.corners, scene.centre)
-
-    def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
-        return self.closest_triangles(origins, directions)[0]
-
-    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
-        distances, triangles = self.closest_triangles(origins, directions)
-        return distances, hit_normals(self._normals, triangles)
-
-    def closest_triangles(
-        self, origins: Floats, directions: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """(n,) distances and triangles; infinite and -1 without a hit."""
-        return self._mesh.closest_triangles(origins, directions)
 
 
 def _close(device: KernelDevice, mesh: int, arrays: object) -> None:

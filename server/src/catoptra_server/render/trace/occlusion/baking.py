@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,9 @@ from catoptra_server.render.trace.occlusion.occlusion_cache import MANY_TRIANGLE
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OPEN, OcclusionMap
 from catoptra_server.world.triangles import make_clusters
+
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
 # Beyond, nothing occludes: the size of things that stand on floors. Chosen by pictures of the
 # field, the corridor and the rescue world.
@@ -82,17 +85,8 @@ _Indices = npt.NDArray[np.int32]
 _Numbers = npt.NDArray[np.intp]
 
 
-class _TriangleCaster(Protocol):
-    """First hits of rays; what `ray_caster.py:commit_ray_caster` returns."""
-
-    def closest_triangles(
-        self, origins: Floats, directions: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """(n,) distances and triangles; infinite and -1 without a hit."""
-
-
 def bake_occlusion(
-    scene: SceneMesh, caster: _TriangleCaster, *, threads: int
+    scene: SceneMesh, caster: SceneRayCaster, *, threads: int
 ) -> OcclusionMap | None:
     """Occlusion map of a scene; None where nothing is occluded.
 
@@ -525,7 +519,7 @@ def _digital_sequence(count: int, columns: list[int]) -> Floats:
 
 
 def _measure_all(
-    scene: SceneMesh, caster: _TriangleCaster, nodes: _Nodes, threads: int
+    scene: SceneMesh, caster: SceneRayCaster, nodes: _Nodes, threads: int
 ) -> tuple[Floats, Bools]:
     """(k,) factors of nodes, and whether each lies inside a solid."""
     count = len(nodes.patch)

@@ -1,4 +1,5 @@
-/* Beams of rays without a common viewpoint: an apex from which a pyramid holds all of a part's rays.
+/* Beams of rays without a common viewpoint: an apex from which a pyramid holds all of a part's
+ * rays.
  *
  * A ray lies within a convex cone if its origin and its direction do. So the apex is moved back
  * along the axis until the pyramid of the directions holds the origins, too: a proof about all
@@ -20,7 +21,7 @@ void enclose_tile_origins(const RayTable *rays, int tile, Beam *beam, BeamOrigin
 /* The same of the parts of a larger one; the empty ones among them are NULL. */
 void enclose_part_origins(const BeamOrigin *const parts[4], Beam *beam, BeamOrigin *found);
 
-/* Whether a narrow tile's pyramid and sphere hold a ray's origin, as they hold those of its rays. */
+/* Whether a narrow tile's pyramid and sphere hold a ray's origin as they hold those of its rays. */
 int is_origin_inside(const Beam *beam, const BeamOrigin *found, Vec3 origin);
 
 #endif

@@ -45,7 +45,7 @@ struct View {
     BeamLevel levels[BEAM_LEVELS]; /* no beams where rays have times of their own */
 };
 
-/* Whether a narrow beam holds a unit direction, as it holds those of its rays: widened by rounding. */
+/* Whether a narrow beam holds a unit direction, as those of its rays: widened by rounding. */
 int is_direction_inside(const Beam *beam, Vec3 direction);
 
 /* Unit directions of a narrow beam's edges; their number, 0 or 4. */

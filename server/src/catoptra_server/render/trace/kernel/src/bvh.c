@@ -109,7 +109,8 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     for (int i = 0; i < 3; i++) {
         direction[i] = load16(rays->direction[i]);
         size[i] = absolute16(direction[i]);
-        inverse[i] = 1.0f / select16(size[i] < LEAST_COMPONENT, splat16(LEAST_COMPONENT), direction[i]);
+        inverse[i] =
+            1.0f / select16(size[i] < LEAST_COMPONENT, splat16(LEAST_COMPONENT), direction[i]);
         store16(inverse[i], query->inverse[i]);
     }
     Ints16 is_x = (size[0] >= size[1]) & (size[0] >= size[2]), is_y = ~is_x & (size[1] >= size[2]);
@@ -147,8 +148,8 @@ static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint
 }
 
 /* The test of rays with triangles, for one ray and eight triangles or for one triangle and sixteen
- * rays: `start`, `shear` and `corner` are coordinates across, across and along the rays' axis. Masks
- * what is met, and gives its depth along the axis. */
+ * rays: `start`, `shear` and `corner` are coordinates across, across and along the rays' axis.
+ * Masks what is met, and gives its depth along the axis. */
 #define DEFINE_TEST(S, VECTOR, MASK)                                                               \
     static inline __attribute__((always_inline)) VECTOR subtract_product##S(                       \
         VECTOR a, VECTOR b, VECTOR c, VECTOR d) {                                                  \
@@ -364,7 +365,8 @@ static inline Slabs make_slabs(const Query *query, int lane) {
     Slabs slabs;
     for (int axis = 0; axis < 3; axis++) {
         int is_back = query->inverse[axis][lane] < 0.0f;
-        float start = query->start8[axis][lane], reserve = is_back ? -query->reserve : query->reserve;
+        float start = query->start8[axis][lane];
+        float reserve = is_back ? -query->reserve : query->reserve;
         slabs.begin[axis] = splat8(start + reserve);
         slabs.end[axis] = splat8(start - reserve);
         slabs.inverse[axis] = splat8(query->inverse[axis][lane]);
@@ -592,7 +594,8 @@ static int descend_rays(Query *query, uint32_t lanes, int32_t child, int ends_at
     int has_hit = 0;
     for (; lanes; lanes &= lanes - 1) {
         int lane = __builtin_ctz(lanes);
-        int is_met = ends_at_first ? find_any(query, lane, child) : find_nearest(query, lane, child);
+        int is_met =
+            ends_at_first ? find_any(query, lane, child) : find_nearest(query, lane, child);
         if (is_met && ends_at_first)
             query->active &= ~(1u << lane);
         has_hit |= is_met;

@@ -11,9 +11,9 @@
  * two at one distance the triangle of the lower number is met: neither the hierarchy, nor the block
  * that a ray belongs to, nor the processor changes what is seen.
  *
- * Boxes are of floats in the mesh's coordinates, and have a reserve for their rounding. Corners of a
- * mesh that is large for floats are doubles: relative to the rays' own coordinates, whose origin is
- * near, they are exact at any distance, and so are the planes of large triangles close by.
+ * Boxes are of floats in the mesh's coordinates, and have a reserve for their rounding. Corners of
+ * a mesh that is large for floats are doubles: relative to the rays' own coordinates, whose origin
+ * is near, they are exact at any distance, and so are the planes of large triangles close by.
  */
 #ifndef CATOPTRA_BVH_H
 #define CATOPTRA_BVH_H

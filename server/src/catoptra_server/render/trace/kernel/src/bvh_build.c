@@ -64,7 +64,8 @@ typedef struct {
 static inline Bounds no_bounds(void) { return splat8(INFINITY); }
 
 static inline Bounds box_bounds(const ItemBox *box) {
-    return (Floats8)((Ints8)load8(box->least) ^ (Ints8){0, 0, 0, 0, INT32_MIN, INT32_MIN, INT32_MIN});
+    const Ints8 signs = {0, 0, 0, 0, INT32_MIN, INT32_MIN, INT32_MIN};
+    return (Floats8)((Ints8)load8(box->least) ^ signs);
 }
 
 static inline void widen(Bounds *bounds, Bounds other) {
@@ -76,13 +77,17 @@ static inline void widen(Bounds *bounds, Bounds other) {
 #endif
 }
 
-static inline Floats4 twice_centre(const ItemBox *box) { return load4(box->least) + load4(box->most); }
+static inline Floats4 twice_centre(const ItemBox *box) {
+    return load4(box->least) + load4(box->most);
+}
 
 static inline Bounds point_bounds(Floats4 point) {
     return __builtin_shufflevector(point, -point, 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-static inline float bounds_size(Bounds bounds, int axis) { return -bounds[4 + axis] - bounds[axis]; }
+static inline float bounds_size(Bounds bounds, int axis) {
+    return -bounds[4 + axis] - bounds[axis];
+}
 
 static float half_area(const Bounds *bounds) {
     float x = bounds_size(*bounds, 0), y = bounds_size(*bounds, 1), z = bounds_size(*bounds, 2);

@@ -73,7 +73,8 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
         sum_full_steps(directions, sums);
         steps = (RaySteps){{vec3(sums[0]), vec3(sums[1])}};
     } else {
-        steps = (RaySteps){{mean_step(directions, valid, 1), mean_step(directions, valid, TILE_PX)}};
+        steps = (RaySteps){
+            {mean_step(directions, valid, 1), mean_step(directions, valid, TILE_PX)}};
     }
     /* A camera turns by little within an exposure: the first ray's pose serves all of a block. */
     Pose pose = state->camera;

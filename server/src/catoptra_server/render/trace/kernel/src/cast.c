@@ -27,7 +27,8 @@ void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins, const
         int lanes = count - first < BLOCK_RAYS ? (int)(count - first) : BLOCK_RAYS;
         /* The rays of a block begin near each other: at a sensor, or below a robot. */
         const double *place = mesh->arrays.fine_corners ? origins + 3 * first : NULL;
-        load_cast(origins + 3 * first, directions + 3 * first, place ? place : centre, lanes, &rays);
+        load_cast(origins + 3 * first, directions + 3 * first, place ? place : centre, lanes,
+                  &rays);
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             hits.triangle[lane] = NO_TRIANGLE;
         intersect_bvh(&mesh->bvh, place, OBJECT_STATIC, &rays, &hits);

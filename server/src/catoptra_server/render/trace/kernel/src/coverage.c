@@ -59,8 +59,9 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces && state->has_one_pose &&
-           state->frame->output != OUTPUT_HITS && state->frame->output != OUTPUT_FLOW;
+    int32_t output = state->frame->output;
+    return !state->frame->has_few_rays && state->scene->surfaces.num_surfaces &&
+           state->has_one_pose && output != OUTPUT_HITS && output != OUTPUT_FLOW;
 }
 
 Search *create_search(const FrameState *state, int num_boxes) {
@@ -334,9 +335,9 @@ static int may_be_open(const Search *search, const Part *part) {
     const FrameState *state = search->state;
     /* Of a moving camera's views the quad is only one. */
     /* The smallest parts find out themselves while they look for factors. */
-    return state->frame->output < OUTPUT_HITS && part->level > 0 && state->shift == 0.0f && state->turn == 0.0f &&
-           part->content.triangle >= 0 && !part->content.is_open && !part->is_hidden &&
-           has_occlusion(state->scene, part->content.triangle);
+    return state->frame->output < OUTPUT_HITS && part->level > 0 && state->shift == 0.0f &&
+           state->turn == 0.0f && part->content.triangle >= 0 && !part->content.is_open &&
+           !part->is_hidden && has_occlusion(state->scene, part->content.triangle);
 }
 
 static int is_dim(const Search *search, const Part *part) {

@@ -14,11 +14,11 @@
 
 #include "candidates.h"
 
-/* Whether a proof can save anything in a frame: surfaces, beams, and no triangle numbers, which rays
- * alone find. */
+/* Whether a proof can save anything in a frame: surfaces, beams, and no triangle numbers, which
+ * rays alone find. */
 int can_prove_coverage(const FrameState *state);
 
-/* Space for the searches of one thread in frames of at most so many candidates by objects' boxes. */
+/* Space for the searches of one thread, in frames of so many candidates by objects' boxes. */
 typedef struct Search Search;
 Search *create_search(const FrameState *state, int num_boxes);
 void release_search(Search *search);

@@ -13,11 +13,11 @@
 
 int32_t catoptra_abi(int32_t structure) {
     static const int32_t sizes[] = {
-        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(FacetSource), sizeof(Surfaces),
-        sizeof(OcclusionPatch), sizeof(Occlusion),
-        sizeof(Scene),      sizeof(RayTable), sizeof(Pose), sizeof(Labels), sizeof(Flow),
-        sizeof(ChangeLimits), sizeof(PixelChange), sizeof(Frame), sizeof(FrameCounts),
-        sizeof(ImageStage), sizeof(ImageJob),
+        sizeof(MeshArrays),  sizeof(TextureLevel), sizeof(Texture),        sizeof(Light),
+        sizeof(FacetSource), sizeof(Surfaces),     sizeof(OcclusionPatch), sizeof(Occlusion),
+        sizeof(Scene),       sizeof(RayTable),     sizeof(Pose),           sizeof(Labels),
+        sizeof(Flow),        sizeof(ChangeLimits), sizeof(PixelChange),    sizeof(Frame),
+        sizeof(FrameCounts), sizeof(ImageStage),   sizeof(ImageJob),
     };
     int32_t count = sizeof sizes / sizeof *sizes;
     return structure >= 0 && structure < count ? sizes[structure] : -1;

@@ -9,8 +9,8 @@ enum { STEPS = 4096, NEWTON_STEPS = 12, CODES = 256, WHITE_CODE = 223, CODES_PER
 
 static float levels[STEPS + 2], code_levels[CODES], code_lights[CODES];
 
-/* x^(1 / 2.4) = q * cbrt(q^2) with q the fourth root of x, at least 0.2: the cube root by Newton's method, since
- * the last bits of a library's `pow` depend on the processor. */
+/* x^(1 / 2.4) = q * cbrt(q^2) with q the fourth root of x, at least 0.2: the cube root by
+ * Newton's method, since the last bits of a library's `pow` depend on the processor. */
 static double encode(double x) {
     double fourth_root = sqrt(sqrt(x)), square = fourth_root * fourth_root, cube_root = 1.0;
     for (int step = 0; step < NEWTON_STEPS; step++)

@@ -8,8 +8,8 @@
 
 #include <math.h>
 
-/* Coordinates at a point of the plane, which textures repeat after 1; in double precision, since the
- * first corner may be far. */
+/* Coordinates at a point of the plane, which textures repeat after 1; in double precision, since
+ * the first corner may be far. */
 static void find_offsets(const FrameState *state, int32_t triangle, const double *uv,
                          FacetPlane *plane) {
     const double *origin = state->frame->origin;

@@ -105,7 +105,7 @@ static void sort_few(Edge *edges, int32_t count) {
     }
 }
 
-/* Sort a bucket: in parts by further bits of the hashes, each edge moved to its part's next place. */
+/* Sort a bucket: in parts by further bits of hashes, each edge moved to its part's next place. */
 static void sort_edges(Edge *edges, int32_t count) {
     int32_t next[PARTS] = {0}, begin[PARTS + 1] = {0};
     for (int32_t i = 0; i < count; i++)

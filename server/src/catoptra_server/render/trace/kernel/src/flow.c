@@ -154,7 +154,8 @@ static void aim_rays(const Pose *camera, const Projections *projections,
         y = is_ray ? y / distance : 0.0f;
         z = is_ray ? z / distance : 1.0f;
         for (int axis = 0; axis < 3; axis++)
-            rays->direction[axis][lane] = r[3 * axis] * x + r[3 * axis + 1] * y + r[3 * axis + 2] * z;
+            rays->direction[axis][lane] =
+                r[3 * axis] * x + r[3 * axis + 1] * y + r[3 * axis + 2] * z;
         rays->limit[lane] = is_ray ? distance * (1.0f - SAME_RANGE) - SAME_RANGE_M : 0.0f;
         rays->time[lane] = 0.0f;
     }

@@ -13,8 +13,8 @@
 /* Less light passes than float32 can tell from none. */
 #define MAX_DEPTH 87.0f
 
-/* exp(-depth) of an optical depth, at most MAX_DEPTH: 2^i from the bits of a float, and Taylor's series of the
- * rest, at most ln(2) / 2; its first omitted term is 1e-7. Without a branch: vector code. */
+/* exp(-depth) of an optical depth, at most MAX_DEPTH: 2^i from the bits of a float, and Taylor's
+ * series of the rest, at most ln(2) / 2: the first omitted term is 1e-7. No branch: vector code. */
 static inline float decay(float distance, float density) {
     float depth = density * distance;
     /* Rounding can put a plane that holds the viewpoint behind it. */

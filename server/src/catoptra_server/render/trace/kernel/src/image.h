@@ -23,7 +23,8 @@ enum {
     STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (2, w), maps[1] of rows (2, h): red, blue */
     STAGE_BLOOM = 12,    /* numbers[0] overflowing fraction;  size: rows */
     STAGE_BAYER = 13,
-    STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both columns, rows */
+    STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both
+                          * columns, rows */
 };
 
 typedef struct {

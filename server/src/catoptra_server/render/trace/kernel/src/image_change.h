@@ -1,11 +1,11 @@
 /* The change of the finished picture's pixels in encoded grey levels, and bounds of it that cost
  * little. On its way to the picture light is multiplied by any of the stage's gains: a difference
- * shows most where the larger value just reaches white. What spills over at a full well shows most in
- * a black pixel beside.
+ * shows most where the larger value just reaches white. What spills over at a full well shows most
+ * in a black pixel beside.
  *
  * Only where a bound says that nothing larger and no visible change can be found are pixels left
- * out, so that the result depends neither on threads nor on the order of cells. Of a cell that stays
- * plain its bound counts.
+ * out, so that the result depends neither on threads nor on the order of cells. Of a cell that
+ * stays plain its bound counts.
  */
 #ifndef CATOPTRA_IMAGE_CHANGE_H
 #define CATOPTRA_IMAGE_CHANGE_H
@@ -53,8 +53,8 @@ static inline float spilt_levels(const ImageStage *stage, Floats16 excess) {
     return change > 0.0f ? grey_levels((Floats16){change})[0] : 0.0f;
 }
 
-/* Largest change of light: the curve is concave, so the darkest changes most; of what reaches beyond
- * white, below white. */
+/* Largest change of light: the curve is concave, so the darkest changes most; of what reaches
+ * beyond white, below white. */
 static inline float bound_change(const ImageStage *stage, LightChange light) {
     float low = light.low, difference = light.difference;
     float change = stage->largest_gain * difference, base = stage->largest_gain * low;
@@ -67,7 +67,7 @@ static inline float bound_change(const ImageStage *stage, LightChange light) {
 }
 
 static inline Floats16 level_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
-    const Floats16 zero = {0}, least = zero + stage->least_gain, largest = zero + stage->largest_gain;
+    const Floats16 least = splat16(stage->least_gain), largest = splat16(stage->largest_gain);
     Floats16 top = most16(before, after);
     Floats16 gains = select16(largest * top > 1.0f, 1.0f / top, largest);
     gains = most16(gains, least);

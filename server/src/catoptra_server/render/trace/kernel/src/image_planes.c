@@ -62,8 +62,8 @@ void keep_mosaic(CellValues *values) {
     for (int row = 0; row < CELL_ROWS; row++) {
         /* Cells begin at even rows and columns. */
         int even = row & 1;
-        store16(alternate16(load16(values->values[even][row]), load16(values->values[even + 1][row])),
-                values->values[0][row]);
+        Floats16 first = load16(values->values[even][row]);
+        store16(alternate16(first, load16(values->values[even + 1][row])), values->values[0][row]);
     }
     values->planes = 1;
 }

@@ -32,7 +32,7 @@ static Offsets split_offsets(Floats16 x, Floats16 y) {
                      __builtin_convertvector(whole_y, Ints16), x - whole_x, y - whole_y};
 }
 
-/* Pixels read at offsets, bilinear. Neighbours mostly have the same whole offset: one round each. */
+/* Pixels read at offsets, bilinear. Neighbours mostly have one whole offset: a round each. */
 static Floats16 read_at_offsets(const Planes *planes, int channel, int y, int left,
                                 const Offsets *offsets) {
     Floats16 read = {0};

@@ -20,13 +20,4 @@ static inline Floats16 alternate16(Floats16 even, Floats16 odd) {
                                    31);
 }
 
-static inline float largest_of(Floats16 values) {
-    float largest = values[0];
-    for (int x = 1; x < CELL_COLUMNS; x++)
-        largest = values[x] > largest ? values[x] : largest;
-    return largest;
-}
-
-static inline float smallest_of(Floats16 values) { return -largest_of(-values); }
-
 #endif

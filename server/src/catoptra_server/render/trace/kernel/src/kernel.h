@@ -2,9 +2,9 @@
  *
  * Python twin: kernel_structs.py, with the same members in the same order; `catoptra_abi` returns
  * the sizes that the library was compiled with. Whoever passes an array keeps it alive as long as
- * the object that it was passed for. All lengths are metres. Scene coordinates are those of the world
- * less the centre of the static scene; a frame's are those less its origin, the camera's place in
- * worlds that are large for float32, else zero.
+ * the object that it was passed for. All lengths are metres. Scene coordinates are those of the
+ * world less the centre of the static scene; a frame's are those less its origin, the camera's
+ * place in worlds that are large for float32, else zero.
  */
 #ifndef CATOPTRA_KERNEL_H
 #define CATOPTRA_KERNEL_H
@@ -42,7 +42,7 @@ typedef struct {
     const float *normals;        /* (n, 3) unit */
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
-    const float *corner_albedo;  /* (n, 3, 3) linear, of facets with FACET_CORNER_COLOURS; or NULL */
+    const float *corner_albedo;  /* (n, 3, 3) linear, of FACET_CORNER_COLOURS; or NULL */
     const double *uv;            /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
     const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
@@ -63,7 +63,7 @@ typedef struct {
     int32_t kind;
     int32_t lights_scene; /* 0: culled for the static scene, lights dynamic objects alone */
     double position[3];   /* of a point light, scene coordinates */
-    float vector[3];      /* unit direction towards a directional light; position of a point light */
+    float vector[3];      /* unit direction towards a directional light; place of a point light */
     float intensity[3];   /* irradiance at normal incidence; radiant intensity of a point light */
 } Light;
 
@@ -86,8 +86,8 @@ typedef struct {
     const uint8_t *has_colours; /* (n,) the colour varies over the triangle */
 } FacetSource;
 
-/* Flat surfaces of the static scene, for the proof that one of them fills a tile: connected coplanar
- * triangles of one material. */
+/* Flat surfaces of the static scene, for the proof that one of them fills a tile: connected
+ * coplanar triangles of one material. */
 typedef struct {
     int32_t num_surfaces;
     const int32_t *surface;        /* (n,) surface of each triangle */
@@ -150,7 +150,7 @@ typedef struct {
 typedef struct {
     const float *points;      /* (h, w, 3) world frame; not a number for none */
     const uint16_t *ids;      /* (h, w) numbers of their objects */
-    const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in the frame */
+    const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in frame */
     const Pose *motions;      /* there from here, the frame's coordinates */
     double centre[3];         /* their origin in the world */
     int32_t num_nodes;        /* of the tables by evenly spaced places, of t / (1 + t) of t =
@@ -256,7 +256,8 @@ CATOPTRA_EXPORT void catoptra_close(Device *device);
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 
-/* Surfaces of (n,) triangles, into the arrays of `Surfaces`; their number, -1 if memory is short. */
+/* Surfaces of (n,) triangles, into the arrays of `Surfaces`; their number, -1 if memory is
+ * short. */
 CATOPTRA_EXPORT int32_t catoptra_find_surfaces(Device *device, const FacetSource *facets,
                                                int32_t *surface, uint8_t *outer_edges,
                                                int32_t *representative);

@@ -70,10 +70,6 @@ static inline uint32_t bits16(Ints16 mask) {
 
 static inline uint32_t bits8d(Longs8 mask) { return bits8(__builtin_convertvector(mask, Ints8)); }
 
-static inline uint32_t bits16d(Longs16 mask) {
-    return bits16(__builtin_convertvector(mask, Ints16));
-}
-
 /* Mask of the lanes of a bit mask. */
 static inline Ints16 mask16(uint32_t bits) {
     return ((Ints16){1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9,

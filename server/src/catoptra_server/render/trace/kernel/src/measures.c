@@ -5,7 +5,7 @@
 #include "measures.h"
 
 #include "encoding.h"
-#include "image_vectors.h"
+#include "lanes.h"
 
 #include <math.h>
 
@@ -17,8 +17,8 @@ float spilt_levels(const Frame *frame, float larger, float difference) {
     return encode_level(frame->spill[1] * (change < excess ? change : excess));
 }
 
-/* On its way to the picture light is multiplied by any of the frame's gains: a difference shows most
- * where the larger value just reaches white. */
+/* On its way to the picture light is multiplied by any of the frame's gains: a difference shows
+ * most where the larger value just reaches white. */
 float level_change(const Frame *frame, float one, float other) {
     float larger = one > other ? one : other, gain = frame->largest_gain;
     if (one == other)
@@ -56,9 +56,9 @@ void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Ve
  * shows most where it begins at the darkest value; of what reaches beyond white, below white. */
 static float bound_change(const Frame *frame, float factor, const float *one, const float *other) {
     Floats16 a = factor * load16(one), b = factor * load16(other);
-    float change = largest_of(most16(a, b) - least16(a, b));
-    float spilt = spilt_levels(frame, largest_of(most16(a, b)), change);
-    float lowest = clip(frame->largest_gain * smallest_of(least16(a, b)));
+    float change = most_of16(most16(a, b) - least16(a, b));
+    float spilt = spilt_levels(frame, most_of16(most16(a, b)), change);
+    float lowest = clip(frame->largest_gain * least_of16(least16(a, b)));
     float difference = clip(frame->largest_gain * change);
     if (lowest + difference > 1.0f)
         lowest = 1.0f - difference;

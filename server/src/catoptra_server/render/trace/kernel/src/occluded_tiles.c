@@ -14,8 +14,8 @@
 #include <math.h>
 
 /* A factor at a pixel's centre is the mean of its samples where a pixel sees at most this much of a
- * grid, nodes along a side: factors change slowly from node to node. Farther off, the mirror's curve
- * within a tile is too many nodes. */
+ * grid, nodes along a side: factors change slowly from node to node. Farther off, the mirror's
+ * curve within a tile is too many nodes. */
 #define MAX_NODES_PER_PIXEL 1.0f
 
 /* A quantity of the rays of a tile: linear in the two tangents of the tile's pyramid. */
@@ -115,7 +115,8 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
 static int is_still(const FrameState *state, const TileContent *content, const Beam *beam) {
     return content->triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
            beam->kind == BEAM_NARROW && has_occlusion(state->scene, content->triangle) &&
-           !(state->rays->origins || state->shift > 0.0f || state->turn > 0.0f || state->is_rolling);
+           !(state->rays->origins || state->shift > 0.0f || state->turn > 0.0f ||
+             state->is_rolling);
 }
 
 static int is_fillable(const FrameState *state, const TileContent *content, PlaneLight *light) {

@@ -1,5 +1,5 @@
-/* Tiles that one plain facet fills, from which a part of the sky is hidden: a factor for each pixel,
- * without a ray. */
+/* Tiles that one plain facet fills, from which a part of the sky is hidden: a factor for each
+ * pixel, without a ray. */
 #ifndef CATOPTRA_OCCLUDED_TILES_H
 #define CATOPTRA_OCCLUDED_TILES_H
 

@@ -26,7 +26,7 @@ static inline float atlas_coordinate(const float row[4], Vec3 point) {
     return row[0] * point.x + row[1] * point.y + row[2] * point.z + row[3];
 }
 
-/* Factors at 16 positions in the atlas on one facet's grid; beside the grid, those of its border. */
+/* Factors at 16 positions in the atlas on a facet's grid; beside the grid, those of its border. */
 void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
                   const float rows[BLOCK_RAYS], float factors[BLOCK_RAYS]);
 

@@ -118,7 +118,8 @@ static void write_scaled(const FrameState *state, int tile, const float sum[3][T
 }
 
 void write_pixels(const FrameState *state, int tile, const PixelSums *sums) {
-    write_scaled(state, tile, sums->sum, 1.0f / (float)(state->rays->samples * state->rays->samples));
+    int samples = state->rays->samples * state->rays->samples;
+    write_scaled(state, tile, sums->sum, 1.0f / (float)samples);
 }
 
 void write_radiance(const FrameState *state, int tile, const float radiance[3][TILE_PX * TILE_PX]) {

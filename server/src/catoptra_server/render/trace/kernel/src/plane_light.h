@@ -1,4 +1,4 @@
-/* Facets whose radiance is one constant over a part of the image, by what is proven of the lights. */
+/* Facets whose radiance is one constant over a part of the image, by what is proven of lights. */
 #ifndef CATOPTRA_PLANE_LIGHT_H
 #define CATOPTRA_PLANE_LIGHT_H
 

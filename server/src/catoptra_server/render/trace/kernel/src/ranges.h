@@ -1,7 +1,8 @@
 /* Ranges of pixels from the hits of the frame's own samples.
  *
  * The mean of inverse ranges: what depends on a range, as a defocus' diameter or a parallax, is
- * linear in its inverse, nothing at infinity is zero, and between two surfaces the mean weighs both.
+ * linear in its inverse, nothing at infinity is zero, and between two surfaces the mean weighs
+ * both.
  */
 #ifndef CATOPTRA_RANGES_H
 #define CATOPTRA_RANGES_H

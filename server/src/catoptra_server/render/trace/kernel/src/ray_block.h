@@ -37,9 +37,4 @@ static inline void add_lane(float components[3][BLOCK_RAYS], int lane, Vec3 valu
     set_lane(components, lane, add(get_lane((const float(*)[BLOCK_RAYS])components, lane), value));
 }
 
-static inline void multiply_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
-    set_lane(components, lane,
-             multiply(get_lane((const float(*)[BLOCK_RAYS])components, lane), value));
-}
-
 #endif

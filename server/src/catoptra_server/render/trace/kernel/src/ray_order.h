@@ -1,8 +1,9 @@
 /* Other orders of a tile's rays: in units of a few pixels, whose rays share an instant of the
  * exposure.
  *
- * With a rolling shutter a unit is one row of four pixels; for motion blur a square of 2 x 2 pixels,
- * of which many are left sharp, or with one sample a pixel the whole tile, which is one block.
+ * With a rolling shutter a unit is one row of four pixels; for motion blur a square of 2 x 2
+ * pixels, of which many are left sharp, or with one sample a pixel the whole tile, which is one
+ * block.
  */
 #ifndef CATOPTRA_RAY_ORDER_H
 #define CATOPTRA_RAY_ORDER_H

@@ -283,7 +283,8 @@ int32_t catoptra_render(Device *device, const Scene *scene, const View *view, co
         snprintf(error, ERROR_SIZE, "out of memory");
     int pixels = view->rays.width_px * view->rays.height_px;
     counts->shadow_change = conclude_change(&measures.shadow, &frame->limits, pixels);
-    float unseen = atomic_load(&measures.skips_lamps) ? UNSEEN_PART * frame->limits.plain_change : 0.0f;
+    int skips_lamps = atomic_load(&measures.skips_lamps);
+    float unseen = skips_lamps ? UNSEEN_PART * frame->limits.plain_change : 0.0f;
     counts->shadow_change.largest += unseen;
     if (unseen > VISIBLE_LEVELS)
         counts->shadow_change.num_visible = pixels;

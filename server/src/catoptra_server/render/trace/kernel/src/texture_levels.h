@@ -36,7 +36,7 @@ typedef struct {
     float squares, area;
 } Footprint;
 
-/* Footprint of a ray at a distance along its direction; `inverse_cosine` is 1 / (normal . direction),
+/* Footprint of a ray at a distance along its direction; `inverse_cosine` is one over normal . ray,
  * `u` and `v` are the direction's texels of the image a metre. */
 static inline Footprint find_footprint(const PlaneSteps *steps, float distance,
                                        float inverse_cosine, float u, float v) {
@@ -51,7 +51,8 @@ static inline Footprint find_footprint(const PlaneSteps *steps, float distance,
 static inline float footprint_texels(Footprint footprint) {
     float squares = footprint.squares, twice = 2.0f * footprint.area;
     float difference = squares > twice ? squares - twice : 0.0f;
-    float longer = __builtin_sqrtf(0.5f * (squares + __builtin_sqrtf(difference * (squares + twice))));
+    float root = __builtin_sqrtf(difference * (squares + twice));
+    float longer = __builtin_sqrtf(0.5f * (squares + root));
     float limit = longer > 0.0f ? MAX_STRETCH * footprint.area / longer : 0.0f;
     return longer < limit ? longer : limit;
 }

@@ -97,8 +97,6 @@ void workers_run(Workers *workers, void (*job)(void *), void *argument) {
     pthread_mutex_unlock(&workers->job_lock);
 }
 
-int workers_count(const Workers *workers) { return workers->count + 1; }
-
 void workers_destroy(Workers *workers) {
     pthread_mutex_lock(&workers->lock);
     workers->ending = 1;

@@ -14,8 +14,6 @@ void workers_run(Workers *workers, void (*job)(void *argument), void *argument);
 /* The same on the calling thread alone, which wakes no other. */
 void workers_run_alone(void (*job)(void *argument), void *argument);
 
-int workers_count(const Workers *workers);
-
 void workers_destroy(Workers *workers);
 
 #endif
