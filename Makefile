@@ -138,7 +138,7 @@ cameras: $(READY) ## Draw a gallery of all camera models in one world; writes ou
 
 # Without a registry the proof itself says what is missing, and ends with 2.
 FOREIGN = $$($(BIN)/python -c 'import tomllib; print(*tomllib.load(open("server/pyproject.toml", "rb"))["project"]["optional-dependencies"]["outside"])')
-outside: $(READY) $(TOOLS) ## Compare cameras, pictures and labels with Mitsuba, OpenCV, COLMAP and others, 10 minutes on two cores; writes docs/PROOF.md
+outside: $(READY) $(TOOLS) ## Compare cameras, pictures and labels with Mitsuba, OpenCV, COLMAP and others, 4 minutes of processor time; writes docs/PROOF.md
 	-@$(BIN)/python -c 'import astropy, ds_msp, mitsuba, pycolmap, scipy' 2>/dev/null \
 	  || { $(call show_packages,$(BIN)/pip install --constraint constraints.txt $(FOREIGN)); \
 	  $(call show_packages,$(BIN)/pip install --no-deps ds-msp==0.22.2); }
