@@ -34,8 +34,9 @@ def test_at_least_eight_lens_models_have_a_foreign_program() -> None:
 
 @pytest.mark.parametrize("case", LENSES, ids=lambda case: case.name)
 def test_lens_agrees_and_each_mutant_is_noticed(case: LensCase) -> None:
-    transcribed = replace(case, programs={})
-    assert all(finding.holds for finding in compare_lens(transcribed))
+    # OpenCV is a tool of the tests; the other programs are not.
+    programs = {name: each for name, each in case.programs.items() if name.startswith("opencv")}
+    assert all(finding.holds for finding in compare_lens(replace(case, programs=programs)))
     numbers = list(mutants(case.camera))
     assert len(numbers) >= 3
     for name, camera in numbers:
