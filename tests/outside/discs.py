@@ -98,6 +98,7 @@ def scatter_discs(camera: OmniCamera) -> list[Disc]:
         column, row = np.floor(pixels[i] - 0.5 * WINDOW_PX).astype(int).tolist()
         gaps = [np.abs(np.subtract((column, row), disc.corner)).max() for disc in discs]
         within = radii[i] < camera.rim_radius_px - 0.5 * size - 2.0
+        within &= 0 <= min(column, row) <= max(column, row) <= camera.width_px - WINDOW_PX
         if within and count < _PER_DISTANCE and min(gaps, default=WINDOW_PX) >= WINDOW_PX:
             discs.append(Disc(points[i], distance, float(theta[i]), half, (column, row)))
     return discs
