@@ -92,11 +92,11 @@ browser-test: $(READY) $(TOOLS) ## Drive the live page in headless Chromium; wri
 	$(BIN)/python -m pytest tests/browser -q --browser "$(or $(BROWSER),chromium)" \
 	  --soak-seconds $(or $(SECONDS),$(if $(LONG),600,60))
 
-stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
+stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html: [UPDATE=yes: docs]
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
 	  tests/protocol/optics/test_elementary.py tests/end_to_end/test_determinism.py tests/end_to_end/test_same_bytes.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
-	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
+	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 arm: $(READY) $(TOOLS) ## Run pictures, labels and readings on an emulated ARM processor, and compare with this one; 0.3 GB in out/arm
 	PYTHONPATH=tests $(BIN)/python tests/packaging/arm.py
