@@ -60,8 +60,8 @@ $(TOOLS): $(INSTALLED)
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff types-PyYAML)
 	touch $@
 
-demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0]
-	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0)
+demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]
+	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0) $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50] [UPDATE=yes: docs]
 	$(BIN)/catoptra-studies seeds --output out/experiment-seeds --seeds $(or $(SEEDS),50) \
@@ -92,11 +92,11 @@ browser-test: $(READY) $(TOOLS) ## Drive the live page in headless Chromium; wri
 	$(BIN)/python -m pytest tests/browser -q --browser "$(or $(BROWSER),chromium)" \
 	  --soak-seconds $(or $(SECONDS),$(if $(LONG),600,60))
 
-stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
+stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html: [UPDATE=yes: docs]
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
 	  tests/protocol/optics/test_elementary.py tests/end_to_end/test_determinism.py tests/end_to_end/test_same_bytes.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
-	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
+	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 arm: $(READY) $(TOOLS) ## Run pictures, labels and readings on an emulated ARM processor, and compare with this one; 0.3 GB in out/arm
 	PYTHONPATH=tests $(BIN)/python tests/packaging/arm.py
@@ -138,7 +138,7 @@ cameras: $(READY) ## Draw a gallery of all camera models in one world; writes ou
 
 # Without a registry the proof itself says what is missing, and ends with 2.
 FOREIGN = $$($(BIN)/python -c 'import tomllib; print(*tomllib.load(open("server/pyproject.toml", "rb"))["project"]["optional-dependencies"]["outside"])')
-outside: $(READY) $(TOOLS) ## Compare cameras, pictures and labels with Mitsuba, OpenCV, COLMAP and others, 10 minutes on two cores; writes docs/PROOF.md
+outside: $(READY) $(TOOLS) ## Compare cameras, pictures and labels with Mitsuba, OpenCV, COLMAP and others, 5 minutes of processor time; writes docs/PROOF.md
 	-@$(BIN)/python -c 'import astropy, ds_msp, mitsuba, pycolmap, scipy' 2>/dev/null \
 	  || { $(call show_packages,$(BIN)/pip install --constraint constraints.txt $(FOREIGN)); \
 	  $(call show_packages,$(BIN)/pip install --no-deps ds-msp==0.22.2); }

@@ -7,8 +7,6 @@ that no frame is rendered twice. Machines are noisy: compare rows of one run.
 from __future__ import annotations
 
 import json
-import os
-import platform
 import re
 import statistics
 import subprocess
@@ -35,6 +33,7 @@ from catoptra_server.render.renderer import RenderSettings
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
+from catoptra_studies.accuracy_cost.cost_command import describe_machine
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"
@@ -210,13 +209,6 @@ def _make_table(rows: list[FrameRateRow]) -> Table:
             f"{row.delivered_fraction:.1%}",
         )
     return table
-
-
-def describe_machine() -> str:
-    """Processor architecture, number of processors, Python version."""
-    return f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Python " + (
-        platform.python_version()
-    )
 
 
 if __name__ == "__main__":

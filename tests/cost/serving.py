@@ -32,8 +32,8 @@ from rich.table import Table
 
 from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_studies.accuracy_cost.cost_command import describe_machine
 from cost.bare_sockets import measure_bare_sockets
-from cost.bench import describe_machine
 from cost.served_process import (
     FULL_REQUEST,
     ROBOT,

@@ -25,7 +25,7 @@ from rich.console import Console
 
 from catoptra_server.config.world_file import read_world
 from catoptra_server.world.world_description import World
-from cost.bench import describe_machine
+from catoptra_studies.accuracy_cost.cost_command import describe_machine
 from cost.trace_cells import (
     HAS_EMBREEX,
     Cell,

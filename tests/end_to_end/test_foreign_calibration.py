@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,45 +13,11 @@ import pytest
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
 from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.lenses import UnifiedLens
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    camera_with_inscribed_rim,
-    pixel_from_direction,
-)
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import Image
-from helpers.rendered_boards import (
-    Cells,
-    board_items,
-    centre_board,
-    chessboard_cells,
-    place_board,
-    render_boards,
-)
-
-CAMERA = camera_with_inscribed_rim(
-    PAPER_MIRROR,
-    width_px=1024,
-    height_px=1024,
-    rim_rad=math.radians(120.0),
-    picture=Picture.FLIPPED,
-)
-BOARD, CELL_M = (9, 6), 0.03
-CHESS = chessboard_cells(*BOARD)
-NUM_PICTURES, BOARDS_PER_PICTURE = 4, 5
-_FIND = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-_REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-5)
-# The paper's mirror has neither skew nor distortion.
-_FIXED = (
-    cv2.omnidir.CALIB_FIX_SKEW
-    | cv2.omnidir.CALIB_FIX_K1
-    | cv2.omnidir.CALIB_FIX_K2
-    | cv2.omnidir.CALIB_FIX_P1
-    | cv2.omnidir.CALIB_FIX_P2
-)
+from helpers.rendered_boards import Cells, board_items, centre_board, place_board, render_boards
+from outside.boards import BOARDS_PER_PICTURE, CAMERA, NUM_PICTURES, calibrate
 
 
 @pytest.fixture
@@ -63,83 +30,21 @@ def exported(tmp_path: Path) -> cv2.FileStorage:
     return cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
 
 
-def inner_corners() -> Floats:
-    """(54, 3) inner corners of the chessboard from its outer corner, metres."""
-    column, row = np.meshgrid(np.arange(BOARD[0]), np.arange(BOARD[1]))
-    # Two cells in: the margin and the first square.
-    places = np.stack((column + 2, row + 2, np.zeros_like(row)), axis=-1).reshape(-1, 3)
-    corners: Floats = CELL_M * places
-    return corners
-
-
-def find_corners(image: Image, pose: Pose) -> Floats:
-    """(54, 2) corners in OpenCV's coordinates, found in the part of the picture around them."""
-    expected, _ = pixel_from_direction(CAMERA, pose.transform_points(inner_corners()))
-    low = np.maximum(expected.min(axis=0) - 40.0, 0.0).astype(int)
-    high = (expected.max(axis=0) + 40.0).astype(int)
-    part = cv2.cvtColor(image[low[1] : high[1], low[0] : high[0]], cv2.COLOR_RGB2GRAY)
-    found, corners = cv2.findChessboardCornersSB(part, BOARD, flags=_FIND)
-    assert found
-    corners = corners.astype(np.float32).copy()
-    cv2.cornerSubPix(part, corners, (5, 5), (-1, -1), _REFINE)
-    pixels: Floats = corners.reshape(-1, 2).astype(np.float64) + low
-    # A board of 9 x 6 is found from either end.
-    if np.linalg.norm(pixels[0] - expected[0]) > np.linalg.norm(pixels[-1] - expected[0]):
-        pixels = pixels[::-1]
-    assert np.abs(pixels + 0.5 - expected).max() < 1.0
-    return pixels
-
-
-def photograph_boards(rng: np.random.Generator) -> list[Floats]:
-    """Corners of boards all around the mirror."""
-    poses = [
-        centre_board(
-            place_board(
-                rng.uniform(55.0, 100.0),
-                360.0 / BOARDS_PER_PICTURE * index + rng.uniform(-8.0, 8.0),
-                rng.uniform(0.28, 0.42),
-                tilt_rpy=rng.uniform((-0.5, -0.5, -0.6), (0.5, 0.5, 0.6)),
-            ),
-            CHESS,
-            CELL_M,
-        )
-        for index in range(BOARDS_PER_PICTURE)
-    ]
-    items = [
-        item
-        for index, pose in enumerate(poses)
-        for item in board_items(f"board {index}", CHESS, CELL_M, pose)
-    ]
-    image = render_boards(CAMERA, items, samples=4)
-    return [find_corners(image, pose) for pose in poses]
-
-
 def test_opencv_calibrates_the_exported_camera_from_rendered_boards(
     exported: cv2.FileStorage,
 ) -> None:
-    rng = np.random.default_rng(5)
-    pixels = [each for _ in range(NUM_PICTURES) for each in photograph_boards(rng)]
-    points = [inner_corners().reshape(-1, 1, 3)] * len(pixels)
-    rms_px, matrix, xi, distortion, _, _, used = cv2.omnidir.calibrate(
-        points,
-        [each.reshape(-1, 1, 2) for each in pixels],
-        (CAMERA.width_px, CAMERA.height_px),
-        np.eye(3),
-        np.zeros(1),
-        np.zeros((1, 4)),
-        _FIXED,
-        (3, 500, 1e-12),
-    )
-    assert used.size == NUM_PICTURES * BOARDS_PER_PICTURE
+    xi, matrix, rms_px, boards = calibrate()
+    assert boards == NUM_PICTURES * BOARDS_PER_PICTURE
     assert rms_px < 0.15
-    assert not distortion.any()
     expected = exported.getNode("K").mat()
-    assert xi[0] == pytest.approx(exported.getNode("xi").real(), abs=1e-3)
+    assert xi == pytest.approx(exported.getNode("xi").real(), abs=1e-3)
     assert matrix[:2, 2] == pytest.approx(expected[:2, 2], abs=0.2)
-    u, v = matrix[:2, 2] + 0.5
-    lens = UnifiedLens(float(xi[0]))
-    found = OmniCamera(
-        lens, 1024, 1024, (u, v), matrix[0, 0], CAMERA.rim_rad * 1.01, 0.0, Picture.FLIPPED
+    found = replace(
+        CAMERA,
+        projection=UnifiedLens(xi),
+        centre_px=(matrix[0, 2] + 0.5, matrix[1, 2] + 0.5),
+        scale_px=matrix[0, 0],
+        rim_rad=CAMERA.rim_rad * 1.01,
     )
     assert compute_residual(CAMERA, found).max_px < 0.45
 

@@ -39,13 +39,13 @@ def marker_world(
     disc = Ring(0.0, distance_m * math.tan(0.5 * diameter_rad), sectors=48)
     white = Material((1.0, 1.0, 1.0), unlit=True)
     items = tuple(
-        Item(f"marker {index}", disc, world_from_mirror @ _disc_pose(direction, distance_m), white)
+        Item(f"marker {index}", disc, world_from_mirror @ disc_pose(direction, distance_m), white)
         for index, direction in enumerate(directions)
     )
     return World("markers", items)
 
 
-def _disc_pose(direction: Floats, distance_m: float) -> Pose:
+def disc_pose(direction: Floats, distance_m: float) -> Pose:
     """Pose, in the mirror frame, of a ring that faces back along a (3,) direction."""
     least_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     x = np.cross(least_axis, direction)

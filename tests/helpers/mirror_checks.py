@@ -1,13 +1,11 @@
-"""Checks of mirrors without a viewpoint, by Fermat's principle instead of the law of reflection."""
+"""Checks of mirrors without a viewpoint, and parameters of all mirrors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from mpmath import diff, findroot, mp, mpf, sqrt
 
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
@@ -26,40 +24,12 @@ MIRROR_EXAMPLES: dict[str, tuple[Any, ...]] = {
     "radial_table": ((0.0, 30.0, 70.0, 110.0), (0.0, 0.05, 0.11, 0.16), 0.1, 1.8),
 }
 
-# (r, depth from the pinhole) of a surface by its parameter, in mpmath.
-Surface = Callable[[Any], tuple[Any, Any]]
-
 
 def make_camera(mirror: NonCentralMirror, width_px: int = 640) -> OmniCamera:
     """A camera whose image shows the mirror up to its rim."""
     return camera_with_inscribed_rim(
         mirror, width_px=width_px, height_px=width_px, rim_rad=mirror.rim_rad
     )
-
-
-def fermat_radius_px(
-    camera: OmniCamera, surface: Surface, rho_m: float, height_m: float, start: float
-) -> float:
-    """Image radius of a point, to 30 digits: the path over the mirror is stationary.
-
-    Args:
-        camera: The camera.
-        surface: The mirror's profile by a parameter.
-        rho_m: The point's distance from the axis.
-        height_m: Its height in the mirror frame, towards the pinhole.
-        start: A parameter nearby.
-    """
-    pinhole = mpf(camera.mirror.pinhole_distance_m)
-    depth_of_point = pinhole - mpf(height_m)
-
-    def path(parameter: Any) -> Any:
-        r, depth = surface(parameter)
-        return sqrt(r**2 + depth**2) + sqrt((r - mpf(rho_m)) ** 2 + (depth - depth_of_point) ** 2)
-
-    with mp.workdps(40):
-        found = findroot(lambda p: diff(path, p), mpf(start))
-        r, depth = surface(found)
-        return float(mpf(camera.scale_px) * r / depth)
 
 
 def assert_is_mirror(mirror: NonCentralMirror) -> None:

@@ -15,8 +15,11 @@ import cv2
 import numpy as np
 
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.renderer import Image
 from helpers.rendered_boards import (
     board_items,
     centre_board,
@@ -26,64 +29,82 @@ from helpers.rendered_boards import (
 )
 from outside.findings import Finding, version_of
 
-# Corners have 0.1 px each, so 24 boards of 35 leave 1e-4 in xi and 0.1 % in gamma; three times.
+# Corners have 0.1 px each, so 20 boards of 54 leave 1e-4 in xi and 0.1 % in gamma; three times.
 BOUND_XI, BOUND_GAMMA, BOUND_CENTRE_PX, BOUND_RMS_PX = 0.002, 0.003, 0.3, 0.15
-NUM_BOARDS = 24
-_COLUMNS, _ROWS, _CELL_M = 7, 5, 0.028
-_SIDE_PX = 1024
+NUM_PICTURES, BOARDS_PER_PICTURE = 4, 5
+CAMERA = camera_with_inscribed_rim(
+    PAPER_MIRROR, width_px=1024, height_px=1024, rim_rad=math.radians(120.0),
+    picture=Picture.FLIPPED,
+)  # fmt: skip
+_BOARD, _CELL_M = (9, 6), 0.03
+_CHESS = chessboard_cells(*_BOARD)
+# (54, 3) inner corners from the outer corner, metres: two cells in, the margin and a first square.
+_CORNERS = np.zeros((_BOARD[0] * _BOARD[1], 3))
+_CORNERS[:, :2] = _CELL_M * (np.mgrid[: _BOARD[0], : _BOARD[1]].T.reshape(-1, 2) + 2)
+_FIND = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+_REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-5)
+_FIXED = sum(getattr(cv2.omnidir, f"CALIB_FIX_{n}") for n in ("SKEW", "K1", "K2", "P1", "P2"))
 
 
-def paper_camera() -> OmniCamera:
-    """The paper's mirror in an image of 1024 px, right-handed as OpenCV's."""
-    return camera_with_inscribed_rim(
-        PAPER_MIRROR, width_px=_SIDE_PX, height_px=_SIDE_PX, rim_rad=math.radians(120.0),
-        picture=Picture.FLIPPED,
+def calibrate() -> tuple[float, Floats, float, int]:
+    """xi, (3, 3) matrix (pixel centres at integers), rms and number of boards, by OpenCV alone."""
+    rng = np.random.default_rng(5)
+    corners = [each for _ in range(NUM_PICTURES) for each in _photograph_boards(rng)]
+    rms, matrix, xi, distortion, _, _, used = cv2.omnidir.calibrate(
+        [_CORNERS[:, None]] * len(corners), corners, (CAMERA.width_px, CAMERA.height_px),
+        np.eye(3), np.zeros(1), np.zeros((1, 4)), _FIXED, (3, 500, 1e-12),
     )  # fmt: skip
+    assert not distortion.any()
+    return float(xi[0]), matrix, float(rms), int(used.size)
 
 
-def calibrate(camera: OmniCamera) -> tuple[float, float, tuple[float, float], float, int]:
-    """xi, gamma, centre (pixel centres at +0.5), rms and number of boards, by OpenCV alone."""
-    cells = chessboard_cells(_COLUMNS, _ROWS)
-    rng = np.random.default_rng(3)
-    corners = []
-    for number in range(NUM_BOARDS):
-        tilt = rng.uniform(-0.4, 0.4, 3)
-        facing = place_board(rng.uniform(30.0, 95.0), 360.0 * number / NUM_BOARDS,
-                             rng.uniform(0.28, 0.42), tilt_rpy=tilt.tolist())  # fmt: skip
-        items = board_items("board", cells, _CELL_M, centre_board(facing, cells, _CELL_M))
-        grey = cv2.cvtColor(render_boards(camera, items, samples=4), cv2.COLOR_RGB2GRAY)
-        flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
-        found, place = cv2.findChessboardCornersSB(grey, (_COLUMNS, _ROWS), flags=flags)
-        if found:
-            corners.append(place.reshape(-1, 1, 2).astype(np.float64))
-    grid = np.zeros((_COLUMNS * _ROWS, 1, 3))
-    grid[:, 0, :2] = _CELL_M * np.mgrid[:_COLUMNS, :_ROWS].T.reshape(-1, 2)
-    flags = (cv2.omnidir.CALIB_FIX_SKEW + cv2.omnidir.CALIB_FIX_K1 + cv2.omnidir.CALIB_FIX_K2
-             + cv2.omnidir.CALIB_FIX_P1 + cv2.omnidir.CALIB_FIX_P2)  # fmt: skip
-    steps = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-9)
-    rms, matrix, xi, *_ = cv2.omnidir.calibrate(
-        [grid] * len(corners), corners, grey.shape[::-1], None, None, None, flags, steps
-    )
-    gamma = 0.5 * (matrix[0, 0] + matrix[1, 1])
-    centre = (float(matrix[0, 2]) + 0.5, float(matrix[1, 2]) + 0.5)
-    return float(np.ravel(xi)[0]), float(gamma), centre, float(rms), len(corners)
+def _photograph_boards(rng: np.random.Generator) -> list[Floats]:
+    """(54, 1, 2) corners of each board around the mirror in one picture."""
+    poses = []
+    for index in range(BOARDS_PER_PICTURE):
+        facing = place_board(
+            rng.uniform(55.0, 100.0),
+            360.0 / BOARDS_PER_PICTURE * index + rng.uniform(-8.0, 8.0),
+            rng.uniform(0.28, 0.42),
+            tilt_rpy=rng.uniform((-0.5, -0.5, -0.6), (0.5, 0.5, 0.6)),
+        )
+        poses.append(centre_board(facing, _CHESS, _CELL_M))
+    items = [item for pose in poses for item in board_items("board", _CHESS, _CELL_M, pose)]
+    image = render_boards(CAMERA, items, samples=4)
+    return [_find_corners(image, pose) for pose in poses]
+
+
+def _find_corners(image: Image, pose: Pose) -> Floats:
+    """Corners that OpenCV finds in the part of a picture around a board."""
+    expected, _ = CAMERA.pixel_from_direction(pose.transform_points(_CORNERS))
+    low = np.maximum(expected.min(axis=0) - 40.0, 0.0).astype(int)
+    high = (expected.max(axis=0) + 40.0).astype(int)
+    part = cv2.cvtColor(image[low[1] : high[1], low[0] : high[0]], cv2.COLOR_RGB2GRAY)
+    found, corners = cv2.findChessboardCornersSB(part, _BOARD, flags=_FIND)
+    assert found
+    cv2.cornerSubPix(part, corners, (5, 5), (-1, -1), _REFINE)
+    pixels = corners.reshape(-1, 1, 2).astype(np.float64) + low
+    # A board of 9 x 6 is found from either end.
+    ends = np.linalg.norm(pixels[[0, -1], 0] - expected[0], axis=-1)
+    return pixels if ends[0] < ends[1] else pixels[::-1]
 
 
 def compare_calibration() -> Iterator[Finding]:
     """Compare the calibration of pictures of the paper's camera with the paper's constants."""
-    camera = paper_camera()
     k = PAPER_MIRROR.k
-    s = math.sqrt(k * (k - 2.0))
-    xi, gamma, centre, rms, boards = calibrate(camera)
+    xi = math.sqrt(k * (k - 2.0)) / (k - 1.0)
+    gamma = CAMERA.scale_px * xi
+    found_xi, matrix, rms, boards = calibrate()
+    found_gamma = 0.5 * (matrix[0, 0] + matrix[1, 1])
+    off_px = math.dist(matrix[:2, 2] + 0.5, CAMERA.centre_px)
     authority = version_of("opencv-contrib-python-headless") + ", cv2.omnidir.calibrate"
-    note, error = f"{boards} of {NUM_BOARDS} boards found", f"rms {rms:.3f} px of the corners"
-    row = Finding("", authority, 0.0, 0.0, 0.0, "", boards * _COLUMNS * _ROWS, error, note)
-    focal = camera.scale_px * s / (k - 1.0)
+    note, error = f"{boards} boards", f"rms {rms:.3f} px of the corners"
+    row = Finding("", authority, 0.0, 0.0, 0.0, "", boards * len(_CORNERS), error, note)
     for subject, value, bound, unit in (
-        (f"paper's xi {s / (k - 1.0):.5f}, found {xi:.5f}", abs(xi - s / (k - 1.0)), BOUND_XI, ""),
-        (f"paper's gamma {focal:.2f} px, found {gamma:.2f}", abs(gamma / focal - 1.0), BOUND_GAMMA,
-         "of gamma"),
-        ("paper's centre", math.dist(centre, camera.centre_px), BOUND_CENTRE_PX, "px"),
+        (f"paper's xi {xi:.5f}, found {found_xi:.5f}", abs(found_xi - xi), BOUND_XI, ""),
+        (f"paper's gamma {gamma:.2f} px, found {found_gamma:.2f}", abs(found_gamma / gamma - 1.0),
+         BOUND_GAMMA, "of gamma"),
+        ("paper's centre", off_px, BOUND_CENTRE_PX, "px"),
         ("rms", rms, BOUND_RMS_PX, "px"),
     ):  # fmt: skip
         yield replace(row, subject=subject, largest=value, median=value, bound=bound, unit=unit)

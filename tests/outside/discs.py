@@ -28,6 +28,7 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Ring, World
+from helpers.markers import disc_pose
 from outside.findings import MUTATION, Finding, summarize, version_of
 from outside.mirrors import (
     DISTANCES_M,
@@ -43,7 +44,7 @@ MIN_AREA_PX = 4.0
 # Half of the mutation: a scale that is wrong by 1e-4 is beyond, one that is right within.
 SCALE_BOUND = 0.5 * MUTATION
 WINDOW_PX = 20
-_NUM_CANDIDATES, _PER_DISTANCE = 400, 4
+_NUM_CANDIDATES, _PER_DISTANCE = 400, 8
 # Samplings of each side; samples a pixel of Mitsuba's, and along a side of a pixel of ours.
 _REPEATS, _SAMPLES, _GRID = 4, 144, 16
 # Facets of 0.25 px and half a degree: their normals are interpolated, so they show no edges.
@@ -97,6 +98,7 @@ def scatter_discs(camera: OmniCamera) -> list[Disc]:
         column, row = np.floor(pixels[i] - 0.5 * WINDOW_PX).astype(int).tolist()
         gaps = [np.abs(np.subtract((column, row), disc.corner)).max() for disc in discs]
         within = radii[i] < camera.rim_radius_px - 0.5 * size - 2.0
+        within &= 0 <= min(column, row) <= max(column, row) <= camera.width_px - WINDOW_PX
         if within and count < _PER_DISTANCE and min(gaps, default=WINDOW_PX) >= WINDOW_PX:
             discs.append(Disc(points[i], distance, float(theta[i]), half, (column, row)))
     return discs
@@ -116,20 +118,21 @@ def _find_centroids(discs: list[Disc], images: list[list[Floats]], shifts: Float
 
 def draw_ours(camera: OmniCamera, discs: list[Disc]) -> Centroids:
     """Centroids in pictures of the trace renderer in linear light, window by window."""
-    white = Material((1.0, 1.0, 1.0), unlit=True)
-    world = World("discs", tuple(
-        Item(f"disc {i}", Ring(0.0, disc.radius_m, sectors=240), _facing(disc.centre), white)
-        for i, disc in enumerate(discs)
-    ))  # fmt: skip
+    white, items = Material((1.0, 1.0, 1.0), unlit=True), []
+    for disc in discs:
+        pose = disc_pose(disc.centre / disc.distance_m, disc.distance_m)
+        items.append(Item("disc", Ring(0.0, disc.radius_m, sectors=240), pose, white))
+    world = World("discs", tuple(items))
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     settings = RenderSettings(PerPixel(), samples=_GRID)
+    # One plan for all windows: rays need its samples alone, and a plan's faces cost a second.
+    plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="proof")
     # A window that begins elsewhere in the pixel has its samples elsewhere on the disc.
     shifts = np.array([(i, i * 3 % _REPEATS) for i in range(_REPEATS)]) / (_REPEATS * _GRID)
 
     def draw(disc: Disc, shift: Floats) -> Floats:
         u, v = (np.asarray(camera.centre_px) - disc.corner + shift).tolist()
         window = replace(camera, width_px=WINDOW_PX, height_px=WINDOW_PX, centre_px=(u, v))
-        plan = plan_from_settings(settings, window, kind=RendererKind.TRACE, reason="proof")
         view = renderer.prepare(window, plan)
         light = view.render_linear(CameraState(Pose.identity()))[..., 0]
         view.close()
@@ -138,14 +141,6 @@ def draw_ours(camera: OmniCamera, discs: list[Disc]) -> Centroids:
     images = [[draw(disc, shift) for shift in shifts] for disc in discs]
     renderer.close()
     return _find_centroids(discs, images, shifts)
-
-
-def _facing(centre: Floats) -> Pose:
-    """Pose of a ring that faces the origin."""
-    z = centre / np.linalg.norm(centre)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return Pose(np.stack((x, np.cross(z, x), z), axis=-1), centre)
 
 
 @lru_cache(maxsize=1)
@@ -262,7 +257,7 @@ def compare_discs(case: MirrorCase, camera: OmniCamera | None = None) -> Iterato
             errors = [float(np.median(each.standard_errors[chosen])) for each in (theirs, ours)]
             bound = math.inf if name == _IN_HUB else BOUND_PX
             yield summarize(case.name + name, authority, np.hypot(*apart[chosen].T), bound, "px",
-                            error=f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f}")  # fmt: skip
+                            error=f"Mitsuba {errors[0]:.4f}, ours {errors[1]:.4f} px")  # fmt: skip
     # Radial scale: the least-squares factor from Mitsuba's positions about the centre to ours; a
     # shift by the inverse distance is Mitsuba's start off the surface.
     place = theirs.mean[counted] - case.camera.centre_px

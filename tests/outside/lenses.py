@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -18,11 +18,18 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from catoptra_protocol.optics import lenses
-from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane
+from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from helpers.calibrated_cameras import flipped_points
+from helpers.calibrated_cameras import (
+    LAFIDA,
+    THETA_BACK,
+    TUM_VI,
+    TUM_VI_KB,
+    WOODSCAPE,
+    flipped_points,
+)
 from outside.findings import Finding, bisect, summarize, version_of
 
 # A float64 of 1 000 px has roundings of 1e-13 px; dozens of operations and a root follow.
@@ -207,12 +214,9 @@ def _scipy_spline(points: Floats, camera: OmniCamera) -> Floats:
     return _to_pixels(camera, points, spline(_angles(points)))
 
 
-def _eye(
-    lens: Any, scale_px: float, rim_deg: float, plane: ImagePlane = NO_CHANGE,
-    size: tuple[int, int] = (640, 640), centre_px: tuple[float, float] = (320.3, 318.9),
-) -> OmniCamera:  # fmt: skip
-    rim = math.radians(rim_deg)
-    return OmniCamera(lens, *size, centre_px, scale_px, rim, 0.0, Picture.FLIPPED, plane)
+def _eye(lens: Any, scale_px: float, rim_deg: float, aspect: float = 1.0) -> OmniCamera:
+    return OmniCamera(lens, 640, 640, (320.3, 318.9), scale_px, math.radians(rim_deg), 0.0,
+                      Picture.FLIPPED, ImagePlane((1.0, 0.0, 0.0, aspect)))  # fmt: skip
 
 
 _F_THETA_UNIT_PX = 200.0
@@ -220,21 +224,14 @@ _CUBIC = (0.0, 200.0, 0.0, -8.0)
 _KNOTS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0)
 _CUBIC_RADII = tuple(polyval(np.radians(_KNOTS_DEG), _CUBIC).tolist())
 _MIYAMOTO, _MEI = "Miyamoto, JOSA 54 (1964)", "Mei & Rives, ICRA 2007"
-_ASPECT = ImagePlane((1.0, 0.0, 0.0, 0.9999))
 _KB = ("k1", "k2", "k3", "k4")
 
 
 def lens_cases() -> list[LensCase]:
     """All lens models, with the numbers of published calibrations where there are any."""
     opencv = "opencv-contrib-python-headless"
-    kb = lenses.KannalaBrandtLens(0.00348239, 0.00071503, -0.00205324, 0.00020294)
-    kaidan = lenses.UnifiedLens(0.9809737, -0.15502748, 0.01681087)
-    decentred = ImagePlane((1.0, 0.002, 0.0, 0.9985), 0.00109327, 0.00040638)
-    lafida = lenses.OCamLens(
-        (209.200757992065, 0.0, -0.00213741670953883, 4.2203617319086e-6, -1.77146086919594e-8)
-    )
-    affine = ImagePlane((0.999626131079017, -0.0034775192597376, 0.00385134991673147, 1.0))
-    woodscape = lenses.WoodScapeLens(339.749, -31.988, 48.275, -7.201)
+    # DS-MSP's affine matrix ends with 1.
+    lafida = replace(LAFIDA, plane=ImagePlane((*LAFIDA.plane.stretch[:3], 1.0)))
     f_theta = lenses.FThetaLens(3.1e-3, 2e-7, 1.5e-9, -4e-13)
     table = lenses.RadialTableLens(_KNOTS_DEG, _CUBIC_RADII)
     return [
@@ -248,32 +245,25 @@ def lens_cases() -> list[LensCase]:
                  {opencv: _opencv_omnidir, "astropy": _wcs("STG")}),
         LensCase("orthographic", _eye(lenses.OrthographicLens(), 321.0, 85.0), _MIYAMOTO,
                  lambda _, a: np.sin(a), {"astropy": _wcs("SIN")}),
-        LensCase("kannala_brandt", _eye(kb, 190.97848, 97.5, _ASPECT),
-                 "Kannala & Brandt, PAMI 28 (2006)", lambda lens, a: polyval(a, _odd_terms(lens)),
+        LensCase("kannala_brandt", TUM_VI_KB, "Kannala & Brandt, PAMI 28 (2006)",
+                 lambda lens, a: polyval(a, _odd_terms(lens)),
                  {opencv: _opencv_fisheye, "pycolmap": _colmap("OPENCV_FISHEYE", *_KB),
                   "ds-msp": _ds_msp("KannalaBrandtModel", *_KB),
                   "astropy": _wcs("ZPN", _odd_terms)}),
-        LensCase("unified, distorted", _eye(kaidan, 158.231834, 120.0, decentred), _MEI, _unified,
-                 {opencv: _opencv_omnidir}),
-        LensCase("unified", _eye(lenses.UnifiedLens(1.7), 300.0, 110.0, _ASPECT), _MEI, _unified,
+        LensCase("unified, distorted", THETA_BACK, _MEI, _unified, {opencv: _opencv_omnidir}),
+        LensCase("unified", _eye(lenses.UnifiedLens(1.7), 300.0, 110.0, 0.9999), _MEI, _unified,
                  {opencv: _opencv_omnidir, "ds-msp": _ds_msp("UCMModel", "xi")}),
         LensCase("enhanced_unified",
-                 _eye(lenses.EnhancedUnifiedLens(0.62, 1.08), 150.0, 95.0, _ASPECT),
+                 _eye(lenses.EnhancedUnifiedLens(0.62, 1.08), 150.0, 95.0, 0.9999),
                  "Khomutenko et al., RA-L 2016", _enhanced,
                  {"pycolmap": _colmap("EUCM", "alpha", "beta"),
                   "ds-msp": _ds_msp("EUCMModel", "alpha", "beta")}),
-        LensCase("double_sphere",
-                 _eye(lenses.DoubleSphereLens(-0.17213, 0.59312), 158.286, 97.5, _ASPECT),
-                 "Usenko et al., 3DV 2018", _double_sphere,
+        LensCase("double_sphere", TUM_VI, "Usenko et al., 3DV 2018", _double_sphere,
                  {"ds-msp": _ds_msp("DoubleSphereModel", "xi", "alpha")}),
-        LensCase("ocam", _eye(lafida, 1.0, 92.5, affine, (754, 480), (392.72, 243.99)),
-                 "Scaramuzza et al., IROS 2006", _ocam, {"ds-msp": _ds_msp_ocam}),
-        LensCase("woodscape",
-                 _eye(woodscape, 1.0, 95.0, size=(1280, 966), centre_px=(643.942, 479.907)),
-                 "Yogamani et al., ICCV 2019", lambda lens, a: polyval(a, _terms(lens)),
-                 {"astropy": _wcs("ZPN", _terms)}),
-        LensCase("f_theta", _eye(f_theta, 1.0, 100.0, size=(1280, 1280)),
-                 "NVIDIA DriveWorks, fthetaPoly",
+        LensCase("ocam", lafida, "Scaramuzza et al., IROS 2006", _ocam, {"ds-msp": _ds_msp_ocam}),
+        LensCase("woodscape", WOODSCAPE, "Yogamani et al., ICCV 2019",
+                 lambda lens, a: polyval(a, _terms(lens)), {"astropy": _wcs("ZPN", _terms)}),
+        LensCase("f_theta", _eye(f_theta, 1.0, 100.0), "NVIDIA DriveWorks, fthetaPoly",
                  lambda lens, a: bisect(lambda r: polyval(r, _terms(lens)), a, 800.0),
                  {"astropy": _wcs("ZPN", lambda lens: _terms(lens, _F_THETA_UNIT_PX))}),
         LensCase("radial_table", _eye(table, 1.0, 104.0),

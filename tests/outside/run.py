@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -22,7 +21,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from cost.bench import describe_machine
+from catoptra_studies.accuracy_cost.cost_command import describe_machine
 from outside import boards, discs, labels, lenses, mirrors
 from outside.findings import Finding, mutants, version_of
 
@@ -80,9 +79,9 @@ PARTS = {
         "Discs of 5 to 50 px^2 at 0.15, 0.3, 1 and 3 m, images of 360 px: distances of centroids "
         "in Mitsuba's pictures from those in ours, and the standard error (median) of each. The "
         "mirror is a smooth conductor that Mitsuba traces in float32: a sphere of its own, else a "
-        "mesh of 720 x 720 facets with normals of the publication's surface. In the innermost 8 "
-        "degrees, of a cone from its apex, the mesh's hub is the limit: its discs are drawn out to "
-        "less than a pixel's width, and nothing is required. Mitsuba starts a reflected "
+        "mesh of 720 x 720 facets with normals of the publication's surface. Innermost 8 degrees, "
+        "of a cone from its apex: here the mesh ends in needles around its hub, and a cone draws a "
+        "disc as an arc thinner than a pixel, so no bound is required. Mitsuba starts a reflected "
         "ray 9e-5 of its largest coordinate off the surface: up to 0.01 px at 0.15 m on the cone. "
         "Scale: the factor between positions about the centre, less 1; it notices a mutant.",
         _with_mutants(mirrors.mirror_cases, discs.compare_discs, 1),
@@ -154,7 +153,7 @@ def make_page(found: dict[str, list[Result]], took: str) -> str:
         "of itself, in each model. Pictures notice the scale; smaller parts, such as a k that is "
         "1e-4 larger (2e-4 px), formulas alone.",
         f"* Measured {datetime.now(UTC):%Y-%m-%d}, {version_of('catoptra-server')}, in {took}: "
-        f"{_processor()}, {describe_machine()}.",
+        f"{describe_machine()}.",
         "* To repeat: `make outside` installs the programs (0.7 GB), compares everything and "
         "writes this page. It ends with 1 when a difference exceeds its bound or a mutant is not "
         "noticed. `tests/outside` has the comparisons.",
@@ -166,13 +165,6 @@ def make_page(found: dict[str, list[Result]], took: str) -> str:
         lines += ["", f"## {part.title}", "", part.text, ""]
         lines += _format_table([row for row in found[name] if isinstance(row, Finding)])
     return "\n".join(lines) + "\n"
-
-
-def _processor() -> str:
-    with suppress(OSError, StopIteration):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.partition(": ")[2] for line in lines if line.startswith("model name"))
-    return platform.processor()
 
 
 def _format_table(rows: list[Finding]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from catoptra_protocol.optics.derivatives import differentiate_point
 from stability.mutations import Mutation
 
 Floats = Any
@@ -118,7 +119,9 @@ WIDE = "catoptra_protocol.optics.lenses"
 EQUISOLID = f"{WIDE}.equisolid.EquisolidLens.radius_ratio_from_t"
 EQUIDISTANT = f"{WIDE}.equidistant.EquidistantLens.radius_ratio_from_t"
 KANNALA_BRANDT = f"{WIDE}.kannala_brandt.KannalaBrandtLens.radius_ratio_from_t"
-EXCESS = "catoptra_protocol.optics.derivatives._excess"
+DERIVATIVES = "catoptra_protocol.optics.derivatives"
+EXCESS, TURN = f"{DERIVATIVES}._excess", f"{DERIVATIVES}._Local.turn_to"
+BY_DIRECTION = "stability.subjects.jacobian.differentiate_direction"
 UNIFIED_INVERSE = f"{WIDE}.unified.UnifiedLens.t_from_undistorted_ratio"
 EUCM_MODULE, SPHERES = f"{WIDE}.enhanced_unified", f"{WIDE}.double_sphere"
 UNIFIED_FOLD = f"{WIDE}.unified.UnifiedLens.fold_rad"
@@ -154,7 +157,14 @@ def excess_by_difference(length: Floats, total: Floats, square: Floats) -> Float
     return 2.0 * length - total
 
 
+def turn_of_the_pixel_alone(self: Any, point: Floats) -> Floats:
+    sine, cosine = 2.0 * self.t / (1.0 + self.t**2), (1.0 - self.t**2) / (1.0 + self.t**2)
+    return np.append(sine * self.azimuth, cosine)
+
+
 MUTATIONS = [
+    Mutation("a direction as a point", "jacobian", BY_DIRECTION, differentiate_point),
+    Mutation("the digits of a pixel", "jacobian", TURN, turn_of_the_pixel_alone),
     Mutation("derivative by a difference", "jacobian", EXCESS, excess_by_difference),
     Mutation("a square of the radius", "wide_angle", UNIFIED_INVERSE, unified_by_square),
     Mutation("EUCM's sum", "wide_angle", f"{EUCM_MODULE}.project_sphere", unified_by_sum),

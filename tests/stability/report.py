@@ -9,11 +9,13 @@ import argparse
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from datetime import date
 from html import escape
 from itertools import groupby
 from pathlib import Path
 from string import Template
 
+from catoptra_studies.reports import markdown_table, replace_block
 from stability.charts import line_chart
 from stability.consistency import RUNS, STEPS, Consistency, consistency
 from stability.measuring import MutantResult, Outcome, evaluate_group, evaluate_mutants, groups
@@ -28,11 +30,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write the report; 1 if a case fails."""
     parser = argparse.ArgumentParser(prog="stability.report", description=__doc__)
     parser.add_argument("folder", type=Path)
-    folder = parser.parse_args(arguments).folder
+    parser.add_argument("--page", type=Path, help="file whose block stability gets the counts")
+    parsed = parser.parse_args(arguments)
+    folder, mutant = parsed.folder, list(evaluate_mutants())
     of_group = {group: evaluate_group(group) for group in groups()}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "report.html"
-    path.write_text(page(of_group, list(evaluate_mutants()), consistency()), encoding="utf-8")
+    path.write_text(page(of_group, mutant, consistency()), encoding="utf-8")
+    if parsed.page:
+        counts = [[text, str(number)] for number, text in _count(of_group, mutant)]
+        table = markdown_table(("formulas against 50 digits", "number"), counts)
+        replace_block(parsed.page, "stability", f"{date.today()}:\n\n{table}")
     failing = [o for of in of_group.values() for o in of if o.error_fraction > 1.0]
     for outcome in failing:
         print(f"{outcome.case}: {outcome.got}, but {outcome.reference or outcome.case.expect}")
@@ -56,16 +64,20 @@ def page(
 
 
 def _tiles(of_group: dict[str, list[Outcome]], mutant: list[MutantResult]) -> str:
+    counts = _count(of_group, mutant)
+    return "".join(f'<div class="tile"><b>{n}</b><span>{text}</span></div>' for n, text in counts)
+
+
+def _count(of_group: dict[str, list[Outcome]], mutant: list[MutantResult]) -> list[tuple[int, str]]:
     every = [outcome for of in of_group.values() for outcome in of]
     double = [outcome for outcome in every if outcome.case.float_type == "float64"]
-    tiles = [
+    return [
         (len(double), "hard cases in float64"),
         (len(every) - len(double), "of them in float32 too"),
         (len({(o.case.group, o.case.formula) for o in every}), f"formulas, {len(of_group)} groups"),
         (sum(outcome.error_fraction > 1.0 for outcome in every), "cases that fail"),
         (len(mutant), "mutants, all detected"),
     ]
-    return "".join(f'<div class="tile"><b>{n}</b><span>{text}</span></div>' for n, text in tiles)
 
 
 def _worst_row(group: str, of: list[Outcome]) -> str:

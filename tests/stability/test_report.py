@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from stability import measuring
+from stability import measuring, report
 from stability.consistency import consistency
 from stability.measuring import evaluate_group
 from stability.report import page
@@ -21,6 +22,17 @@ def test_page_has_every_group_and_needs_no_network() -> None:
     assert "NEES, expected 3" in text
     assert "http" not in text
     assert "$" not in text
+
+
+def test_page_when_named_gets_the_counts(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "page.md"
+    path.write_text("<!-- stability: begin -->\nformer\n<!-- stability: end -->\n")
+    monkeypatch.setattr(report, "groups", lambda: ["cube"])
+    monkeypatch.setattr(report, "evaluate_mutants", list)
+    assert report.main([str(tmp_path), "--page", str(path)]) == 0
+    cases = [one for one in evaluate_group("cube") if one.case.float_type == "float64"]
+    assert f"| hard cases in float64      | {len(cases):6} |" in path.read_text()
+    assert "former" not in path.read_text()
 
 
 def test_outcome_has_the_error_as_a_fraction_of_the_allowed_one() -> None:

@@ -1,4 +1,4 @@
-"""Derivatives of pixels by direction and parameters, and of directions by pixels."""
+"""Derivatives of pixels by direction, point and parameters, and of rays by pixels."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from catoptra_protocol.optics.derivatives import (
     differentiate_direction,
+    differentiate_point,
     differentiate_ray,
     parameter_names,
 )
@@ -17,7 +18,8 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from stability.catalogue import Invalid
-from stability.references.jacobian import MODELS, values
+from stability.references.jacobian import MODELS, NUMBERS, values
+from stability.references.mirror_jacobian import make_mirror
 
 
 def _camera(model: str, rim_rad: float) -> OmniCamera:
@@ -59,8 +61,36 @@ def _by_pixel(model: str, direction: list[float], rim_rad: float) -> Floats:
     return differentiate_ray(camera, pixel).by_pixel
 
 
+def _mirror_camera(mirror: str) -> OmniCamera:
+    u, v, scale, up, *stretch = NUMBERS
+    made, plane = make_mirror(mirror), ImagePlane((stretch[0], stretch[1], stretch[2], stretch[3]))
+    return OmniCamera(made, 640, 480, (u, v), scale, made.rim_rad, up, plane=plane)
+
+
+def _mirror_by_point(
+    mirror: str, point: list[float], pinhole_m: float, is_far: bool, start: float
+) -> Floats:
+    camera = _mirror_camera(mirror)
+    assert camera.mirror.pinhole_distance_m == pinhole_m
+    differentiate = differentiate_direction if is_far else differentiate_point
+    found = differentiate(camera, np.array(point))
+    if not found.valid:
+        raise Invalid("not seen")
+    np.testing.assert_array_equal(found.by_pose[:, :3], -found.by_point)
+    return np.concatenate((found.by_point, found.by_pose[:, 3:]))
+
+
+def _mirror_by_pixel(mirror: str, pixel: list[float], start: float) -> Floats:
+    found = differentiate_ray(_mirror_camera(mirror), np.array(pixel))
+    if not found.valid:
+        raise Invalid("not seen")
+    return np.concatenate((found.origin_by_pixel, found.by_pixel))
+
+
 SUBJECTS: dict[str, Any] = {
     "by_direction": _by_direction,
     "by_parameter": _by_parameter,
     "by_pixel": _by_pixel,
+    "mirror_by_point": _mirror_by_point,
+    "mirror_by_pixel": _mirror_by_pixel,
 }

@@ -10,7 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, write_html_report
+from catoptra_studies.experiment.experiment_report import (
+    ODOMETRY_ERRORS,
+    format_page_block,
+    write_html_report,
+)
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER, SETUPS
 from catoptra_studies.experiment.metrics import summarize_runs
 from catoptra_studies.experiment.paper_claims import Claim, Difference
@@ -136,3 +140,13 @@ def test_odometry_errors_are_those_of_the_robot_file(setup):
 )
 def test_table_has_the_numbers_of_setups_and_filters(report, text):
     assert text in report[0]
+
+
+def test_page_block_has_the_errors_of_each_filter():
+    runs = [make_filter_run(number, largest_m=0.2 + 0.05 * number) for number in range(3)]
+    filters = {one.name: {"title": one.title, **summarize_runs(runs)} for one in FILTERS}
+    summary = {"seed": 4, "num_runs": 3, "setups": {"sim": {"filters": filters}}}
+    text = format_page_block(summary)
+    assert "seed 4, 3 runs a set-up" in text
+    (row,) = (line for line in text.splitlines() if "this filter: largest" in line)
+    assert row.count("0.25 [") == len(FILTERS)

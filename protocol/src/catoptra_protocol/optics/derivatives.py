@@ -106,17 +106,22 @@ def differentiate_direction(
     if isinstance(camera, PerspectiveCamera):
         return _differentiate_flat_pixel(camera, direction)
     pixel, valid = pixel_from_direction(camera, direction)
-    return _differentiate_pixel(camera, direction, direction, pixel, valid)
+    shown = np.where(valid[..., None], direction, _AHEAD)
+    turn: Floats = 1.0 / hypot(shown[..., 0], shown[..., 1], shown[..., 2])
+    return _Local(camera, shown, valid).differentiate_pixel(shown, pixel, turn, turn)
 
 
 @np.errstate(under="ignore")
 def differentiate_point(camera: OmniCamera | PerspectiveCamera, point: Floats) -> PixelJacobian:
     """Derivatives of `pixel_from_point` at (..., 3) points, metres."""
-    if isinstance(camera, PerspectiveCamera):
-        return _differentiate_flat_pixel(camera, point)
+    if isinstance(camera, PerspectiveCamera) or camera.is_central:
+        return differentiate_direction(camera, point)
     pixel, valid = pixel_from_point(camera, point)
-    direction = point if camera.is_central else ray_from_pixel(camera, pixel)[1]
-    return _differentiate_pixel(camera, point, direction, pixel, valid)
+    shown = np.where(valid[..., None], point, _AHEAD)
+    nearby = _Local(camera, ray_from_pixel(camera, pixel)[1], valid)
+    # Next to the axis a pixel has the digits of the image's centre, a step of Newton's method all.
+    local = _Local(camera, nearby.turn_to(shown), valid)
+    return local.differentiate_pixel(shown, pixel, *local.turns_by_point(shown)[:2])
 
 
 @np.errstate(under="ignore")
@@ -145,22 +150,6 @@ def differentiate_ray(camera: OmniCamera | PerspectiveCamera, pixel: Floats) -> 
         moved[..., 1] = local.across * (distance * sin(psi) / local.sine_or_one)[..., None]
     by_parameters = -matmul(by_pixel, local.by_parameters)
     return RayJacobian(origin, direction, valid, matmul(moved, inverse), by_pixel, by_parameters)
-
-
-def _differentiate_pixel(
-    camera: OmniCamera, point: Floats, direction: Floats, pixel: Floats, valid: Bools
-) -> PixelJacobian:
-    """Derivatives at points whose rays have directions, those at infinity of the pixels."""
-    point = np.where(valid[..., None], point, (0.0, 0.0, 1.0))
-    local = _Local(camera, direction, valid)
-    along: Floats = 1.0 / hypot(point[..., 0], point[..., 1], point[..., 2])
-    across = along
-    if point is not direction and not camera.is_central:
-        along, across = local.turn_of_ray(point)
-    turns = np.stack((local.along * along[..., None], local.across * across[..., None]), axis=-2)
-    by_point = matmul(local.by_angles, turns)
-    by_pose = _differentiate_by_pose(by_point, point)
-    return PixelJacobian(pixel, valid, by_point, by_pose, local.by_parameters)
 
 
 def _differentiate_by_pose(by_point: Floats, point: Floats) -> Floats:
@@ -195,17 +184,22 @@ def _differentiate_flat_ray(camera: PerspectiveCamera, pixel: Floats) -> RayJaco
     return RayJacobian(origin, direction, valid, fixed, by_pixel, by_parameters)
 
 
+# Direction of the axis, in place of directions that are not shown.
+_AHEAD = (0.0, 0.0, 1.0)
+
+
 class _Local:
     """A camera next to directions: (..., 2, 2) pixels by angles along and across the image radius,
     and (..., 2, n) pixels by parameters; 0 where invalid."""
 
     def __init__(self, camera: OmniCamera, direction: Floats, valid: Bools) -> None:
-        self.camera = camera
+        self.camera, self.valid = camera, valid
         projection, plane = camera.projection, camera.plane
-        x, y, z = scale_components(np.where(valid[..., None], direction, (0.0, 0.0, 1.0)))
+        x, y, z = scale_components(np.where(valid[..., None], direction, _AHEAD))
         rho = hypot(x, y)
         t, _ = half_angle_tangent_from_rho_z(rho, z)
-        self.t = t = np.where(valid, np.minimum(t, camera.rim_t), projection.t_min)
+        t = np.where(valid, np.clip(t, projection.t_min, camera.rim_t), projection.t_min)
+        self.t = t
         off_axis = rho > 0.0
         x = np.where(off_axis, x / np.where(off_axis, rho, 1.0), 1.0)
         y = np.where(off_axis, y / np.where(off_axis, rho, 1.0), 0.0)
@@ -273,16 +267,34 @@ class _Local:
         found = mirror.reflect(psi)
         return psi, found.r, found.slope, hypot(found.r, found.depth)
 
-    def turn_of_ray(self, point: Floats) -> tuple[Floats, Floats]:
-        """Angles of the ray along and across the image radius, per metre of a point on it."""
+    def turns_by_point(self, point: Floats) -> tuple[Floats, Floats, Floats]:
+        """Angles of the ray along and across the image radius, per metre of a point on it, and the
+        angle along it to a point beside it."""
         _, r, slope, distance = self.reflect()
         _, z = self.camera.mirror.surface_point(self.t)
-        rho = hypot(point[..., 0], point[..., 1])
+        rho, height = hypot(point[..., 0], point[..., 1]), point[..., 2] - z
         theta = 2.0 * arctan(self.t)
-        ahead = (rho - r) * sin(theta) + (point[..., 2] - z) * cos(theta)
-        along = 1.0 / (ahead + distance / slope)
+        sine, cosine = sin(theta), cos(theta)
+        along = 1.0 / ((rho - r) * sine + height * cosine + distance / slope)
         off_axis = rho > 0.0
-        return along, np.where(off_axis, sin(theta) / np.where(off_axis, rho, 1.0), along)
+        across = np.where(off_axis, sine / np.where(off_axis, rho, 1.0), along)
+        return along, across, along * ((rho - r) * cosine - height * sine)
+
+    def turn_to(self, point: Floats) -> Floats:
+        """(..., 3) directions of the ray after a turn to a point beside it, in its azimuth."""
+        theta = 2.0 * arctan(self.t) + self.turns_by_point(point)[2]
+        rho = hypot(point[..., 0], point[..., 1])
+        across = sin(theta) / np.where(rho > 0.0, rho, 1.0)
+        return np.stack((across * point[..., 0], across * point[..., 1], cos(theta)), axis=-1)
+
+    def differentiate_pixel(
+        self, point: Floats, pixel: Floats, along: Floats, across: Floats
+    ) -> PixelJacobian:
+        """Derivatives at points whose rays turn by angles along and across the image radius."""
+        turns = (self.along * along[..., None], self.across * across[..., None])
+        by_point = matmul(self.by_angles, np.stack(turns, axis=-2))
+        by_pose = _differentiate_by_pose(by_point, point)
+        return PixelJacobian(pixel, self.valid, by_point, by_pose, self.by_parameters)
 
 
 def _projection_names(projection: RadialProjection) -> Iterator[str]:

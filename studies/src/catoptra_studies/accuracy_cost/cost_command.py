@@ -87,13 +87,14 @@ def _study_config(parsed: argparse.Namespace) -> CostStudyConfig:
         is_quick=parsed.quick,
         output_folder=parsed.output,
         date=time.strftime("%Y-%m-%d"),
-        machine=_describe_machine(parsed.machine),
+        machine=describe_machine(parsed.machine),
         num_runs=parsed.runs,
         seed=parsed.seed,
     )
 
 
-def _describe_machine(remark: str) -> str:
+def describe_machine(remark: str = "") -> str:
+    """Processor, Python and a remark, for tables of measurements."""
     processors = f"{count_processors()} processors ({_processor_name()})"
     machine = f"{platform.machine()} with {processors}, Python {platform.python_version()}"
     return f"{machine}, {remark}" if remark else machine

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 
 from catoptra_studies.commands import (
@@ -49,8 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study; return 0, 1 for wrong decisions, or 2 after one line about the reason."""
     parser = _make_parser()
     parsed = parser.parse_args(arguments)
-    if parsed.page and (parsed.sweep or parsed.only not in (None, "sweeps")):
-        parser.error("--page gets the table of all sweeps: leave out --sweep and --only pages")
+    if parsed.page and (parsed.sweep or parsed.only == "pages"):
+        parser.error("--page gets tables of decisions and of all sweeps: leave out --sweep and "
+                     "--only pages")  # fmt: skip
     return run_study("catoptra-studies effects", parsed, _run)
 
 
@@ -65,7 +67,7 @@ def _run(parsed: argparse.Namespace) -> int:
             are_right = _check_decisions(parsed, progress)
         if "sweeps" in parts:
             results = _run_sweeps(parsed, progress)
-    if parsed.page:
+    if parsed.page and results:
         num_runs = _experiment_config(parsed).num_runs
         summary = format_sweep_summary(results, num_runs=num_runs, seed=parsed.seed)
         replace_block(parsed.page, "sweeps", summary)
@@ -94,6 +96,9 @@ def _check_decisions(parsed: argparse.Namespace, progress: ProgressDisplay) -> b
     decisions = run_decision_study(study, on_place=on_place)
     report = evaluate_decisions(decisions)
     write_decision_report(parsed.output, report, decisions)
+    if parsed.page:
+        extent = f"{date.today()}, {report.num_situations} situations of seed {parsed.seed}:"
+        replace_block(parsed.page, "decisions", f"{extent}\n\n{report}")
     print_line(str(report))
     return not report.failures
 
@@ -139,7 +144,8 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--configs", type=Path, default=Path("configs"), metavar="DIR",
         help="folder with robots/, worlds/ and landmarks/ (default configs)")  # fmt: skip
     add_output(parser, "out/effects", "folder for pages, report and plots")
-    add("--page", type=Path, metavar="FILE", help="file whose sweeps block gets the table")
+    add("--page", type=Path, metavar="FILE",
+        help="file whose blocks decisions and sweeps get the tables")  # fmt: skip
     add("--only", choices=_PARTS, help="run one part alone")
     add("--sweep", action="append", choices=_SWEEP_SLUGS,
         help="only this sweep; may be given several times")  # fmt: skip

@@ -7,6 +7,7 @@ camera's figures are drawn, and report.html, figures and summary.json are writte
 from __future__ import annotations
 
 import argparse
+import json
 import platform
 import time
 from collections.abc import Iterator, Sequence
@@ -25,6 +26,7 @@ from catoptra_studies.commands import (
     print_table,
     run_study,
 )
+from catoptra_studies.experiment.experiment_report import format_page_block
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
     DetectorSnapshot,
@@ -41,6 +43,7 @@ from catoptra_studies.experiment.figure_source import (
     collect_camera_figures,
     default_figure_source,
 )
+from catoptra_studies.reports import replace_block
 
 _EXIT_FAILURE = 1
 
@@ -74,6 +77,9 @@ def _run(parsed: argparse.Namespace) -> int:
     rows = [(claim.text, str(claim.runs), claim.verdict) for claim in claims]
     print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
     print_line(f"report: {report}")
+    if parsed.page:
+        summary = json.loads((parsed.output / "summary.json").read_text("utf-8"))
+        replace_block(parsed.page, "demo", format_page_block(summary))
     return _EXIT_FAILURE if any(claim.is_refuted for claim in claims) else 0
 
 
@@ -145,6 +151,7 @@ def _make_parser() -> argparse.ArgumentParser:
         default=default_figure_source().value,
         help="figures of the camera: drawn here by the installed server's code, by an external "
         "program into DIR, or none (default: local where the server is installed)")  # fmt: skip
+    add("--page", type=Path, metavar="FILE", help="file whose block demo gets the table of errors")
     add("--timeout", type=float, default=60.0, metavar="S",
         help="longest wait for a running server or for external figures (default 60)")  # fmt: skip
     return parser

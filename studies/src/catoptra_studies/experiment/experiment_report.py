@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Mapping, Sequence
+from datetime import date
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -27,7 +28,13 @@ from catoptra_studies.experiment.experiment_setups import (
     FilterSettings,
 )
 from catoptra_studies.experiment.paper_claims import Claim, Difference
-from catoptra_studies.reports import Cell, ReportFigure, figure_elements, html_table
+from catoptra_studies.reports import (
+    Cell,
+    ReportFigure,
+    figure_elements,
+    html_table,
+    markdown_table,
+)
 
 # Keys of [USARBot.OdometrySensor] in both robot files: text of the table, and the purpose.
 ODOMETRY_ERRORS = {
@@ -134,6 +141,20 @@ def _filter_table(setup: Mapping[str, Any]) -> str:
         for key, label in _METRIC_LABELS.items()
     ]
     return f"<h3>{html.escape(setup['title'])}</h3>{html_table(header, rows)}"
+
+
+def format_page_block(summary: Mapping[str, Any]) -> str:
+    """Errors of odometry and of each filter, for a page of the repository."""
+    rows, titles = [], ["set-up"]
+    for name, setup in summary["setups"].items():
+        filters = setup["filters"].values()
+        titles[1:] = [settings["title"] for settings in filters]
+        for key in ("odometry_max_m", "ekf_max_m", "ekf_mean_m"):
+            cells = [_format_statistics(settings["statistics"][key]) for settings in filters]
+            rows.append([f"{name}: {_METRIC_LABELS[key]}", *cells])
+    extent = f"{date.today()}, seed {summary['seed']}, {summary['num_runs']} runs a set-up"
+    table = markdown_table(titles, rows)
+    return f"{extent}: medians, in brackets the quantiles of 5 and 95 %.\n\n{table}"
 
 
 def _format_statistics(statistics: Mapping[str, float] | None) -> str:

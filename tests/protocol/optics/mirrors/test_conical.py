@@ -1,4 +1,4 @@
-"""Conical mirror: reflection, circle of viewpoints, apex, points by Fermat's principle."""
+"""Conical mirror: reflection, circle of viewpoints, apex."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from mpmath import cos, mpf, sin
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.mirrors import ConicalMirror
-from helpers.mirror_checks import assert_is_mirror, fermat_radius_px, make_camera
+from helpers.mirror_checks import assert_is_mirror, make_camera
 
 CONE = ConicalMirror(math.radians(45.0), 0.2, math.radians(97.4))
 
@@ -44,25 +42,6 @@ def test_apex_shows_no_direction() -> None:
     assert valid.tolist() == [False, True]
     _, shown = camera.pixel_from_direction(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.3]]))
     assert not shown.any()
-
-
-@pytest.mark.parametrize("distance_m", [0.2, 1.0, 5.0])
-def test_point_has_the_pixel_of_the_stationary_path(distance_m: float) -> None:
-    camera, alpha = make_camera(CONE), mpf(math.radians(45.0))
-    # On the ray of the middle of the image.
-    t = np.array(math.tan(0.5 * math.radians(94.0)))
-    r, z = CONE.surface_point(t)
-    rho = float(r) + distance_m * math.sin(math.radians(94.0))
-    height = float(z) + distance_m * math.cos(math.radians(94.0))
-
-    def surface(along):  # type: ignore[no-untyped-def] # mpmath
-        return along * sin(alpha), mpf("0.2") + along * cos(alpha)
-
-    expected = fermat_radius_px(camera, surface, rho, height, float(r) * math.sqrt(2.0))
-    pixel, valid = pixel_from_point(camera, np.array([0.0, rho, height]))
-    assert valid
-    found = math.hypot(pixel[0] - camera.centre_px[0], pixel[1] - camera.centre_px[1])
-    assert found == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Spherical mirror: reflection, viewpoint, points by Fermat's principle."""
+"""Spherical mirror: reflection, viewpoint, outline."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from mpmath import cos, mpf, sin
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera_rays import near_limit_m, pixel_from_point
+from catoptra_protocol.optics.camera_rays import near_limit_m
 from catoptra_protocol.optics.mirrors import SphericalMirror
-from helpers.mirror_checks import assert_is_mirror, fermat_radius_px, make_camera
+from helpers.mirror_checks import assert_is_mirror, make_camera
 
 BALL = SphericalMirror(0.03, 0.2)
 
@@ -30,22 +29,6 @@ def test_ball_s_viewpoint_and_near_limit_are_those_of_the_reference() -> None:
     theta = np.linspace(0.01, BALL.rim_rad, 99)
     assert BALL.largest_miss_m(np.tan(0.5 * theta)).max() == pytest.approx(7.5e-3, abs=5e-5)
     assert near_limit_m(camera) == pytest.approx(1.40, abs=0.01)
-
-
-@pytest.mark.parametrize("distance_m", [0.2, 1.0, 5.0])
-@pytest.mark.parametrize("theta_deg", [5.0, 60.0, 90.0, 115.0])
-def test_point_has_the_pixel_of_the_stationary_path(distance_m: float, theta_deg: float) -> None:
-    camera, theta = make_camera(BALL), math.radians(theta_deg)
-    rho, height = distance_m * math.sin(theta), distance_m * math.cos(theta)
-
-    def surface(angle):  # type: ignore[no-untyped-def] # mpmath
-        return mpf("0.03") * sin(angle), mpf("0.2") - mpf("0.03") * cos(angle)
-
-    expected = fermat_radius_px(camera, surface, rho, height, 0.5 * theta)
-    pixel, valid = pixel_from_point(camera, np.array([rho, 0.0, height]))
-    assert valid
-    found = math.hypot(pixel[0] - camera.centre_px[0], pixel[1] - camera.centre_px[1])
-    assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_grazing_ray_ends_the_ball() -> None:

@@ -97,8 +97,7 @@ class RadialTableMirror(NonCentralMirror):
         high = self.t_limit * (1.0 + _SLACK)
         expected = f"a mirror's ray needs 0 <= t = tan(theta / 2) <= {high!r}, its rim"
         require_domain((t >= 0.0) & (t <= high), t, expected)
-        psi: Floats = arctan(_spline(self).evaluate(2.0 * arctan(t))[0])
-        return psi
+        return np.asarray(arctan(_spline(self).evaluate(2.0 * arctan(t))[0]))
 
 
 def _check_curve(mirror: RadialTableMirror) -> None:
