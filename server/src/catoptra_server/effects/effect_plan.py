@@ -48,7 +48,7 @@ from catoptra_server.effects import (
 from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
-_DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"
+_DEFOCUS, _DEFOCUS_BY_DEPTH, _MOSAIC = "Defocus", "DefocusByDepth", "Bayer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,6 +256,8 @@ def _thresholds(
         setting.effect.gains if decision.enabled else UNCHANGED
         for setting, decision in zip(settings.settings, decisions, strict=True)
     ]
+    names = [one.effect for one in decisions if one.enabled]
+    before_mosaic = names[: names.index(_MOSAIC)] if _MOSAIC in names else ()
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
         decision.effect: Threshold(
@@ -265,6 +267,7 @@ def _thresholds(
             gains,
             settings.visible_share,
             spill,
+            decision.effect in before_mosaic,
         )
         for setting, decision, gains, spill in zip(
             settings.settings,

@@ -233,6 +233,11 @@ def _measures(thresholds: Mapping[str, Threshold], effect: str) -> bool:
     return effect in thresholds and thresholds[effect].is_measured
 
 
+def _spread(thresholds: Mapping[str, Threshold]) -> int:
+    """Pixels of the picture that one of the frame's may change: a mosaic's neighbours."""
+    return 9 if any(one.has_mosaic for one in thresholds.values()) else 1
+
+
 def _read_changes(
     num_pixels: int,
     state: CameraState,
@@ -241,16 +246,17 @@ def _read_changes(
 ) -> dict[str, EffectChange]:
     """Changes by the scene's effects that are drawn and have a threshold."""
     changes = {}
+    spread = _spread(thresholds)
     if state.has_shadows:
-        changes["Shadows"] = read_change(counts.shadow_change, num_pixels)
+        changes["Shadows"] = read_change(counts.shadow_change, num_pixels, spread)
     if state.fog is not None:
-        changes["Fog"] = read_change(counts.fog_change, num_pixels)
+        changes["Fog"] = read_change(counts.fog_change, num_pixels, spread)
     if find_ego_body(state):
         changes["SelfView"] = EffectChange(np.inf if counts.shows_watched else 0.0)
     if state.shutter is not None and state.shutter.readout_s > 0.0:
-        changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels)
+        changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels, spread)
     if state.shutter is not None and state.shutter.exposure_s > 0.0:
-        changes["MotionBlur"] = read_change(counts.blur_change, num_pixels)
+        changes["MotionBlur"] = read_change(counts.blur_change, num_pixels, spread)
     return {name: one for name, one in changes.items() if _measures(thresholds, name)}
 
 
@@ -402,7 +408,7 @@ class KernelEngine:
             struct.spill[:] = one.spill
         for one in thresholds.values():
             if one.is_measured:
-                struct.limits = change_limits(one, num_pixels)
+                struct.limits = change_limits(one, num_pixels, _spread(thresholds))
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)
