@@ -139,6 +139,16 @@ def test_bound_of_light_above_the_well_counts_what_spills_over_beside() -> None:
     assert [one.spill for one in thresholds.values()] == [(1.0, pytest.approx(0.1)), NO_SPILL]
 
 
+def test_bound_of_an_exposure_that_fills_the_wells_counts_what_spills_over_beside() -> None:
+    longer, blooming = make_any_effect("Exposure", {"exposure_s": 0.05}), Blooming(0.1, 8.0)
+    both = (longer, EffectMode.AUTO), (blooming, EffectMode.AUTO)
+    bound, alone = (
+        decide(*one, summary=SceneSummary(0.9)).decisions[0].bound for one in (both, both[:1])
+    )
+    factor = 0.05 * 60.0
+    assert bound >= alone + grey_level(0.1 * (0.9 * factor - 1.0)) - 0.01
+
+
 def test_decision_when_nothing_changed_is_not_made_again() -> None:
     settings = make_settings((COARSE, EffectMode.AUTO))
     assert plan_effects(settings, DAYLIGHT, CAMERA) is plan_effects(

@@ -319,8 +319,11 @@ class _EffectEntry:
     def _max_spilt_levels(self, summary: SceneSummary) -> float:
         """Grey level of what the brightest light spills over a black pixel."""
         gain, part = self.spill
-        excess = gain * summary.max_radiance - 1.0
-        if part == 0.0 or excess <= 0.0:
+        if part == 0.0:
+            return 0.0
+        after = self.setting.effect.update_summary(summary)
+        excess = gain * max(summary.max_radiance, after.max_radiance) - 1.0
+        if excess <= 0.0:
             return 0.0
         # Loaded with the effect that spills.
         from catoptra_server.effects.kernels.grey_levels import grey_level

@@ -185,7 +185,12 @@ def test_change_of_light_above_the_well_counts_what_spills_over_beside(
 
 @pytest.mark.parametrize(
     ("names", "spared"),
-    [(("Vignetting",), 3.0), (("MirrorReflectance", "Vignetting"), 3.0), (("Diffraction",), 1.3)],
+    [
+        (("Vignetting",), 3.0),
+        (("MirrorReflectance", "Vignetting"), 3.0),
+        (("Diffraction",), 1.3),
+        (("Exposure",), 1.1),
+    ],
 )
 def test_overflow_of_a_drawn_sensor_counts_where_it_falls_and_by_what_changes(
     changer: KernelImageChanger, names: tuple[str, ...], spared: float
@@ -194,9 +199,9 @@ def test_overflow_of_a_drawn_sensor_counts_where_it_falls_and_by_what_changes(
     blooming = make_effect("Blooming", {"overflow_fraction": 0.1})
     effects = tuple(make_effect(name, STRONG.get(name)) for name in names)
     context = make_context(camera)
-    # A bright field above one in daylight, and black that nothing spills into.
+    # A bright field above one in daylight, and black beside that nothing spills into.
     light = np.zeros((71, 97, 3), dtype=np.float32)
-    light[10:30, 20:80], light[30:60, 20:80] = 1.6, 0.5
+    light[:30, 20:80], light[30:, 20:80] = 1.6, 0.5
     exposed = ExposedImage(light, camera, context)
     threshold = Threshold(255.0, (1.0, 1.0), 0.999, (1.0, 0.1))
     thresholds = dict.fromkeys(names, threshold)

@@ -154,18 +154,15 @@ static void measure_spill(const Pass *pass, const Cell *cell, Changes *changes,
     int pixels = 0;
     for (int row = 0; row < cell->rows; row++) {
         Floats16 received = receive_excess(pass, &changes->own.maps, cell, row), largest = {0};
-        Ints16 receives = columns_below(cell->columns) & (received > 0.0f);
-        if (!bits16(receives))
-            continue;
         for (int channel = 0; channel < 3; channel++) {
             Floats16 own = load16(light->values[channel][row]);
-            Floats16 change = level_changes(pass->stage, own, own + received);
-            largest = most16(largest, select16(receives, change, splat16(0.0f)));
+            largest = most16(level_changes(pass->stage, own, own + received), largest);
         }
         /* With their own changes any of them may be visible. */
-        pixels += __builtin_popcount(bits16(receives));
-        mark_visible(&changes->own, cell, row, bits16(receives));
-        raise_largest(&changes->spilt, most_of16(largest));
+        Ints16 changed = columns_below(cell->columns) & (largest > 0.0f);
+        pixels += __builtin_popcount(bits16(changed));
+        mark_visible(&changes->own, cell, row, bits16(changed));
+        raise_largest(&changes->spilt, most_of16(select16(changed, largest, splat16(0.0f))));
     }
     count_visible(&changes->own, pixels);
 }

@@ -41,6 +41,8 @@ static inline float read_largest(const ChangeMeasure *measure) {
 
 static inline void raise_largest(ChangeMeasure *measure, float value) {
     uint32_t bits, known = atomic_load_explicit(&measure->largest, memory_order_relaxed);
+    if (value == 0.0f)
+        return; /* whose sign may be set */
     memcpy(&bits, &value, sizeof bits);
     while (bits > known && !atomic_compare_exchange_weak(&measure->largest, &known, bits))
         ;
