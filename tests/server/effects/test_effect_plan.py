@@ -279,9 +279,13 @@ def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
 
 def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
     plan = decide((COARSE, EffectMode.AUTO))
-    assert plan.decide_by_frame({}) == plan.decisions
-    assert plan.decide_by_frame({"Blooming": EffectChange(3.0)}) == plan.decisions
-    assert plan.decisions[0].basis is DecisionBasis.PROVED
+    (proved,) = plan.decisions
+    said = replace(proved, reason=f"this renderer cannot measure it; {proved.reason}")
+    assert plan.decide_by_frame({}) == (said,)
+    assert plan.decide_by_frame({"Blooming": EffectChange(3.0)}) == (said,)
+    assert proved.basis is DecisionBasis.PROVED
+    for undecided in (decide((COARSE, EffectMode.ALWAYS)), decide((FINE, EffectMode.AUTO))):
+        assert undecided.decide_by_frame({}) == undecided.decisions
 
 
 @pytest.mark.parametrize("mode", [EffectMode.ALWAYS, EffectMode.NEVER])

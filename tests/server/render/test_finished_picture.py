@@ -80,13 +80,19 @@ def test_raster_decides_on_image_effects_as_trace_and_draws_all_scene_effects_th
     device: GlDevice,
 ) -> None:
     drawn = (draw_pair("corridor", 1.0, renderer=name)[0] for name in ("trace", "raster"))
-    by_trace, by_raster = (
-        {decision.effect: decision.enabled for decision in one.effect_decisions} for one in drawn
-    )
+    decisions = [one.effect_decisions for one in drawn]
+    by_trace, by_raster = ({one.effect: one.enabled for one in named} for named in decisions)
     image_effects = by_trace.keys() - set(SCENE_EFFECTS)
     assert all(by_raster[name] == by_trace[name] for name in image_effects)
     # Raster measures no scene effect: what no bound proves off it draws.
     assert all(by_raster[name] >= by_trace[name] for name in SCENE_EFFECTS)
+    unmeasured = [
+        {one.effect for one in named if one.reason.startswith("this renderer cannot measure it")}
+        for named in decisions
+    ]
+    on_in_raster = {name for name in SCENE_EFFECTS if by_raster[name]}
+    assert unmeasured == [set(), on_in_raster]
+    assert {"SelfView", "MotionBlur"} <= on_in_raster
 
 
 SCENE_EFFECTS = ("SelfView", "Shadows", "Fog", "RollingShutter", "MotionBlur")

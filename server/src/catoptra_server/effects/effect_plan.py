@@ -105,21 +105,29 @@ class EffectPlan:
         """Decisions with what a frame shows: an effect that changes too little in it is off.
 
         Args:
-            changes: Change by effect: `renderer.RenderedImage.changes`.
+            changes: Change by effect: `renderer.RenderedImage.changes`. Effects that the frame
+                decides on and that the renderer does not measure are on, and say so.
         """
-        if not changes:
-            return self.decisions
         if _DEFOCUS_BY_DEPTH in changes and not any(one.included_in for one in self.decisions):
             # As in its bound, with no `Defocus` to count from.
             changes = dict(changes)
             changes[_DEFOCUS_BY_DEPTH] = changes.pop(_DEFOCUS, changes[_DEFOCUS_BY_DEPTH])
-        decided = [_decide_by_change(one, changes.get(one.effect)) for one in self.decisions]
+        decided = [self._decide(one, changes.get(one.effect)) for one in self.decisions]
         enabled = {one.effect for one in decided if one.enabled}
         # What an effect includes stays off only as long as that effect is on.
         return tuple(
             before if before.included_in in enabled else after
             for before, after in zip(self.decisions, decided, strict=True)
         )
+
+    def _decide(self, decision: EffectDecision, change: EffectChange | None) -> EffectDecision:
+        """Decision with the change in a frame; None for one that nobody measured."""
+        if change is not None:
+            return _decide_by_change(decision, change)
+        threshold = self.thresholds.get(decision.effect)
+        if threshold is None or not threshold.is_measured:
+            return decision
+        return replace(decision, reason=f"this renderer cannot measure it; {decision.reason}")
 
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
@@ -219,9 +227,7 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
     )
 
 
-def _decide_by_change(decision: EffectDecision, change: EffectChange | None) -> EffectDecision:
-    if change is None:
-        return decision
+def _decide_by_change(decision: EffectDecision, change: EffectChange) -> EffectDecision:
     reason = decision.reason.removeprefix(_included_reason(decision.included_in))
     allowed = Threshold(decision.threshold, visible_share=decision.share_threshold)
     measured = replace(
