@@ -340,22 +340,21 @@ static void add_unshadowed(const FrameState *state, int block, uint32_t active,
     add_samples(state, block, active, sum, &unshadowed->sums);
 }
 
-static void add_unwatched(const FrameState *state, int block, const RayBlock *source,
-                          uint32_t watched, const TileContent *content,
-                          float radiance[3][BLOCK_RAYS], const LostLight *lost,
-                          const PixelSums *before, const Unshadowed *unshadowed,
-                          Unwatched *unwatched) {
+static void add_unwatched(const FrameState *state, int block, size_t index, uint32_t watched,
+                          const TileContent *content, float radiance[3][BLOCK_RAYS],
+                          const LostLight *lost, const PixelSums *before,
+                          const Unshadowed *unshadowed, Unwatched *unwatched) {
     float shadowed[3][BLOCK_RAYS], lit[3][BLOCK_RAYS];
-    if (!unwatched->differs && !watched)
-        return;
+    RayBlock source;
+    load_block(state, index, &source);
     if (!unwatched->differs && block) {
         unwatched->sums = *before;
         unwatched->unshadowed = unshadowed->differs ? unshadowed->sums : *before;
     }
     unwatched->differs = 1;
-    find_unwatched(state, source, watched, content, radiance, lost, shadowed, lit);
-    add_samples(state, block, source->active, shadowed, &unwatched->sums);
-    add_samples(state, block, source->active, lit, &unwatched->unshadowed);
+    find_unwatched(state, &source, watched, content, radiance, lost, shadowed, lit);
+    add_samples(state, block, source.active, shadowed, &unwatched->sums);
+    add_samples(state, block, source.active, lit, &unwatched->unshadowed);
 }
 
 /* Means of a tile's samples into the image, and into the plan of a moving frame; with the sums of
@@ -495,7 +494,6 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         HitBlock hits;
         _Alignas(64) float radiance[3][BLOCK_RAYS];
         load_block(state, index, &rays);
-        RayBlock source = rays;
         uint32_t watched = find_hits(state, &rays, &hits, content);
         if (labels)
             count_samples(state, block, rays.active, &hits, labels);
@@ -511,8 +509,9 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
                      measures_fog(state) ? clear : NULL);
         if (measures_fog(state))
             add_samples(state, block, rays.active, clear, &clear_sums);
-        add_unwatched(state, block, &source, watched, content, radiance, &lost, &sums, &unshadowed,
-                      &unwatched);
+        if (watched || unwatched.differs)
+            add_unwatched(state, block, index, watched, content, radiance, &lost, &sums,
+                          &unshadowed, &unwatched);
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
