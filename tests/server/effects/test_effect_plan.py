@@ -139,6 +139,16 @@ def test_bound_of_light_above_the_well_counts_what_spills_over_beside() -> None:
     assert [one.spill for one in thresholds.values()] == [(1.0, pytest.approx(0.1)), NO_SPILL]
 
 
+def test_bound_of_an_exposure_that_fills_the_wells_counts_what_spills_over_beside() -> None:
+    longer, blooming = make_any_effect("Exposure", {"exposure_s": 0.05}), Blooming(0.1, 8.0)
+    both = (longer, EffectMode.AUTO), (blooming, EffectMode.AUTO)
+    bound, alone = (
+        decide(*one, summary=SceneSummary(0.9)).decisions[0].bound for one in (both, both[:1])
+    )
+    factor = 0.05 * 60.0
+    assert bound >= alone + grey_level(0.1 * (0.9 * factor - 1.0)) - 0.01
+
+
 def test_decision_when_nothing_changed_is_not_made_again() -> None:
     settings = make_settings((COARSE, EffectMode.AUTO))
     assert plan_effects(settings, DAYLIGHT, CAMERA) is plan_effects(
@@ -269,9 +279,13 @@ def test_effect_that_is_only_seen_has_no_number_that_nobody_measured() -> None:
 
 def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
     plan = decide((COARSE, EffectMode.AUTO))
-    assert plan.decide_by_frame({}) == plan.decisions
-    assert plan.decide_by_frame({"Blooming": EffectChange(3.0)}) == plan.decisions
-    assert plan.decisions[0].basis is DecisionBasis.PROVED
+    (proved,) = plan.decisions
+    said = replace(proved, reason=f"this renderer cannot measure it; {proved.reason}")
+    assert plan.decide_by_frame({}) == (said,)
+    assert plan.decide_by_frame({"Blooming": EffectChange(3.0)}) == (said,)
+    assert proved.basis is DecisionBasis.PROVED
+    for undecided in (decide((COARSE, EffectMode.ALWAYS)), decide((FINE, EffectMode.AUTO))):
+        assert undecided.decide_by_frame({}) == undecided.decisions
 
 
 @pytest.mark.parametrize("mode", [EffectMode.ALWAYS, EffectMode.NEVER])

@@ -292,6 +292,12 @@ class DecisionBasis(StrEnum):
 
 VISIBLE_LEVELS = 0.5
 """A pixel that changes by at most half a level is the same after rounding, or its neighbour."""
+COUNTED_LEVELS = 0.375
+"""Change from which a pixel is counted: no mean of pixels that change by less changes by more than
+VISIBLE_LEVELS. Proof: a level y is light G(y), and a mean with weights w changes by the sum of
+w G'(y) / G'(mean) for each level of its parts. G' is a concave function of light but for its jump
+by 1.0173 from the sRGB curve's straight part, where black and light of 4.4 times its end make the
+largest such sum, 1.3215."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,6 +326,8 @@ class Threshold:
     """Share of the pixels that may change by more than VISIBLE_LEVELS."""
     spill: Spill = NO_SPILL
     """A difference far above white, which its own pixel does not show, reaches black neighbours."""
+    has_mosaic: bool = False
+    """Whether a mosaic follows, behind which a pixel's change shows in its neighbours."""
 
     @property
     def is_measured(self) -> bool:
@@ -331,7 +339,7 @@ class Threshold:
         """Change up to which a part of the picture may be drawn without the effect, uncounted."""
         if self.visible_share >= 1.0:
             return self.max_change
-        return min(self.max_change, VISIBLE_LEVELS)
+        return min(self.max_change, COUNTED_LEVELS)
 
     def covers(self, change: EffectChange) -> bool:
         """Whether nobody misses a change."""

@@ -47,7 +47,7 @@ from catoptra_server.effects import (
 from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
-_DEFOCUS, _DEFOCUS_BY_DEPTH = "Defocus", "DefocusByDepth"
+_DEFOCUS, _DEFOCUS_BY_DEPTH, _MOSAIC = "Defocus", "DefocusByDepth", "Bayer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,21 +99,29 @@ class EffectPlan:
         """Decisions with what a frame shows: an effect that changes too little in it is off.
 
         Args:
-            changes: Change by effect: `renderer.RenderedImage.changes`.
+            changes: Change by effect: `renderer.RenderedImage.changes`. Effects that the frame
+                decides on and that the renderer does not measure are on, and say so.
         """
-        if not changes:
-            return self.decisions
         if _DEFOCUS_BY_DEPTH in changes and not any(one.included_in for one in self.decisions):
             # As in its bound, with no `Defocus` to count from.
             changes = dict(changes)
             changes[_DEFOCUS_BY_DEPTH] = changes.pop(_DEFOCUS, changes[_DEFOCUS_BY_DEPTH])
-        decided = [_decide_by_change(one, changes.get(one.effect)) for one in self.decisions]
+        decided = [self._decide(one, changes.get(one.effect)) for one in self.decisions]
         enabled = {one.effect for one in decided if one.enabled}
         # What an effect includes stays off only as long as that effect is on.
         return tuple(
             before if before.included_in in enabled else after
             for before, after in zip(self.decisions, decided, strict=True)
         )
+
+    def _decide(self, decision: EffectDecision, change: EffectChange | None) -> EffectDecision:
+        """Decision with the change in a frame; None for one that nobody measured."""
+        if change is not None:
+            return _decide_by_change(decision, change)
+        threshold = self.thresholds.get(decision.effect)
+        if threshold is None or not threshold.is_measured:
+            return decision
+        return replace(decision, reason=f"this renderer cannot measure it; {decision.reason}")
 
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
@@ -213,9 +221,7 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
     )
 
 
-def _decide_by_change(decision: EffectDecision, change: EffectChange | None) -> EffectDecision:
-    if change is None:
-        return decision
+def _decide_by_change(decision: EffectDecision, change: EffectChange) -> EffectDecision:
     reason = decision.reason.removeprefix(_included_reason(decision.included_in))
     allowed = Threshold(decision.threshold, visible_share=decision.share_threshold)
     measured = replace(
@@ -250,6 +256,8 @@ def _thresholds(
         setting.effect.gains if decision.enabled else UNCHANGED
         for setting, decision in zip(settings.settings, decisions, strict=True)
     ]
+    names = [one.effect for one in decisions if one.enabled]
+    before_mosaic = names[: names.index(_MOSAIC)] if _MOSAIC in names else ()
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
         decision.effect: Threshold(
@@ -259,6 +267,7 @@ def _thresholds(
             gains,
             settings.visible_share,
             spill,
+            decision.effect in before_mosaic,
         )
         for setting, decision, gains, spill in zip(
             settings.settings,
@@ -310,8 +319,11 @@ class _EffectEntry:
     def _max_spilt_levels(self, summary: SceneSummary) -> float:
         """Grey level of what the brightest light spills over a black pixel."""
         gain, part = self.spill
-        excess = gain * summary.max_radiance - 1.0
-        if part == 0.0 or excess <= 0.0:
+        if part == 0.0:
+            return 0.0
+        after = self.setting.effect.update_summary(summary)
+        excess = gain * max(summary.max_radiance, after.max_radiance) - 1.0
+        if excess <= 0.0:
             return 0.0
         # Loaded with the effect that spills.
         from catoptra_server.effects.kernels.grey_levels import grey_level

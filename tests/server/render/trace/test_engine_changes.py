@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects import UNCHANGED, Threshold
+from catoptra_server.effects import COUNTED_LEVELS, UNCHANGED, Threshold
 from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
@@ -19,7 +19,6 @@ from catoptra_server.world.world_description import (
     Light,
     PointLight,
     Twist,
-    World,
     srgb_from_linear,
 )
 from helpers.dynamic_objects import place_cube
@@ -133,15 +132,65 @@ def test_shadows_are_counted_in_every_pixel_that_they_change_visibly(engine: Eng
     assert rest.changes["Shadows"].visible_share == share
 
 
-@pytest.mark.parametrize(("height_m", "change"), [(0.6, np.inf), (-3.0, 0.0)])
-def test_change_by_the_self_view_says_whether_the_body_is_seen(
-    engine: EngineName, height_m: float, change: float
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+@pytest.mark.parametrize("lights", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("height_m", [0.6, 0.8, -3.0])
+def test_change_by_the_self_view_is_that_between_frames_with_and_without_the_body(
+    engine: EngineName, lights: tuple[Light, ...], table: RayTable, height_m: float
 ) -> None:
-    # Above a camera whose mirror looks down nothing of the body is seen.
-    other, body = place_cube(1.0, 0.0, -0.5), place_cube(0.05, 0.03, -1.1 + height_m)
-    world = World("empty", (), background=(0.5, 0.5, 0.5))
-    state = replace(STATE, objects=(other, body), ego_body=body)
+    # Two of a kind: the body is the last. Above a camera whose mirror looks down it is not seen.
+    other = place_cube(0.9, 0.0, -0.3)
+    body = replace(place_cube(0.05, 0.03, -1.1 + height_m), mesh=other.mesh)
+    world = make_world(floor_item(), *BOXES, lights=lights)
+    with_it = replace(STATE, objects=(other, body), ego_body=body)
+    counted = Threshold(255.0, visible_share=0.999)
+    request = TraceRequest(thresholds={"Shadows": counted, "SelfView": counted})
+    for has_shadows in (False, True):
+        state = replace(with_it, has_shadows=has_shadows)
+        with open_engine(engine, world) as opened:
+            rays = opened.prepare(table)
+            light = rays.render_linear(state)
+            without = rays.render_linear(replace(state, objects=(other,)))
+            found = rays.render(state, request).changes
+            assert "SelfView" not in rays.render(replace(state, objects=()), request).changes
+        levels = find_changes(light, without, UNCHANGED).max(axis=-1)
+        stated, expected = found["SelfView"], levels.max()
+        share = (levels > COUNTED_LEVELS).mean()
+        assert expected - 0.02 <= stated.largest < np.inf
+        assert share <= stated.visible_share + 2 / levels.size
+        if not has_shadows:
+            assert stated.largest == pytest.approx(expected, abs=0.02)
+            assert stated.visible_share == pytest.approx(share, abs=2 / levels.size)
+            assert (expected > 5.0) == (height_m > 0.0)
+
+
+def test_change_by_the_self_view_beside_shadows_that_nobody_measures_has_no_number(
+    engine: EngineName,
+) -> None:
+    body = place_cube(0.05, 0.03, -0.5)
+    world = make_world(floor_item(), lights=LIGHTS["both"])
+    state = replace(STATE, objects=(body,), ego_body=body)
+    request = TraceRequest(thresholds={"Shadows": Threshold(-1.0), "SelfView": Threshold(0.5)})
     with open_engine(engine, world) as opened:
-        rays = opened.prepare(TABLES["1 sample"])
-        assert rays.render(state, REQUEST).changes["SelfView"].largest == change
-        assert "SelfView" not in rays.render(replace(state, objects=()), REQUEST).changes
+        change = opened.prepare(TABLES["1 sample"]).render(state, request).changes["SelfView"]
+    assert change.largest == np.inf if engine == "kernel" else change.largest > 0.5
+
+
+def test_change_by_the_self_view_under_a_rolling_shutter_is_that_of_the_rows(
+    engine: EngineName,
+) -> None:
+    body = place_cube(0.05, 0.03, -0.5)
+    world = make_world(floor_item(), lights=LIGHTS["both"])
+    rolling = Shutter(0.0, 1.0 / 30.0, 8.0)
+    state = replace(STATE, objects=(body,), ego_body=body, shutter=rolling, has_shadows=False)
+    request = TraceRequest(is_linear=True, thresholds={"SelfView": Threshold(255.0)})
+    moving = replace(state, twist=Twist((0.0, 0.6, 0.0)))
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        with_it, without = (
+            rays.render_linear(replace(moving, objects=objects)) for objects in ((body,), ())
+        )
+        stated = rays.render(moving, request).changes["SelfView"]
+    expected = find_changes(with_it, without, UNCHANGED).max()
+    # The reference measures the middle of the readout.
+    assert stated.largest == pytest.approx(expected, abs=0.02 if engine == "kernel" else 9.0)

@@ -17,6 +17,7 @@ import math
 import zlib
 from collections.abc import Callable
 from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +28,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects import (
+    COUNTED_LEVELS,
     NO_SPILL,
-    VISIBLE_LEVELS,
     EffectChange,
     Gains,
     Real,
@@ -133,7 +134,23 @@ def measure_change(
 ) -> EffectChange:
     """Change of the finished picture between two versions, (h, w, 3), of light."""
     levels = find_changes(one, other, threshold.gains, threshold.spill).max(axis=-1)
-    return EffectChange(float(levels.max()), float((levels > VISIBLE_LEVELS).mean()))
+    visible = levels > COUNTED_LEVELS
+    if threshold.has_mosaic:
+        visible = _reach_neighbours(visible)
+    return EffectChange(float(levels.max()), float(visible.mean()))
+
+
+def _reach_neighbours(pixels: Bools) -> Bools:
+    """(h, w) pixels that a mosaic's colours show some of (h, w) pixels in.
+
+    Red and blue are interpolated from all eight neighbours, green from those in row and column.
+    """
+    padded = np.pad(pixels, 1)
+    reached = pixels | padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
+    padded[1:-1, 1:-1][::2, 1::2] = padded[1:-1, 1:-1][1::2, ::2] = False  # green
+    for rows, columns in product((slice(-2), slice(2, None)), repeat=2):
+        reached |= padded[rows, columns]
+    return reached
 
 
 # Rec. 709, for linear red, green, blue.

@@ -258,10 +258,11 @@ def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
 def find_ego_body(exposure: TracedExposure) -> int:
     """Number in hits of the ego body, 0 where no object is the body."""
     state = first_state(exposure)
-    for number, placed in enumerate(state.objects):
-        # By the mesh: at another time sample the body has another pose.
-        if state.ego_body is not None and placed.mesh is state.ego_body.mesh:
-            return 1 + number
+    # By the mesh: at another time sample the body has another pose. From the end, where it is:
+    # robots of one kind may share a mesh.
+    for number in range(len(state.objects), 0, -1):
+        if state.ego_body is not None and state.objects[number - 1].mesh is state.ego_body.mesh:
+            return number
     return STATIC_SCENE
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects import CaptureContext, ImageEffect, Threshold
-from catoptra_server.effects.kernels.grey_levels import measure_change
+from catoptra_server.effects import VISIBLE_LEVELS, CaptureContext, ImageEffect, Threshold
+from catoptra_server.effects.kernels.grey_levels import find_changes, measure_change
 from catoptra_server.render.image_changer import ExposedImage, NumpyImageChanger
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS, KernelImageChanger
@@ -183,6 +183,44 @@ def test_change_of_light_above_the_well_counts_what_spills_over_beside(
         assert measure_change(with_it, plain).largest <= levels + 0.02
 
 
+@pytest.mark.parametrize(
+    ("names", "spared"),
+    [
+        (("Vignetting",), 3.0),
+        (("MirrorReflectance", "Vignetting"), 3.0),
+        (("Diffraction",), 1.3),
+        (("Exposure",), 1.1),
+    ],
+)
+def test_overflow_of_a_drawn_sensor_counts_where_it_falls_and_by_what_changes(
+    changer: KernelImageChanger, names: tuple[str, ...], spared: float
+) -> None:
+    camera = camera_of_size(97, 71)
+    blooming = make_effect("Blooming", {"overflow_fraction": 0.1})
+    effects = tuple(make_effect(name, STRONG.get(name)) for name in names)
+    context = make_context(camera)
+    # A bright field above one in daylight, and black beside that nothing spills into.
+    light = np.zeros((71, 97, 3), dtype=np.float32)
+    light[:30, 20:80], light[30:, 20:80] = 1.6, 0.5
+    exposed = ExposedImage(light, camera, context)
+    threshold = Threshold(255.0, (1.0, 1.0), 0.999, (1.0, 0.1))
+    thresholds = dict.fromkeys(names, threshold)
+    alone = changer.change(exposed, effects, thresholds).changes
+    found = changer.change(exposed, (*effects, blooming), thresholds).changes
+    for index, effect in enumerate(effects):
+        rest = (*effects[index + 1 :], blooming)
+        before = changer.change(exposed, effects[:index], {}).image if index else light
+        pair = (
+            changer.change(ExposedImage(before, camera, context), chain, {}).image
+            for chain in ((effect, *rest), rest)
+        )
+        true = measure_change(*pair)
+        stated = found[effect.name]
+        assert true.largest <= stated.largest + 0.02
+        assert true.visible_share <= stated.visible_share + 6 / (97 * 71)
+        assert spared * stated.largest < alone[effect.name].largest
+
+
 def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     changer: KernelImageChanger,
 ) -> None:
@@ -279,10 +317,33 @@ def test_stages_before_a_mosaic_are_measured_in_the_colours_that_it_keeps(
     for effect in effects[:-1]:
         before, light = light, effect.apply(light, camera, context)
         raw = (keep_mosaic(one)[..., None] for one in (before, light))
-        kept = measure_change(*raw, threshold)
+        kept = measure_change(*raw, replace(threshold, has_mosaic=True))
         found = native.changes[effect.name]
         assert found.largest == pytest.approx(kept.largest, abs=0.02)
         assert found.visible_share == pytest.approx(kept.visible_share, abs=6 / (97 * 71))
+
+
+# A lens's effect, of which the pass before knows three colours, and a sensor's.
+@pytest.mark.parametrize("name", ["ChromaticAberration", "Exposure", "ReadNoise"])
+@pytest.mark.parametrize("is_native", [True, False])
+def test_share_of_pixels_before_a_mosaic_is_not_below_that_behind_it(
+    changer: KernelImageChanger, name: str, is_native: bool
+) -> None:
+    camera, mosaic = camera_of_size(97, 71), make_effect("Bayer")
+    effect = make_effect(name, STRONG.get(name))
+    context, rng = make_context(camera), np.random.default_rng(8)
+    for fraction, brightest in ((0.01, 1.0), (0.1, 0.02), (0.6, 0.02)):
+        is_lit = rng.uniform(size=(71, 97, 1)) < fraction
+        light = (is_lit * rng.uniform(0.0, brightest, (71, 97, 3))).astype(np.float32)
+        exposed = ExposedImage(light, camera, context)
+        threshold = Threshold(255.0, visible_share=0.9999, has_mosaic=True)
+        applied = changer if is_native else NUMPY
+        stated = applied.change(exposed, (effect, mosaic), {name: threshold}).changes[name]
+        with_it = changer.change(exposed, (effect, mosaic), {}).image
+        without = changer.change(exposed, (mosaic,), {}).image
+        levels = find_changes(with_it, without, (1.0, 1.0)).max(axis=-1)
+        true_share = (levels > VISIBLE_LEVELS).mean()
+        assert true_share <= stated.visible_share <= 9.0 * true_share + 0.02
 
 
 @pytest.mark.parametrize("threshold", [0.5, 255.0])

@@ -113,17 +113,21 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
     return OwningStruct(struct, (array, objects))
 
 
-def change_limits(threshold: Threshold, num_pixels: int) -> ChangeLimits:
-    """Change of an image of some pixels that nobody misses."""
+def change_limits(threshold: Threshold, num_pixels: int, spread: int = 1) -> ChangeLimits:
+    """Change of an image of some pixels that nobody misses.
+
+    Args:
+        spread: Pixels of the picture that one of the image's may change.
+    """
     # What counts some pixels twice decides nothing where all of them may change.
     share = threshold.visible_share
-    max_visible = int(share * num_pixels) if share < 1.0 else 2**31 - 1
+    max_visible = int(share * num_pixels / spread) if share < 1.0 else 2**31 - 1
     return ChangeLimits(threshold.max_change, threshold.plain_change, max_visible)
 
 
-def read_change(change: PixelChange, num_pixels: int) -> EffectChange:
+def read_change(change: PixelChange, num_pixels: int, spread: int = 1) -> EffectChange:
     """Change that the kernel found in an image of some pixels."""
-    return EffectChange(change.largest, change.num_visible / num_pixels)
+    return EffectChange(change.largest, min(spread * change.num_visible / num_pixels, 1.0))
 
 
 def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:

@@ -233,6 +233,11 @@ def _measures(thresholds: Mapping[str, Threshold], effect: str) -> bool:
     return effect in thresholds and thresholds[effect].is_measured
 
 
+def _spread(thresholds: Mapping[str, Threshold]) -> int:
+    """Pixels of the picture that one of the frame's may change: a mosaic's neighbours."""
+    return 9 if any(one.has_mosaic for one in thresholds.values()) else 1
+
+
 def _read_changes(
     num_pixels: int,
     state: CameraState,
@@ -241,17 +246,40 @@ def _read_changes(
 ) -> dict[str, EffectChange]:
     """Changes by the scene's effects that are drawn and have a threshold."""
     changes = {}
+    spread = _spread(thresholds)
     if state.has_shadows:
-        changes["Shadows"] = read_change(counts.shadow_change, num_pixels)
+        changes["Shadows"] = read_change(counts.shadow_change, num_pixels, spread)
     if state.fog is not None:
-        changes["Fog"] = read_change(counts.fog_change, num_pixels)
+        changes["Fog"] = read_change(counts.fog_change, num_pixels, spread)
     if find_ego_body(state):
-        changes["SelfView"] = EffectChange(np.inf if counts.shows_watched else 0.0)
+        changes["SelfView"] = _read_self_view(num_pixels, state, counts, thresholds)
     if state.shutter is not None and state.shutter.readout_s > 0.0:
-        changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels)
+        changes["RollingShutter"] = read_change(counts.rolling_change, num_pixels, spread)
     if state.shutter is not None and state.shutter.exposure_s > 0.0:
-        changes["MotionBlur"] = read_change(counts.blur_change, num_pixels)
+        changes["MotionBlur"] = read_change(counts.blur_change, num_pixels, spread)
     return {name: one for name, one in changes.items() if _measures(thresholds, name)}
+
+
+def _read_self_view(
+    num_pixels: int,
+    state: CameraState,
+    counts: FrameCounts,
+    thresholds: Mapping[str, Threshold],
+) -> EffectChange:
+    """Change by the ego body: where it is seen, and by its shadows, no more than by all."""
+    if not counts.shows_watched and not state.has_shadows:
+        return EffectChange(0.0)
+    spread = _spread(thresholds)
+    own = read_change(counts.watched_change, num_pixels, spread)
+    if counts.shows_watched and own.largest == 0.0:
+        return EffectChange(np.inf)  # at other instants alone
+    if not state.has_shadows:
+        return own
+    if not _measures(thresholds, "Shadows"):
+        return EffectChange(np.inf if counts.shows_watched else 0.0)
+    shadows = read_change(counts.shadow_change, num_pixels, spread)
+    share = min(own.visible_share + shadows.visible_share, 1.0)
+    return EffectChange(max(own.largest, shadows.largest), share)
 
 
 class KernelEngine:
@@ -403,7 +431,7 @@ class KernelEngine:
             struct.spill[:] = first.spill
         for one in thresholds.values():
             if one.is_measured:
-                struct.limits = change_limits(one, num_pixels)
+                struct.limits = change_limits(one, num_pixels, _spread(thresholds))
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)

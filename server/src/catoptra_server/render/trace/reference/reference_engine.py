@@ -192,8 +192,8 @@ class _ReferenceRays:
         if "Fog" in measured and first_state(exposure).fog is not None:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
-            is_seen = (self.find_hits(sharp).object == number).any()
-            changes["SelfView"] = EffectChange(np.inf if is_seen else 0.0)
+            threshold = request.thresholds["SelfView"]
+            changes["SelfView"] = self._measure(sharp, threshold, unseen=number)
         ranges = self._measure_ranges(sharp) if request.has_ranges else None
         return TracedFrame(image, changes, ranges)
 
@@ -220,10 +220,19 @@ class _ReferenceRays:
         return EffectChange(max(one.largest for one in changes), share)
 
     def _measure(
-        self, exposure: TracedExposure, threshold: Threshold, **without: Any
+        self, exposure: TracedExposure, threshold: Threshold, *, unseen: int = 0, **without: Any
     ) -> EffectChange:
-        """Difference of the picture from frames without an effect."""
-        states = tuple(replace(state, **without) for state in camera_states(exposure))
+        """Difference of the picture from frames without an effect, or an object by its number."""
+        states = tuple(
+            replace(
+                state,
+                objects=tuple(
+                    one for number, one in enumerate(state.objects, 1) if number != unseen
+                ),
+                **without,
+            )
+            for state in camera_states(exposure)
+        )
         plain = states[0] if len(states) == 1 else MovingExposure(states)
         light, without_it = (self._render(each, mean_pixels, 0.0) for each in (exposure, plain))
         return measure_change(light, without_it, threshold)

@@ -27,6 +27,7 @@ typedef struct {
      * has to hold. */
     float shift, turn;
     struct BlurPlan *plan; /* blur_plan.h; NULL where nothing moves */
+    int32_t unseen_object; /* number in hits of an object that rays of the camera pass; 0: none */
     int has_point_lights;
     int is_constant; /* light is constant over each facet: no shadow, no point light */
 } FrameState;

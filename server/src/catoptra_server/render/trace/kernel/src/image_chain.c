@@ -149,18 +149,107 @@ static double relative_time(const ImageStage *stage) {
     }
 }
 
-static void read_changes(const Pass *pass, ImageStage *stage) {
-    const Changes *changes = changes_of(pass, stage);
-    int pixels = pass->job->width * pass->job->height;
-    stage->change = conclude_change(&changes->own, &stage->limits, pixels);
-    stage->other_change = conclude_change(&changes->other, &stage->limits, pixels);
-    /* Not all cells of this mosaic were compared: it is seen, but not how much. */
-    if (stage->kind == STAGE_BAYER && pass->before->num_points &&
-        !is_counted(&changes->own, &stage->limits))
-        stage->change.largest = INFINITY;
+static int is_before_mosaic(const ImageJob *job, const ImageStage *stage) {
+    for (const ImageStage *next = stage + 1; next < job->stages + job->num_stages; next++)
+        if (next->kind == STAGE_BAYER)
+            return 1;
+    return 0;
 }
 
-/* Results of a pass's stages. They share its time by their relative times; the change of the layout
+/* Whether light of a stage reaches the wells pixel by pixel: where it overflows is known. */
+static int is_before_overflow(const ImageJob *job, const ImageStage *stage) {
+    const ImageStage *next = stage + 1, *end = job->stages + job->num_stages;
+    while (next < end && !reads_others(next) && next->kind != STAGE_GLARE)
+        next++;
+    return stage->spill[1] > 0.0f && next < end && next->kind == STAGE_BLOOM;
+}
+
+/* The next part of some memory; with none of it only its size counts. */
+static void *take_memory(char *memory, size_t *taken, size_t bytes) {
+    void *part = memory ? memory + *taken : NULL;
+    *taken += (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+    return part;
+}
+
+/* Bytes of the maps that measures need, with those to be zero first; their places, with memory. */
+static size_t lay_out_maps(const Pass *pass, char *memory, size_t *zeros) {
+    const ImageJob *job = pass->job;
+    size_t taken = 0, cells = (size_t)pass->cell_rows * (size_t)pass->cell_columns;
+    size_t bits = sizeof(uint16_t) * (size_t)job->height * (size_t)pass->cell_columns;
+    Changes unused, *changes;
+    for (int i = 0; i < job->num_stages; i++) {
+        const ImageStage *stage = job->stages + i;
+        changes = memory ? pass->changes + i : &unused;
+        changes->own.maps.cell_columns = changes->other.maps.cell_columns = pass->cell_columns;
+        if (stage->limits.max_change < 0.0f)
+            continue;
+        if (is_before_overflow(job, stage))
+            changes->own.maps.overflows = take_memory(memory, &taken, cells);
+        if (is_before_mosaic(job, stage))
+            changes->own.maps.visible = take_memory(memory, &taken, bits);
+        if (is_before_mosaic(job, stage) && stage->kind == STAGE_BLUR && stage->maps[3])
+            changes->other.maps.visible = take_memory(memory, &taken, bits);
+    }
+    *zeros = taken;
+    for (int i = 0; i < job->num_stages; i++) {
+        changes = memory ? pass->changes + i : &unused;
+        if (job->stages[i].limits.max_change >= 0.0f && is_before_overflow(job, job->stages + i))
+            changes->own.maps.excess =
+                take_memory(memory, &taken, sizeof(float) * cells * CELL_ROWS * CELL_COLUMNS);
+    }
+    return taken;
+}
+
+/* A row's bits of some columns, with those beside: words of 16 pixels. */
+static uint32_t widen(const uint16_t *row, int column, int columns, uint32_t which) {
+    uint32_t own = row[column] & which, left = column ? row[column - 1] & which : 0;
+    uint32_t right = column + 1 < columns ? row[column + 1] & which : 0;
+    return (own | own << 1 | own >> 1 | left >> 15 | right << 15) & 0xffffu;
+}
+
+/* Pixels behind a mosaic that the visible ones before reach: green ones their neighbours in row and
+ * column, red and blue ones all eight. */
+static int count_behind_mosaic(const ImageJob *job, const ChangeMaps *maps) {
+    int columns = maps->cell_columns, pixels = 0;
+    for (int y = 0; y < job->height; y++)
+        for (int column = 0; column < columns; column++) {
+            const uint16_t *own = maps->visible + (size_t)y * (size_t)columns;
+            uint32_t reached = widen(own, column, columns, 0xffffu);
+            for (int other = y - 1; other <= y + 1; other += 2) {
+                if (other < 0 || other >= job->height)
+                    continue;
+                const uint16_t *row = maps->visible + (size_t)other * (size_t)columns;
+                uint32_t coloured = other & 1 ? 0xaaaau : 0x5555u;
+                reached |= row[column] | widen(row, column, columns, coloured);
+            }
+            int left = job->width - column * CELL_COLUMNS;
+            pixels += __builtin_popcount(left < CELL_COLUMNS ? reached & ((1u << left) - 1)
+                                                             : reached);
+        }
+    return pixels;
+}
+
+static PixelChange read_change(const ImageJob *job, const ImageStage *stage,
+                               ChangeMeasure *measure, float spilt) {
+    if (spilt > 0.0f)
+        raise_largest(measure, fminf(read_largest(measure) + spilt, 255.0f));
+    int is_spread = measure->maps.visible && is_counted(measure, &stage->limits);
+    if (is_spread && atomic_load(&measure->num_visible))
+        atomic_store(&measure->num_visible, count_behind_mosaic(job, &measure->maps));
+    return conclude_change(measure, &stage->limits, job->width * job->height);
+}
+
+static void read_changes(const Pass *pass) {
+    const ImageJob *job = pass->job;
+    for (int i = 0; i < job->num_stages; i++) {
+        ImageStage *stage = job->stages + i;
+        Changes *changes = pass->changes + i;
+        stage->change = read_change(job, stage, &changes->own, read_largest(&changes->spilt));
+        stage->other_change = read_change(job, stage, &changes->other, 0.0f);
+    }
+}
+
+/* Times of a pass's stages. They share its time by their relative times; the change of the layout
  * and the encoding count like a gain: that part is returned. */
 static double finish_stages(ImageJob *job, const Pass *pass, double ms) {
     ImageStage *first = job->stages + ((pass->stage ? pass->stage : pass->points) - job->stages);
@@ -170,7 +259,11 @@ static double finish_stages(ImageJob *job, const Pass *pass, double ms) {
         sum += relative_time(stage);
     for (ImageStage *stage = first; stage < end; stage++) {
         stage->ms = ms * relative_time(stage) / sum;
-        read_changes(pass, stage);
+        ChangeMeasure *own = &changes_of(pass, stage)->own;
+        /* Not all cells of this mosaic were compared: it is seen, but not how much. */
+        if (stage->kind == STAGE_BAYER && pass->before->num_points &&
+            !is_counted(own, &stage->limits))
+            raise_largest(own, INFINITY);
     }
     return sum > 0.0 ? ms * layout / sum : 0.0;
 }
@@ -194,13 +287,6 @@ static int largest_reach(const ImageJob *job) {
     return reach;
 }
 
-/* The next part of the scratch memory; with none of it only its size counts. */
-static void *take_memory(char *scratch, size_t *taken, size_t bytes) {
-    void *memory = scratch ? scratch + *taken : NULL;
-    *taken += (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
-    return memory;
-}
-
 /* Bytes of scratch memory that the pass takes. */
 static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     size_t taken = 0;
@@ -219,6 +305,7 @@ static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     pass->row_sums = take_memory(scratch, &taken, sizeof(double) * rows);
     pass->changes = take_memory(scratch, &taken, sizeof(Changes) * (size_t)job->num_stages);
     pass->means = take_memory(scratch, &taken, glare_bytes(job));
+    pass->maps = take_memory(scratch, &taken, lay_out_maps(pass, NULL, &pass->maps_bytes));
     return taken;
 }
 
@@ -231,6 +318,8 @@ void catoptra_change_image(Device *device, ImageJob *job) {
     Pass pass, before;
     lay_out_pass(job, job->scratch, &pass);
     memset(pass.changes, 0, sizeof(Changes) * (size_t)job->num_stages);
+    lay_out_maps(&pass, pass.maps, &pass.maps_bytes);
+    memset(pass.maps, 0, pass.maps_bytes);
     pass.before = &before;
     job->encode_ms = 0.0;
     for (int first = 0, number = 0; !number || first < job->num_stages; number++) {
@@ -246,4 +335,5 @@ void catoptra_change_image(Device *device, ImageJob *job) {
         first = (int)(pass.points - job->stages) + pass.num_points;
         pass.is_first = pass.target == TO_NOTHING;
     }
+    read_changes(&pass);
 }

@@ -107,6 +107,35 @@ static inline float spilt_by_cell(const ImageStage *stage, const CellValues *bef
     return spilt_levels(stage, excess);
 }
 
+/* The same where the overflow is known later: the largest change of any colour of each pixel. */
+static inline void keep_excess(const ImageStage *stage, const ChangeMaps *maps,
+                               const CellValues *before, const CellValues *after,
+                               const Cell *cell) {
+    int index = cell->row * maps->cell_columns + cell->column;
+    float *excess = maps->excess + (size_t)index * CELL_ROWS * CELL_COLUMNS;
+    Floats16 rows[CELL_ROWS] = {{0}}, largest = {0};
+    for (int plane = 0; plane < after->planes; plane++)
+        for (int row = 0; row < cell->rows; row++) {
+            Floats16 one = load_columns(before->values[plane][row], cell->columns);
+            Floats16 other = load_columns(after->values[plane][row], cell->columns);
+            Floats16 high = most16(one, other), difference = high - least16(one, other);
+            rows[row] = most16(excess_changes(stage, high, difference), rows[row]);
+            largest = most16(rows[row], largest);
+        }
+    if (!(most_of16(largest) > 0.0f))
+        return;
+    maps->overflows[index] = 1;
+    for (int row = 0; row < CELL_ROWS; row++)
+        store16(rows[row], excess + row * CELL_COLUMNS);
+}
+
+static inline void mark_visible(ChangeMeasure *measure, const Cell *cell, int row,
+                                uint32_t pixels) {
+    if (measure->maps.visible && pixels)
+        measure->maps.visible[(cell->top + row) * measure->maps.cell_columns + cell->column] |=
+            (uint16_t)pixels;
+}
+
 /* Note the change between two versions of a cell. What a bound shows to be neither larger than the
  * largest change so far nor visible is not computed. */
 static inline void measure_change(const ImageStage *stage, ChangeMeasure *measure,
@@ -114,7 +143,11 @@ static inline void measure_change(const ImageStage *stage, ChangeMeasure *measur
                                   const Cell *cell) {
     Ints16 in_image = columns_below(cell->columns);
     int counts = is_counted(measure, &stage->limits), pixels = 0;
-    float spilt = stage->spill[1] > 0.0f ? spilt_by_cell(stage, before, after, cell) : 0.0f;
+    float spilt = 0.0f;
+    if (measure->maps.excess)
+        keep_excess(stage, &measure->maps, before, after, cell);
+    else if (stage->spill[1] > 0.0f)
+        spilt = spilt_by_cell(stage, before, after, cell);
     float known = read_largest(measure) - spilt, largest = known > 0.0f ? known : 0.0f;
     for (int row = 0; row < cell->rows; row++) {
         uint32_t visible = 0;
@@ -131,6 +164,7 @@ static inline void measure_change(const ImageStage *stage, ChangeMeasure *measur
             largest = fmaxf(largest, most_of16(changes));
         }
         pixels += __builtin_popcount(visible);
+        mark_visible(measure, cell, row, visible);
     }
     if (largest > known)
         raise_largest(measure, fminf(largest + spilt, 255.0f));
@@ -159,7 +193,11 @@ static inline void measure_cell(const Pass *pass, const Cell *cell, const CellVa
 
 static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *cell) {
     raise_largest(measure, bound);
-    count_visible(measure, bound > VISIBLE_LEVELS ? cell->rows * cell->columns : 0);
+    if (bound <= VISIBLE_LEVELS)
+        return;
+    count_visible(measure, cell->rows * cell->columns);
+    for (int row = 0; row < cell->rows; row++)
+        mark_visible(measure, cell, row, bits16(columns_below(cell->columns)));
 }
 
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others

@@ -41,9 +41,10 @@ typedef struct {
     int planes;
 } CellValues;
 
-/* Changes by a stage; of a blur by range the other one is that of the image without any blur. */
+/* Changes by a stage; of a blur by range the other one is that of the image without any blur, and
+ * `spilt` are those of pixels beside, by what the stage changes above the well. */
 typedef struct {
-    ChangeMeasure own, other;
+    ChangeMeasure own, other, spilt;
 } Changes;
 
 typedef enum { TO_NOTHING, TO_PLANES, TO_MOSAIC, TO_PICTURE } Target;
@@ -66,6 +67,8 @@ typedef struct Pass {
     float *lines;             /* (3, rows, width) scattered light between them */
     float veil[3];
     Changes *changes; /* of all stages of the job; NULL: nothing is measured */
+    char *maps;       /* memory of the changes' maps */
+    size_t maps_bytes;
     const struct Pass *before; /* of a mosaic: the pass that made it */
 } Pass;
 

@@ -119,33 +119,101 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
     measure_cell(pass, cell, to);
 }
 
+/* Part of a full pixel's overflow that a pixel k rows away receives, of those up to a reach. */
+static float overflow_weight(int reach, int k) {
+    return (float)(reach + 1 - k) / ((float)reach * (float)(reach + 1));
+}
+
+static int any_overflow(const ChangeMaps *maps, int first_row, int last_row, int column) {
+    for (int row = first_row; row <= last_row; row++)
+        if (maps->overflows[row * maps->cell_columns + column])
+            return 1;
+    return 0;
+}
+
+/* What a row of a cell receives of the changes above the well, light. */
+static Floats16 receive_excess(const Pass *pass, const ChangeMaps *maps, const Cell *cell,
+                               int row) {
+    int reach = pass->stage->size, y = cell->top + row;
+    Floats16 received = {0};
+    for (int other = y - reach; other <= y + reach; other++) {
+        int index = other / CELL_ROWS * maps->cell_columns + cell->column;
+        if (other == y || other < 0 || other >= pass->job->height || !maps->overflows[index])
+            continue;
+        size_t first = ((size_t)index * CELL_ROWS + (size_t)(other % CELL_ROWS)) * CELL_COLUMNS;
+        float weight = overflow_weight(reach, other < y ? y - other : other - y);
+        received += weight * load16(maps->excess + first);
+    }
+    return pass->stage->numbers[0] * received;
+}
+
+/* What an earlier stage changes by the overflow of its light: in the pixels that receive some, over
+ * the light that they have with the stage or without, the darker of both. */
+static void measure_spill(const Pass *pass, const Cell *cell, Changes *changes,
+                          const CellValues *light, const CellValues *overflow) {
+    int pixels = 0;
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 received = receive_excess(pass, &changes->own.maps, cell, row), largest = {0};
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 rest = load16(overflow->values[channel][row]) - received;
+            Floats16 least = load16(light->values[channel][row]) + most16(rest, splat16(0.0f));
+            largest = most16(level_changes(pass->stage, least, least + received), largest);
+        }
+        /* With their own changes any of them may be visible. */
+        Ints16 changed = columns_below(cell->columns) & (largest > 0.0f);
+        pixels += __builtin_popcount(bits16(changed));
+        mark_visible(&changes->own, cell, row, bits16(changed));
+        raise_largest(&changes->spilt, most_of16(select16(changed, largest, splat16(0.0f))));
+    }
+    count_visible(&changes->own, pixels);
+}
+
+static void measure_spills(const Pass *pass, const Cell *cell, int first_row, int last_row,
+                           const CellValues *light, const CellValues *overflow) {
+    if (!pass->changes)
+        return;
+    for (Changes *one = pass->changes; one < changes_of(pass, pass->stage); one++)
+        if (one->own.maps.excess && any_overflow(&one->own.maps, first_row, last_row, cell->column))
+            measure_spill(pass, cell, one, light, overflow);
+}
+
+/* Charge that a row of a cell receives from full pixels above and below. */
+static Floats16 receive_overflow(const Pass *pass, const Cell *cell, int channel, int row) {
+    int reach = pass->stage->size;
+    Floats16 overflow = {0};
+    for (int k = 1; k <= reach; k++) {
+        float weight = overflow_weight(reach, k);
+        for (int y = cell->top + row - k; y <= cell->top + row + k; y += 2 * k) {
+            if (y < 0 || y >= pass->job->height)
+                continue;
+            Floats16 light = load16(row_at(&pass->from, channel, y) + cell->left);
+            Floats16 excess = select16(light > 1.0f, light - 1.0f, splat16(0.0f));
+            overflow += weight * (pass->stage->numbers[0] * excess);
+        }
+    }
+    return overflow;
+}
+
 /* Charge above the full well flows into the pixels above and below. */
 void bloom(const Pass *pass, const Cell *cell, CellValues *to) {
-    const ImageStage *stage = pass->stage;
-    int reach = stage->size, height = pass->job->height;
+    int reach = pass->stage->size, height = pass->job->height;
+    CellValues overflow = {.planes = 3};
     load_cell(pass, cell, to);
     int first = clamp(cell->top - reach, height - 1) / CELL_ROWS;
     int last = clamp(cell->top + cell->rows - 1 + reach, height - 1) / CELL_ROWS;
     float high = 0.0f;
     for (int row = first; row <= last; row++)
         high = fmaxf(high, pass->ranges[row * pass->cell_columns + cell->column].high);
+    for (int channel = 0; channel < 3 && high > 1.0f; channel++)
+        for (int row = 0; row < cell->rows; row++)
+            store16(receive_overflow(pass, cell, channel, row), overflow.values[channel][row]);
+    measure_spills(pass, cell, first, last, to, &overflow);
     if (!(high > 1.0f))
         return;
     for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++) {
-            Floats16 overflow = {0};
-            for (int k = 1; k <= reach; k++) {
-                float weight = (float)(reach + 1 - k) / ((float)reach * (float)(reach + 1));
-                for (int y = cell->top + row - k; y <= cell->top + row + k; y += 2 * k) {
-                    if (y < 0 || y >= height)
-                        continue;
-                    Floats16 light = load16(row_at(&pass->from, channel, y) + cell->left);
-                    Floats16 excess = select16(light > 1.0f, light - 1.0f, splat16(0.0f));
-                    overflow += weight * (stage->numbers[0] * excess);
-                }
-            }
-            store16(load16(to->values[channel][row]) + overflow, to->values[channel][row]);
-        }
+        for (int row = 0; row < cell->rows; row++)
+            store16(load16(to->values[channel][row]) + load16(overflow.values[channel][row]),
+                    to->values[channel][row]);
     measure_cell(pass, cell, to);
 }
 

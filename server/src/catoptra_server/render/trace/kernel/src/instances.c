@@ -179,6 +179,8 @@ static void walk_instances(const FrameState *state, RayBlock *rays, VisitObject 
 static int visit_nearest(const FrameState *state, int32_t object, uint32_t lanes, void *rays,
                          void *result) {
     RayBlock moved;
+    if (object + 1 == state->unseen_object)
+        return 1;
     move_rays(state, object, rays, &moved);
     moved.active = lanes;
     intersect_placed(state, object, &moved, rays, result);

@@ -208,7 +208,7 @@ typedef struct {
     /* Of all effects that are measured. Lamps whose light changes by less than the plain change,
      * together, cast no shadow rays where shadows are measured. */
     ChangeLimits limits;
-    int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
+    int32_t watched_object;   /* number in hits of the object of watched_change; 0 for none */
     int32_t has_few_rays; /* they take less time than proofs of what fills parts of the image */
     int32_t output;
     void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */
@@ -236,7 +236,8 @@ typedef struct {
     /* By shadows, with what lamps without a ray may add: of the sharp frame, and at any instant
      * that its blur traces where the sharp frame's is within the limits. */
     PixelChange shadow_change;
-    int32_t shows_watched; /* whether the watched object is seen */
+    int32_t shows_watched; /* whether the watched object is seen, at any instant */
+    PixelChange watched_change; /* of the sharp frame against that without the object */
     int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */
     int32_t num_instants;      /* largest number of instants of a pixel */
     int64_t num_blur_rays;     /* rays of those */

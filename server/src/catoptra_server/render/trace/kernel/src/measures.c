@@ -40,16 +40,25 @@ float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
                  level_change(frame, one.z, other.z));
 }
 
-void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one,
-                 Vec3 other) {
-    float change = colour_change(state->frame, one, other);
+/* Note the change of some pixels, whose brightest light is known. */
+static void note_levels(const FrameState *state, ChangeMeasure *measure, int pixels, float change,
+                        float brightest) {
     raise_largest(measure, change);
     if (change <= unseen_levels(state, measure))
         return;
     count_visible(measure, pixels);
-    float brightest = fmaxf(fmaxf(fmaxf(one.x, other.x), fmaxf(one.y, other.y)), fmaxf(one.z, other.z));
     if (spilt_levels(state->frame, brightest, brightest) > VISIBLE_LEVELS)
         atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
+}
+
+static float brighter(Vec3 one, Vec3 other) {
+    return fmaxf(fmaxf(fmaxf(one.x, other.x), fmaxf(one.y, other.y)), fmaxf(one.z, other.z));
+}
+
+void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one,
+                 Vec3 other) {
+    note_levels(state, measure, pixels, colour_change(state->frame, one, other),
+                brighter(one, other));
 }
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
@@ -70,12 +79,14 @@ static Vec3 mean_of(const PixelSums *sums, int pixel, float factor) {
                   factor * sums->sum[2][pixel]};
 }
 
-void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
-                  const PixelSums *other) {
+void note_largest_changes(const FrameState *state, int tile, ChangeMeasure *measure, int pairs,
+                          const PixelSums *const *one, const PixelSums *const *other) {
     const Frame *frame = state->frame;
     float factor = 1.0f / (float)(state->rays->samples * state->rays->samples), bound = 0.0f;
-    for (int channel = 0; channel < 3; channel++)
-        bound = fmaxf(bound, bound_change(frame, factor, one->sum[channel], other->sum[channel]));
+    for (int pair = 0; pair < pairs; pair++)
+        for (int channel = 0; channel < 3; channel++)
+            bound = fmaxf(bound, bound_change(frame, factor, one[pair]->sum[channel],
+                                              other[pair]->sum[channel]));
     int counts = bound > unseen_levels(state, measure) && is_counted(measure, &frame->limits);
     if (bound <= read_largest(measure) && !counts)
         return;
@@ -83,7 +94,18 @@ void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, con
     for (int row = 0; row < pixels.rows; row++)
         for (int column = 0; column < pixels.columns; column++) {
             int pixel = row * TILE_PX + column;
-            note_change(state, measure, 1, mean_of(one, pixel, factor),
-                        mean_of(other, pixel, factor));
+            float change = 0.0f, brightest = 0.0f;
+            for (int pair = 0; pair < pairs; pair++) {
+                Vec3 before = mean_of(one[pair], pixel, factor);
+                Vec3 after = mean_of(other[pair], pixel, factor);
+                change = fmaxf(change, colour_change(frame, before, after));
+                brightest = fmaxf(brightest, brighter(before, after));
+            }
+            note_levels(state, measure, 1, change, brightest);
         }
+}
+
+void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
+                  const PixelSums *other) {
+    note_largest_changes(state, tile, measure, 1, &one, &other);
 }

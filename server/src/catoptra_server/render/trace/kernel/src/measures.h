@@ -13,6 +13,7 @@
 
 struct Measures {
     ChangeMeasure shadow, fog, blur;
+    ChangeMeasure watched;    /* against frames without the watched object */
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
     atomic_int shows_watched; /* some ray meets the watched object first */
@@ -32,8 +33,11 @@ float unseen_levels(const FrameState *state, const ChangeMeasure *measure);
 /* Note the change of some pixels between two linear colours. */
 void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one, Vec3 other);
 
-/* Note the changes between the pixels of two sums of samples. */
+/* Note the changes between the pixels of two sums of samples; and of some pairs of sums, of which
+ * each pixel's largest change counts. */
 void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
                   const PixelSums *other);
+void note_largest_changes(const FrameState *state, int tile, ChangeMeasure *measure, int pairs,
+                          const PixelSums *const *one, const PixelSums *const *other);
 
 #endif

@@ -12,14 +12,24 @@
 #include <stdatomic.h>
 #include <string.h>
 
-/* Grey levels: a pixel that changes by at most half a level is the same after rounding, or its
- * neighbour. */
-#define VISIBLE_LEVELS 0.5f
+/* Grey levels. A pixel that changes by at most half a level is the same after rounding, or its
+ * neighbour; no mean of pixels that change by less than this changes by half a level. Twin, with
+ * the proof: effects/__init__.py:COUNTED_LEVELS. */
+#define VISIBLE_LEVELS 0.375f
+
+/* Where an image's stage changes what, by cells of 16 x 8 px. */
+typedef struct {
+    uint16_t *visible;  /* (h, cell columns) bits of visible pixels, before a mosaic; or NULL */
+    float *excess;      /* (cells, 8, 16) changes above the well, before overflow; or NULL */
+    uint8_t *overflows; /* (cells,) where they are written */
+    int cell_columns;
+} ChangeMaps;
 
 typedef struct {
     _Atomic uint32_t largest; /* bits of a float of 0 or more, which sort as the float does */
     atomic_int num_visible;
     atomic_int spills; /* visibly, into any pixel */
+    ChangeMaps maps;
 } ChangeMeasure;
 
 static inline float read_largest(const ChangeMeasure *measure) {
@@ -31,6 +41,8 @@ static inline float read_largest(const ChangeMeasure *measure) {
 
 static inline void raise_largest(ChangeMeasure *measure, float value) {
     uint32_t bits, known = atomic_load_explicit(&measure->largest, memory_order_relaxed);
+    if (value == 0.0f)
+        return; /* whose sign may be set */
     memcpy(&bits, &value, sizeof bits);
     while (bits > known && !atomic_compare_exchange_weak(&measure->largest, &known, bits))
         ;

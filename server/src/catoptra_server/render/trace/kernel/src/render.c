@@ -292,6 +292,7 @@ int32_t catoptra_render(Device *device, const Scene *scene, const View *view, co
     counts->blur_change = conclude_change(&measures.blur, &frame->limits, pixels);
     if (is_ready && state.plan)
         counts->rolling_change = conclude_change(&state.plan->rolling, &frame->limits, pixels);
+    counts->watched_change = conclude_change(&measures.watched, &frame->limits, pixels);
     counts->shows_watched = atomic_load(&measures.shows_watched);
     end_frame(&state);
     return !is_rendered;

@@ -45,14 +45,16 @@ static void intersect_scene(const FrameState *state, const ShortList *short_list
     intersect_bvh(&state->scene->mesh->bvh, place_of(state), OBJECT_STATIC, rays, hits);
 }
 
-/* Note whether the watched object is seen. */
-static void watch_object(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
+/* Bit mask of the rays that meet the watched object first; that it is seen is noted. */
+static uint32_t watch_object(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
     int32_t watched = state->frame->watched_object;
-    if (!watched || atomic_load_explicit(&state->measures->shows_watched, memory_order_relaxed))
-        return;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (rays->active >> lane & 1 && hits->object[lane] == watched)
-            atomic_store_explicit(&state->measures->shows_watched, 1, memory_order_relaxed);
+    uint32_t lanes = 0;
+    for (int lane = 0; watched && lane < BLOCK_RAYS; lane++)
+        lanes |= (uint32_t)(hits->object[lane] == watched) << lane;
+    lanes &= rays->active;
+    if (lanes)
+        atomic_store_explicit(&state->measures->shows_watched, 1, memory_order_relaxed);
+    return lanes;
 }
 
 void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
@@ -71,11 +73,10 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
         intersect_object(state, content->object, rays, hits);
 }
 
-void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
-               const TileContent *content) {
+uint32_t find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                   const TileContent *content) {
     intersect_content(state, rays, hits, content);
-    if (content->object != OBJECT_NONE)
-        watch_object(state, rays, hits);
+    return content->object == OBJECT_NONE ? 0 : watch_object(state, rays, hits);
 }
 
 void trace_tile(const FrameState *state, int tile) {
@@ -258,6 +259,64 @@ static void shade_in_fog(const FrameState *state, const RayBlock *rays, const Hi
     fog_block(state, rays, hits, is_plane, radiance, lost);
 }
 
+/* Shade what the watched object hides from some rays of a block, `source` as they were loaded; and
+ * what of it shadows take. */
+static void shade_hidden(const FrameState *state, const RayBlock *source, uint32_t lanes,
+                         const TileContent *content, float radiance[3][BLOCK_RAYS],
+                         LostLight *lost) {
+    FrameState without = *state;
+    TileContent rest = *content;
+    RayBlock rays = *source;
+    HitBlock hits;
+    without.unseen_object = state->frame->watched_object;
+    if (rest.object == without.unseen_object)
+        rest.object = OBJECT_NONE;
+    rays.active = lanes;
+    intersect_content(&without, &rays, &hits, &rest);
+    shade_in_fog(&without, &rays, &hits, &rest, radiance, lost, NULL);
+}
+
+/* The samples of a tile without the watched object, and without shadows besides, from the first
+ * block on that shows the object. */
+typedef struct {
+    PixelSums sums, unshadowed;
+    int differs;
+} Unwatched;
+
+/* A block without the watched object, by its radiance with it; `lost` without any rays where
+ * shadows are not measured. */
+static void find_unwatched(const FrameState *state, const RayBlock *source, uint32_t watched,
+                           const TileContent *content, float radiance[3][BLOCK_RAYS],
+                           const LostLight *lost, float shadowed[3][BLOCK_RAYS],
+                           float lit[3][BLOCK_RAYS]) {
+    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    _Alignas(64) float hidden[3][BLOCK_RAYS];
+    LostLight hidden_lost = {.rays = 0};
+    if (watched)
+        shade_hidden(state, source, watched, content, hidden, is_measured ? &hidden_lost : NULL);
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            int is_watched = watched >> lane & 1;
+            const LostLight *own = is_watched ? &hidden_lost : lost;
+            float light = is_watched ? hidden[channel][lane] : radiance[channel][lane];
+            shadowed[channel][lane] = light;
+            lit[channel][lane] =
+                light + (own->rays >> lane & 1 ? own->radiance[channel][lane] : 0.0f);
+        }
+}
+
+/* The change by the watched object between sums of a tile's samples: under shadows, those behind it
+ * with its own or without; and in their absence. */
+static void note_watched(const FrameState *state, int tile, const PixelSums *sums,
+                         const PixelSums *unshadowed, const Unwatched *unwatched) {
+    const PixelSums *with[3] = {sums, sums, unshadowed};
+    const PixelSums *without[3] = {&unwatched->sums, &unwatched->unshadowed,
+                                   &unwatched->unshadowed};
+    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    note_largest_changes(state, tile, &state->measures->watched, is_measured ? 3 : 1, with,
+                         without);
+}
+
 /* The samples of a tile without shadows, from the first block on that has any. */
 typedef struct {
     PixelSums sums;
@@ -279,6 +338,23 @@ static void add_unshadowed(const FrameState *state, int block, uint32_t active,
                 radiance[channel][lane] +
                 (lost->rays >> lane & 1 ? lost->radiance[channel][lane] : 0.0f);
     add_samples(state, block, active, sum, &unshadowed->sums);
+}
+
+static void add_unwatched(const FrameState *state, int block, size_t index, uint32_t watched,
+                          const TileContent *content, float radiance[3][BLOCK_RAYS],
+                          const LostLight *lost, const PixelSums *before,
+                          const Unshadowed *unshadowed, Unwatched *unwatched) {
+    float shadowed[3][BLOCK_RAYS], lit[3][BLOCK_RAYS];
+    RayBlock source;
+    load_block(state, index, &source);
+    if (!unwatched->differs && block) {
+        unwatched->sums = *before;
+        unwatched->unshadowed = unshadowed->differs ? unshadowed->sums : *before;
+    }
+    unwatched->differs = 1;
+    find_unwatched(state, &source, watched, content, radiance, lost, shadowed, lit);
+    add_samples(state, block, source.active, shadowed, &unwatched->sums);
+    add_samples(state, block, source.active, lit, &unwatched->unshadowed);
 }
 
 /* Means of a tile's samples into the image, and into the plan of a moving frame; with the sums of
@@ -329,15 +405,18 @@ TileContent move_content(const FrameState *state, const TileContent *content, Sh
     return result;
 }
 
-/* Sums of a tile's samples, without shadows, in clear air, and of their inverse ranges. */
+/* Sums of a tile's samples, without shadows, in clear air, without the watched object, and of their
+ * inverse ranges. */
 typedef struct {
     PixelSums sums, unshadowed, clear;
+    Unwatched unwatched;
     float inverse[TILE_PX * TILE_PX];
-    int differs; /* both sums do */
+    int differs; /* those without shadows do */
 } RowSums;
 
-static void add_row_block(const FrameState *state, int row, const RayBlock *rays,
-                          const HitBlock *hits, const TileContent *content, RowSums *result) {
+static void add_row_block(const FrameState *state, int row, const RayBlock *source,
+                          const RayBlock *rays, const HitBlock *hits, uint32_t watched,
+                          const TileContent *content, RowSums *result) {
     _Alignas(64) float radiance[3][BLOCK_RAYS];
     LostLight lost = {.rays = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
@@ -346,6 +425,13 @@ static void add_row_block(const FrameState *state, int row, const RayBlock *rays
                      measures_fog(state) ? clear : NULL);
     if (measures_fog(state))
         add_row(row, rays->active, clear, &result->clear);
+    if (state->frame->watched_object) {
+        float shadowed[3][BLOCK_RAYS], lit[3][BLOCK_RAYS];
+        find_unwatched(state, source, watched, content, radiance, &lost, shadowed, lit);
+        add_row(row, rays->active, shadowed, &result->unwatched.sums);
+        add_row(row, rays->active, lit, &result->unwatched.unshadowed);
+        result->unwatched.differs |= watched != 0;
+    }
     add_row(row, rays->active, radiance, &result->sums);
     result->differs |= lost.rays != 0;
     for (int lane = 0; is_measured && lane < BLOCK_RAYS; lane++)
@@ -378,9 +464,10 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
             load_ordered(&moved, tile, unit_source(order, row, block), &rays);
             if (!rays.active)
                 continue;
-            find_hits(&moved, &rays, &hits, &here);
+            RayBlock source = rays;
+            uint32_t watched = find_hits(&moved, &rays, &hits, &here);
             note_hits(&moved, tile, &rays, &hits);
-            add_row_block(&moved, row, &rays, &hits, &here, &sums);
+            add_row_block(&moved, row, &source, &rays, &hits, watched, &here, &sums);
         }
     }
     finish_tile(state, tile, &sums.sums, sums.inverse);
@@ -388,6 +475,8 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
         note_changes(state, tile, &state->measures->fog, &sums.sums, &sums.clear);
     if (sums.differs)
         note_changes(state, tile, &state->measures->shadow, &sums.sums, &sums.unshadowed);
+    if (sums.unwatched.differs)
+        note_watched(state, tile, &sums.sums, &sums.unshadowed, &sums.unwatched);
 }
 
 static void render_samples(const FrameState *state, int tile, const TileContent *content,
@@ -397,6 +486,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
     float inverse[BLOCK_RAYS], inverse_sums[TILE_PX * TILE_PX] = {0};
     PixelSums sums, clear_sums;
     Unshadowed unshadowed = {.differs = 0};
+    Unwatched unwatched = {.differs = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
     for (int block = 0; block < blocks; block++) {
         size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
@@ -404,10 +494,10 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         HitBlock hits;
         _Alignas(64) float radiance[3][BLOCK_RAYS];
         load_block(state, index, &rays);
-        find_hits(state, &rays, &hits, content);
+        uint32_t watched = find_hits(state, &rays, &hits, content);
         if (labels)
             count_samples(state, block, rays.active, &hits, labels);
-        if (blocks == 1 && has_table_colours(state, rays.active, &hits)) {
+        if (blocks == 1 && !watched && has_table_colours(state, rays.active, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
@@ -419,6 +509,9 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
                      measures_fog(state) ? clear : NULL);
         if (measures_fog(state))
             add_samples(state, block, rays.active, clear, &clear_sums);
+        if (watched || unwatched.differs)
+            add_unwatched(state, block, index, watched, content, radiance, &lost, &sums,
+                          &unshadowed, &unwatched);
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
@@ -432,6 +525,8 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         note_changes(state, tile, &state->measures->fog, &sums, &clear_sums);
     if (unshadowed.differs)
         note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed.sums);
+    if (unwatched.differs)
+        note_watched(state, tile, &sums, unshadowed.differs ? &unshadowed.sums : &sums, &unwatched);
 }
 
 static void identify_samples(const FrameState *state, int tile) {

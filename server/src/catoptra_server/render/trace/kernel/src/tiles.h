@@ -50,9 +50,10 @@ int is_wholly_valid(const FrameState *state, int tile);
 void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
                        const TileContent *content);
 
-/* The same of the samples of a picture: whether the watched object is seen is noted. */
-void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
-               const TileContent *content);
+/* The same of the samples of a picture; bit mask of those that meet the watched object: that it is
+ * seen is noted. */
+uint32_t find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                   const TileContent *content);
 
 /* Trace the rays of a tile against the static scene without any use of the hits. */
 void trace_tile(const FrameState *state, int tile);
