@@ -17,6 +17,7 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.effects import NUM_RINGS, SceneSummary
 from catoptra_server.effects.bounds.distances import rotation_to_axis
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
     bound_motion,
@@ -353,6 +354,13 @@ def test_reason_when_something_moves_names_speed_range_turn_and_time() -> None:
     reason = bound_motion(summary, CAMERAS["paper"], 1.0 / 30.0).reason
     for part in ("0.5 m/s at 1 m", "turns by up to 60 degrees/s", "29 degrees/s", "33.3 ms"):
         assert part in reason
+
+
+def test_motion_of_less_than_a_pixel_changes_a_sample_by_all_of_its_light() -> None:
+    slow = SceneSummary(0.5, scene_twist=Twist(angular_rad_s=(0.0, 0.0, 2e-3)))
+    bound = bound_motion(slow, CAMERAS["paper"], 1.0 / 30.0)
+    assert 0.0 < bound.displacement_px < 0.01
+    assert bound.value == grey_level(0.5)
 
 
 def test_reason_when_nothing_moves_states_it() -> None:

@@ -28,6 +28,12 @@ from helpers.motion_reference import (
     load_world_setup,
     time_samples,
 )
+from helpers.rolled_rows import (
+    SHUTTERS,
+    find_row_differences,
+    moving_state,
+    open_moving_rays,
+)
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_omni_camera, make_plan
 
@@ -132,6 +138,26 @@ def test_rows_when_also_blurred_are_means_about_their_own_times(rays: KernelRays
     assert_like(image[rows], np.stack(expected))
 
 
+@pytest.mark.parametrize(
+    ("world", "samples", "motion", "has_shadows"),
+    [
+        # Edges in turns: times within the exposure that are not about its middle show.
+        ("four_legged_2006", 2, "turn of 2 rad/s", False),
+        ("four_legged_2006", 3, "turn of 2 rad/s", False),
+        # Twice as bright as white.
+        ("hall", 2, "0.5 m/s, 0.5 rad/s", True),
+    ],
+)
+def test_blurred_rows_are_within_2_and_8_levels_of_64_frames_summed_before_the_well(
+    world: str, samples: int, motion: str, has_shadows: bool
+) -> None:
+    with open_moving_rays(world, CAMERA, samples=samples) as (rays, pose):
+        state = moving_state(pose, motion, has_shadows=has_shadows)
+        found = find_row_differences(rays, CAMERA, state, SHUTTERS["rolling and blur"])
+    assert np.quantile(found, 0.99) <= 2.0
+    assert np.quantile(found, 0.999) <= 8.0
+
+
 @pytest.mark.parametrize("samples", [1, 3, 4])
 def test_blur_at_other_numbers_of_samples_is_the_mean_of_64_frames(samples: int) -> None:
     state = driving_camera_state(START_POSES["corridor"], 0.5, 30.0)
@@ -180,12 +206,40 @@ def test_blur_is_counted_in_every_pixel_that_it_changes_visibly(rays: KernelRays
     assert found == pytest.approx(expected.visible_share, abs=0.001)
 
 
+@pytest.mark.parametrize("samples", [1, 3])
+@pytest.mark.parametrize("max_change", [4.0, 8.0, 16.0])
+def test_blur_of_less_than_a_pixel_is_stated_where_an_edge_passes_samples(
+    samples: int, max_change: float
+) -> None:
+    # A fifth of a pixel at most, and edges that change a pixel by up to 40 levels.
+    state = driving_camera_state(START, 0.02, 0.0)
+    request = TraceRequest(is_linear=True, thresholds={"MotionBlur": Threshold(max_change)})
+    with open_rays("four_legged_2006", samples) as rays:
+        frame = rays.render(replace(state, shutter=BLUR), request)
+        everywhere = rays.render_linear(replace(state, shutter=BLUR))
+        sharp = rays.render_linear(state)
+    left_out = measure_change(frame.image, everywhere).largest
+    assert left_out <= max_change
+    assert measure_change(everywhere, sharp).largest <= frame.changes["MotionBlur"].largest + 0.011
+
+
 def test_motion_that_nobody_sees_is_left_out(rays: KernelRays) -> None:
     # A hundredth of a pixel during the exposure, and edges of 150 grey levels at most.
     state = driving_camera_state(START, 1e-4, 0.0)
     frame = expose(rays, state, BLUR)
     assert frame.changes["MotionBlur"].largest <= 0.5
     assert rays.last_counts.num_blurred_tiles < 0.1 * rays.last_counts.num_tiles
+
+
+def test_blur_takes_fewer_rays_where_larger_changes_may_be_left_out(rays: KernelRays) -> None:
+    state = replace(STATES["drives"], shutter=Shutter(0.5 * T_S, 0.0, 64.0))
+    taken = []
+    for max_change in (0.5, 16.0):
+        thresholds = {"MotionBlur": Threshold(max_change)}
+        rays.render(state, TraceRequest(is_linear=True, thresholds=thresholds))
+        taken.append(rays.last_counts.num_blur_rays)
+    # 0.75 of them where cells were left out alone, and none drawn with fewer instants.
+    assert taken[1] < 0.7 * taken[0]
 
 
 def test_blur_when_the_budget_allows_two_instants_takes_no_more(rays: KernelRays) -> None:

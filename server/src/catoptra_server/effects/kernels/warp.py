@@ -46,7 +46,7 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import NUM_RINGS, EffectBound, Real, SceneSummary
-from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
+from catoptra_server.effects.kernels.grey_levels import grey_level, max_change_by_shift
 
 _Indices = npt.NDArray[np.intp]
 _Float32Array = npt.NDArray[np.float32]
@@ -299,12 +299,17 @@ MOTION_FIELDS = frozenset(
 )
 
 
+# Below, no renderer moves anything: float32 directions are known to about a thousandth of a pixel.
+_MIN_DISPLACEMENT_PX = 2e-3
+
+
 def bound_motion(
     summary: SceneSummary, camera: RadialCamera, durations_s: Floats | float
 ) -> EffectBound:
     """Bound the change of an image in which everything moves, with its cause.
 
-    The continuous image counts: it has no samples that pass an edge all at once.
+    However little is displaced, an edge may pass all samples of a pixel: that of black and the
+    brightest counts whole.
 
     Args:
         summary: Distances and motions.
@@ -315,8 +320,10 @@ def bound_motion(
     displacements_px = durations_s * _max_speeds_px_s(summary, camera)
     ring = int(displacements_px.argmax())
     displacement_px = float(displacements_px[ring])
+    is_still = displacement_px < _MIN_DISPLACEMENT_PX
+    light = summary.picture_radiance
     return EffectBound(
-        max_change_by_shift(displacement_px, summary.picture_radiance),
+        max_change_by_shift(displacement_px, light) if is_still else grey_level(light),
         _describe_motion(summary, ring, float(durations_s[ring])),
         displacement_px,
     )

@@ -8,7 +8,8 @@ pixels that motion changes, at as many instants as their contrast takes: 99 % of
 99.9 % within 8 grey levels of the mean of 64 frames. Disocclusions, and objects that move beside
 the camera, are therefore as right as in a sharp image. Domain: constant twists during the exposure.
 Criterion: the largest spread of a point, ring by ring of the image: exposure times (speed over
-nearest distance, plus turns); times the contrast of black and the brightest.
+nearest distance, plus turns). Where it is not zero an edge may pass all samples of a pixel: the
+contrast of black and the brightest.
 """
 
 from __future__ import annotations

@@ -5,8 +5,7 @@ scene at that time. Not a change of the image but of the number of renderings: t
 a shutter, whose time samples are rendered and weighted by row; in the native kernel each row has
 its own pose. Source: CMOS sensors expose row by row; a CCD's global shutter has a readout of 0.
 Domain: constant twists during the readout. Criterion: the largest displacement until a row is
-exposed, ring by ring, by the farthest row that a ring reaches; times the contrast of black and the
-brightest.
+exposed, ring by ring, by the farthest row that a ring reaches; as in `motion_blur`.
 """
 
 from __future__ import annotations

@@ -14,9 +14,10 @@
 #include <math.h>
 #include <string.h>
 
-/* A unit is finished when twice as many instants change no pixel by more, in grey levels: what is
- * left is about half. Measured in tests/server/render/trace/test_engine_shutter.py. */
+/* A unit is finished when twice as many instants change no pixel by more, in grey levels, or by
+ * more than a part of what may be left out: what is left is about half. Measured in tests/server/render/trace/test_engine_shutter.py. */
 #define TOLERANCE 3.5f
+#define TOLERANCE_PART 0.5f
 /* The same for the first division, which is compared with the sharp frame: where texture and light
  * differ by little at three instants they differ by little between these. */
 #define FIRST_TOLERANCE 1.5f
@@ -186,7 +187,8 @@ static void blur_units(BlurTile *blur, int min_steps) {
             if (!one->is_active)
                 continue;
             float change = update_means(blur, one, steps);
-            float tolerance = steps > 2 ? TOLERANCE : fmaxf(unseen, FIRST_TOLERANCE);
+            float tolerance = steps > 2 ? fmaxf(TOLERANCE_PART * frame->blur_threshold, TOLERANCE)
+                                        : fmaxf(unseen, FIRST_TOLERANCE);
             int is_done = steps >= min_steps && change <= tolerance;
             one->is_changed |= steps > 2 || change > unseen;
             one->is_active = !is_done && 2 * steps <= frame->max_instants;
@@ -372,7 +374,8 @@ static int light_plane(const FrameState *state, int tile, TileContent *content) 
 void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result) {
     int32_t number = state->rays->tiles[tile];
     int steps = state->plan->instants[number];
-    if (!steps)
+    int wanted = steps ? find_wanted_cells(state, tile) : 0;
+    if (!wanted)
         return;
     TileContent lit = *content;
     /* Light that is the same at every instant, or changes evenly, is that of the sharp frame. */
@@ -392,7 +395,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
         Unit *one = &blur.units[unit];
         one->is_changed = 0;
         one->shadowed = 0;
-        one->is_wanted = one->is_active = is_unit_wanted(state, state->plan->masks[number], unit);
+        one->is_wanted = one->is_active = is_unit_wanted(state, wanted, unit);
         is_any |= one->is_active;
         if (one->is_active)
             begin_unit(&blur, unit);

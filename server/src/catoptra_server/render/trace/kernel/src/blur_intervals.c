@@ -4,7 +4,6 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_intervals.h"
 
-#include "lanes.h"
 #include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
@@ -282,9 +281,13 @@ static void drop_hidden(MovingScene *scene, const MovingTriangle *cover, const V
     MovingTriangle kept = *cover; /* it moves to another place of the list */
     int count = scene->count;
     scene->count = 0;
-    for (int i = 0; i < count; i++)
-        if (!is_farther(&scene->triangles[i], &kept, scene->parts, edges))
-            scene->triangles[scene->count++] = scene->triangles[i];
+    for (int i = 0; i < count; i++) {
+        if (is_farther(&scene->triangles[i], &kept, scene->parts, edges))
+            continue;
+        if (scene->count < i)
+            scene->triangles[scene->count] = scene->triangles[i];
+        scene->count++;
+    }
 }
 
 /* A triangle at the end of a list; 0 if it passes through the viewpoint. */
@@ -318,6 +321,20 @@ static int move_triangle(const TriangleSet *set, int at, const Instants *instant
  * pixels' radius are 0.08 px off their chords. */
 static int count_parts(int steps) { return steps / 4 > 2 ? steps / 4 : 2; }
 
+/* Times of a block's rays within the bins: those of the four samples of a pixel differ, so that
+ * together they have 64 about the middle. In the order of ray_order.c: 4 x 4 samples of 2 x 2
+ * pixels, or four pixels in turns. */
+static const Floats BY_CELL = {0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f,
+                               0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f};
+static const Floats IN_TURNS = {0.125f, 0.125f, 0.125f, 0.125f, 0.625f, 0.625f, 0.625f, 0.625f,
+                                0.375f, 0.375f, 0.375f, 0.375f, 0.875f, 0.875f, 0.875f, 0.875f};
+
+static Floats find_phases(const FrameState *state) {
+    if (state->rays->samples == 1)
+        return (Floats){0} + 0.5f;
+    return state->is_rolling || !state->view->by_cell.is_table ? IN_TURNS : BY_CELL;
+}
+
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
                    int steps, MovingScene *scene) {
     int parts = count_parts(steps);
@@ -326,6 +343,7 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
         return 0;
     scene->parts = parts;
     scene->bins = (steps > 2 ? 32 : 16) / parts;
+    scene->phases = find_phases(state);
     scene->centre = centre;
     scene->state = state;
     scene->count = scene->proofs.count = 0;
@@ -366,15 +384,10 @@ static inline int any(Masks masks) {
     return found != 0;
 }
 
-/* Times of the rays within the bins: those of the four samples of a pixel differ, so that together
- * they have 64. The order of a block is that of find_lanes in ray_order.c: either 4 x 4 samples of
- * 2 x 2 pixels, or lanes of which neighbours are of different pixels. */
-static const Floats PHASES = {0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f,
-                              0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f};
-
 /* Bits of the times at which values, linear between those at the ends of the parts, are below
  * zero. */
-static inline Masks find_below(const Floats *values, int parts, int bins) {
+static inline Masks find_below(const MovingScene *scene, const Floats *values) {
+    int parts = scene->parts, bins = scene->bins;
     Masks bits = {0};
     for (int part = 0; part < parts; part++) {
         Masks begin = values[part] < 0.0f, end = values[part + 1] < 0.0f;
@@ -385,7 +398,7 @@ static inline Masks find_below(const Floats *values, int parts, int bins) {
             continue;
         }
         Floats step = (values[part + 1] - values[part]) * (1.0f / (float)bins);
-        Floats value = values[part] + PHASES * step;
+        Floats value = values[part] + scene->phases * step;
         Masks bit = (Masks){0} + (int32_t)(1u << (part * bins));
         for (int bin = 0; bin < bins; bin++, value += step, bit += bit)
             bits |= (value < 0.0f) & bit;
@@ -419,7 +432,7 @@ static inline int meet_triangle(const MovingScene *scene, const MovingTriangle *
             continue;
         for (int i = 0; i <= scene->parts; i++)
             sides[i] = project(rays, triangle->dual[i][side]);
-        met &= ~find_below(sides, scene->parts, scene->bins);
+        met &= ~find_below(scene, sides);
         if (!any(met))
             return 0;
     }
@@ -437,7 +450,7 @@ static void hide_farther(Visible *one, Visible *other, const MovingScene *scene,
     Floats nearer[MAX_PARTS + 1];
     for (int i = 0; i <= scene->parts; i++)
         nearer[i] = project(rays, subtract(one->triangle->sum[i], other->triangle->sum[i]));
-    Masks is_farther = find_below(nearer, scene->parts, scene->bins);
+    Masks is_farther = find_below(scene, nearer);
     one->seen &= ~(other->met & is_farther);
     other->seen &= ~(one->met & ~is_farther);
 }

@@ -14,6 +14,7 @@
 
 #include "blur_occlusion.h"
 #include "candidates.h"
+#include "lanes.h"
 #include "light_map.h"
 #include "ray_order.h"
 #include "short_list.h"
@@ -48,6 +49,7 @@ typedef struct {
 typedef struct {
     int count, parts; /* parts of the exposure, 2 or more, of equal length */
     int bins;         /* times of a part */
+    Floats16 phases;  /* place of each ray's times within the bins, from 0 to 1 */
     float centre;     /* time of its middle */
     const FrameState *state;
     Pose poses[MAX_PARTS + 1]; /* of the camera at the ends of the parts */

@@ -9,6 +9,7 @@
 #include "facet_plane.h"
 #include "measures.h"
 #include "pixels.h"
+#include "tiles.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -20,6 +21,10 @@
 #define MAX_STEP_PX 2.0f
 /* Levels of dilation: by 1, 2, 4 ... cells or tiles. */
 enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2, CELL_PIXELS = 4 };
+/* Bit of a mask: no pixel of the tile shows anything from farther than its neighbours' middles, so
+ * that these bound its change with half a pixel of reserve. */
+enum { NEAR = 1 << CELLS * CELLS, AROUND = TILE_PX + 2 };
+#define NEAR_PX 1.0f
 
 static size_t count_tiles(const View *view) {
     return (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
@@ -242,8 +247,10 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
             const float *m = means[channel] + first_pixel(cell);
             float low = fminf(fminf(m[0], m[1]), fminf(m[TILE_PX], m[TILE_PX + 1]));
             float high = fmaxf(fmaxf(m[0], m[1]), fmaxf(m[TILE_PX], m[TILE_PX + 1]));
-            at[plane * (size_t)channel] = code_of_light(gain * low);
-            at[plane * (size_t)(CHANNELS + channel)] = code_of_light(gain * high);
+            uint8_t code = code_of_light(gain * low);
+            at[plane * (size_t)channel] = code;
+            at[plane * (size_t)(CHANNELS + channel)] =
+                high > low ? code_of_light(gain * high) : code;
         }
     }
 }
@@ -286,6 +293,9 @@ static int reach_level(float reach) {
         level++;
     return level;
 }
+
+/* Of a pixel that shows what is up to some pixels away, by cells. */
+static int cell_level(float distance) { return reach_level((distance + 0.5f) / 2.0f); }
 
 static void dilate_speeds(float *to, const float *from, int rows, int columns, int step) {
     for (int row = 0; row < rows; row++)
@@ -339,22 +349,22 @@ static float find_contrast(const FrameState *state, const uint8_t *cells, int ro
         uint8_t low = at[plane * (size_t)channel], high = at[plane * (size_t)(CHANNELS + channel)];
         float light = to_light * light_of_code(high), dark = to_light * light_of_code(low);
         float difference = level_of_code(high) - level_of_code(low);
-        if (high > low)
+        if (light > dark)
             difference += spilt_levels(state->frame, light, light - dark);
         contrast = difference > contrast ? difference : contrast;
     }
-    return contrast;
+    return fminf(255.0f, contrast);
 }
 
-/* Whether motion changes a cell by more than what may be left out, which counts all the same. */
+/* Whether motion changes a cell by more than what may be left out, which counts all the same:
+ * however little is displaced, an edge may pass all samples of a pixel. */
 static int is_visible(const FrameState *state, float contrast, float displacement) {
-    float bound = contrast * fminf(1.0f, displacement);
     if (displacement < MIN_DISPLACEMENT_PX)
         return 0;
-    if (bound > state->frame->blur_threshold)
+    if (contrast > state->frame->blur_threshold)
         return 1;
-    raise_largest(&state->measures->blur, bound);
-    count_visible(&state->measures->blur, bound > VISIBLE_LEVELS ? CELL_PIXELS : 0);
+    raise_largest(&state->measures->blur, contrast);
+    count_visible(&state->measures->blur, contrast > VISIBLE_LEVELS ? CELL_PIXELS : 0);
     return 0;
 }
 
@@ -366,11 +376,12 @@ static int count_instants(const Frame *frame, float displacement) {
     return count;
 }
 
-static void want_cell(const FrameState *state, int row, int column, int cell, int count) {
+static void want_cell(const FrameState *state, int row, int column, int cell, int count,
+                      int is_near) {
     BlurPlan *plan = state->plan;
     int at = row * state->rays->tile_columns + column;
     plan->num_tiles += !plan->masks[at];
-    plan->masks[at] |= (uint8_t)(1 << cell);
+    plan->masks[at] |= (uint8_t)(1 << cell | (is_near ? NEAR : 0));
     plan->instants[at] = (uint16_t)count;
     plan->max_instants = count > plan->max_instants ? count : plan->max_instants;
     for (int level = 0; level < BEAM_LEVELS; level++)
@@ -378,10 +389,9 @@ static void want_cell(const FrameState *state, int row, int column, int cell, in
                             (column >> level)] = 1;
 }
 
-/* A row that is exposed later or earlier than the pose shows the scene displaced: however little,
- * an edge may pass a sample. */
+/* A row that is exposed later or earlier than the pose shows the scene displaced. */
 static void note_rolling(const FrameState *state, float contrast, float displacement) {
-    float change = displacement >= MIN_DISPLACEMENT_PX ? fminf(255.0f, contrast) : 0.0f;
+    float change = displacement >= MIN_DISPLACEMENT_PX ? contrast : 0.0f;
     raise_largest(&state->plan->rolling, change);
     count_visible(&state->plan->rolling, change > VISIBLE_LEVELS ? CELL_PIXELS : 0);
 }
@@ -396,9 +406,8 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
             int at = row * columns + column;
             if (view->tile_at[at] < 0)
                 continue;
-            int is_blurred = displacements &&
-                             reach_level((0.5f * displacements[at] + 0.5f) / 2.0f) == level;
-            int is_rolled = rolled && reach_level((rolled[at] + 0.5f) / 2.0f) == level;
+            int is_blurred = displacements && cell_level(0.5f * displacements[at]) == level;
+            int is_rolled = rolled && cell_level(rolled[at]) == level;
             if (!is_blurred && !is_rolled)
                 continue;
             float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
@@ -406,12 +415,21 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
                 float contrast = find_contrast(state, cells, row, column, cell);
                 if (is_blurred && is_visible(state, contrast, displacements[at]))
                     want_cell(state, row, column, cell,
-                              count_instants(state->frame, displacements[at]));
+                              count_instants(state->frame, displacements[at]),
+                              displacements[at] <= 2.0f * (NEAR_PX - 0.5f));
                 if (is_rolled)
                     note_rolling(state, contrast,
                                  rolled[at] * 2.0f * offset / state->frame->readout);
             }
         }
+}
+
+/* Levels of dilation of pixels that show what is up to a part of the tiles' displacements away. */
+static int count_levels(const FrameState *state, const float *displacements, float part) {
+    float largest = 0.0f;
+    for (size_t tile = 0; displacements && tile < count_tiles(state->view); tile++)
+        largest = fmaxf(largest, displacements[tile]);
+    return displacements ? cell_level(part * largest) + 1 : 0;
 }
 
 static uint8_t extreme_of(const uint8_t *codes, size_t count, int is_greatest) {
@@ -437,6 +455,62 @@ static void fill_rim(const FrameState *state) {
     }
 }
 
+/* Light of a tile's pixels and of those beside it; 0 if one is not wholly on the mirror. */
+static int collect_pixels(const FrameState *state, int32_t number,
+                          float light[CHANNELS][AROUND][AROUND]) {
+    const View *view = state->view;
+    int columns = view->rays.tile_columns, row = number / columns, column = number % columns;
+    if (row < 1 || column < 1 || row + 1 >= view->tile_rows || column + 1 >= columns)
+        return 0;
+    for (int i = -1; i <= 1; i++)
+        for (int k = -1; k <= 1; k++) {
+            int32_t tile = view->tile_at[number + i * columns + k];
+            if (tile < 0 || !is_wholly_valid(state, tile))
+                return 0;
+            int top = i < 0 ? TILE_PX - 1 : 0, left = k < 0 ? TILE_PX - 1 : 0;
+            int bottom = i > 0 ? 1 : TILE_PX, right = k > 0 ? 1 : TILE_PX;
+            const float *means = state->plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS;
+            for (int channel = 0; channel < CHANNELS; channel++)
+                for (int y = top; y < bottom; y++)
+                    for (int x = left; x < right; x++)
+                        light[channel][TILE_PX * i + y + 1][TILE_PX * k + x + 1] =
+                            means[channel * BLOCK_RAYS + y * TILE_PX + x];
+        }
+    return 1;
+}
+
+/* Largest change between the pixels of a cell and of those beside it, or one that is visible. */
+static float find_near_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
+                                int cell) {
+    int top = cell / CELLS * 2, left = cell % CELLS * 2;
+    float contrast = 0.0f;
+    for (int channel = 0; channel < CHANNELS && contrast <= frame->blur_threshold; channel++) {
+        float low = light[channel][top][left], high = low;
+        for (int y = top; y < top + 4; y++)
+            for (int x = left; x < left + 4; x++) {
+                low = fminf(low, light[channel][y][x]);
+                high = fmaxf(high, light[channel][y][x]);
+            }
+        contrast = fmaxf(contrast, level_change(frame, high, low));
+    }
+    return contrast;
+}
+
+int find_wanted_cells(const FrameState *state, int tile) {
+    int32_t number = state->rays->tiles[tile];
+    int wanted = state->plan->masks[number];
+    float light[CHANNELS][AROUND][AROUND];
+    /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
+    if (!(wanted & NEAR) || state->rays->samples < 2 || !collect_pixels(state, number, light))
+        return wanted & ~NEAR;
+    wanted &= ~NEAR;
+    for (int cell = 0; cell < CELLS * CELLS; cell++)
+        if (wanted >> cell & 1 &&
+            !is_visible(state, find_near_contrast(state->frame, light, cell), INFINITY))
+            wanted &= ~(1 << cell);
+    return wanted;
+}
+
 int choose_instants(const FrameState *state) {
     BlurPlan *plan = state->plan;
     const Frame *frame = state->frame;
@@ -448,7 +522,9 @@ int choose_instants(const FrameState *state) {
     uint8_t *scratch = malloc(plane);
     int is_whole = scratch && (displacements || !(frame->exposure > 0.0f)) &&
                    (rolled || !(frame->readout > 0.0f));
-    for (int level = 0; is_whole && level < REACH_LEVELS; level++) {
+    int blur_levels = count_levels(state, displacements, 0.5f);
+    int row_levels = count_levels(state, rolled, 1.0f);
+    for (int level = 0; is_whole && (level < blur_levels || level < row_levels); level++) {
         /* From a reach of r cells to one of 2 r. */
         int step = level < 2 ? 1 : 1 << (level - 1);
         for (int channel = 0; channel < 2 * CHANNELS; channel++)
