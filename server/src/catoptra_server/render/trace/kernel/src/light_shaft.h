@@ -1,0 +1,19 @@
+/* Whether anything reaches into the way of a light to a part of a surface: a shaft (Haines and
+ * Wallace 1991, "Shaft culling for efficient ray-traced radiosity"), the hull of four points and the
+ * light, against the hierarchies of casters and objects.
+ *
+ * What is told apart is farther apart than shadow rays can differ from the ways between points and
+ * light: they begin 2^-18 of the largest coordinate beside their points, and end as far beside a
+ * lamp; points, directions and tests are rounded by less.
+ */
+#ifndef CATOPTRA_LIGHT_SHAFT_H
+#define CATOPTRA_LIGHT_SHAFT_H
+
+#include "frame_state.h"
+
+/* Whether a light that shines on the plane of a static facet meets nothing but the facet's own
+ * surface on its way to the quadrangle between four points of the plane, in rows; 0 also where that
+ * is not certain. */
+int is_way_free(const FrameState *state, int light, int32_t triangle, const Vec3 corners[4]);
+
+#endif
