@@ -89,26 +89,6 @@ static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoi
     }
 }
 
-/* Rays by what may occlude a light from their points. */
-typedef struct {
-    uint32_t hidden, unknown, behind_objects;
-} Uncertainty;
-
-static Uncertainty look_up_light(const FrameState *state, int light, const HitBlock *hits,
-                                 const SurfaceBlock *surface, uint32_t facing) {
-    Uncertainty found = {0, 0, 0};
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(facing >> lane & 1))
-            continue;
-        int32_t triangle = hits->object[lane] == OBJECT_STATIC ? hits->triangle[lane] : -1;
-        int known = find_light(state, light, triangle, get_lane(surface->points.position, lane));
-        found.hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
-        found.unknown |= (uint32_t)(known == LIGHT_UNKNOWN) << lane;
-        found.behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
-    }
-    return found;
-}
-
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
@@ -170,7 +150,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
         return hidden;
-    Uncertainty found = look_up_light(state, light, hits, surface, facing);
+    Uncertainty found = find_light(state, light, hits, surface->points.position, facing);
     uint32_t occluded = hidden | found.hidden;
     if (!(found.unknown | found.behind_objects))
         return occluded;
