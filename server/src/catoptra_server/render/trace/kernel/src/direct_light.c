@@ -89,6 +89,40 @@ static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoi
     }
 }
 
+/* Rays that meet facets of the static scene on which a light shines. */
+static uint32_t find_shone_on(const FrameState *state, const Light *light, const HitBlock *hits,
+                              uint32_t among) {
+    uint32_t found = 0;
+    for (uint32_t left = among, same; left; left &= ~same) {
+        int lane = __builtin_ctz(left);
+        int32_t triangle = hits->triangle[lane];
+        same = find_same(hits, lane) & left;
+        if (hits->object[lane] == OBJECT_STATIC &&
+            !(state->scene->mesh->arrays.flags[triangle] & FACET_UNLIT) &&
+            find_incidence(state, light, triangle) > 0.0f)
+            found |= same;
+    }
+    return found;
+}
+
+int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
+    _Alignas(64) float ends[3][BLOCK_RAYS];
+    for (int axis = 0; axis < 3; axis++)
+        store16(load16(rays->origin[axis]) + load16(rays->limit) * load16(rays->direction[axis]),
+                ends[axis]);
+    for (int number = 0; number < state->scene->num_lights; number++) {
+        const Light *light = &state->scene->lights[number];
+        uint32_t shone_on = find_shone_on(state, light, hits, rays->active);
+        if (!shone_on)
+            continue;
+        Uncertainty found =
+            find_light(state, number, hits, (const float(*)[BLOCK_RAYS])ends, shone_on);
+        if (found.hidden | found.unknown | found.behind_objects)
+            return 0;
+    }
+    return 1;
+}
+
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
