@@ -89,6 +89,9 @@ static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoi
     }
 }
 
+/* Rays at the corners of a block. */
+#define CORNER_RAYS (1u << 0 | 1u << 3 | 1u << 12 | 1u << 15)
+
 /* Rays that meet facets of the static scene on which a light shines. */
 static uint32_t find_shone_on(const FrameState *state, const Light *light, const HitBlock *hits,
                               uint32_t among) {
@@ -115,10 +118,14 @@ int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBloc
         uint32_t shone_on = find_shone_on(state, light, hits, rays->active);
         if (!shone_on)
             continue;
-        Uncertainty found =
-            find_light(state, number, hits, (const float(*)[BLOCK_RAYS])ends, shone_on);
-        if (found.hidden | found.unknown | found.behind_objects)
-            return 0;
+        /* Where one is not seen, mostly a corner is none. */
+        uint32_t parts[2] = {shone_on & CORNER_RAYS, shone_on & ~CORNER_RAYS};
+        for (int part = 0; part < 2; part++) {
+            Uncertainty found =
+                find_light(state, number, hits, (const float(*)[BLOCK_RAYS])ends, parts[part]);
+            if (found.hidden | found.unknown | found.behind_objects)
+                return 0;
+        }
     }
     return 1;
 }

@@ -5,7 +5,6 @@
 #include "light_map.h"
 
 #include "height_map.h"
-#include "light_shaft.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -271,8 +270,6 @@ LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 co
         if (!(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
             continue;
         int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);
-        if (found == LIGHT_UNKNOWN && is_way_free(state, light, triangle, corners))
-            found = LIGHT_SEEN;
         proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;
         proof.hidden |= (uint32_t)(found == LIGHT_HIDDEN) << light;
     }

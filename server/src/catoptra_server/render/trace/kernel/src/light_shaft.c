@@ -4,6 +4,7 @@
 #include "light_shaft.h"
 
 #include "instances.h"
+#include "light_map.h"
 
 #include <math.h>
 
@@ -196,17 +197,30 @@ static int is_free(const Scene *scene, const Shaft *shaft, const BvhNode *nodes,
     return 1;
 }
 
-int is_way_free(const FrameState *state, int light, int32_t triangle, const Vec3 corners[4]) {
+static int is_way_free(const FrameState *state, const Light *light, int32_t triangle,
+                       const Vec3 corners[4]) {
     const Scene *scene = state->scene;
     const Bvh *casters = scene->casters ? &scene->casters->bvh : &scene->mesh->bvh;
     const BvhNode *objects = object_nodes(state);
     Shaft shaft;
     /* Where coordinates are too large for floats, rays decide. */
     if (has_origin(state) || casters->fine_leaves ||
-        !aim_shaft(state, &scene->lights[light], triangle, corners,
+        !aim_shaft(state, light, triangle, corners,
                    fmaxf(casters->largest, scene->mesh->bvh.largest), &shaft))
         return 0;
     return (!objects || is_free(scene, &shaft, objects, NULL, -1)) &&
            (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
                                            scene->surfaces.surface[triangle]));
+}
+
+uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                          uint32_t others) {
+    uint32_t found = 0;
+    for (int number = 0; number < state->scene->num_lights && number < 32; number++) {
+        const Light *light = &state->scene->lights[number];
+        if (!(others >> number & 1) && find_incidence(state, light, triangle) > 0.0f &&
+            is_way_free(state, light, triangle, corners))
+            found |= 1u << number;
+    }
+    return found;
 }

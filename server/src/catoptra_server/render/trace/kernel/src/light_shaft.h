@@ -11,9 +11,10 @@
 
 #include "frame_state.h"
 
-/* Whether a light that shines on the plane of a static facet meets nothing but the facet's own
- * surface on its way to the quadrangle between four points of the plane, in rows; 0 also where that
- * is not certain. */
-int is_way_free(const FrameState *state, int light, int32_t triangle, const Vec3 corners[4]);
+/* Lights, of the first 32 and other than those of a mask, of which it is certain that they meet
+ * nothing but a static facet's own surface on their way to the quadrangle between four points of its
+ * plane, in rows. */
+uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                          uint32_t others);
 
 #endif
