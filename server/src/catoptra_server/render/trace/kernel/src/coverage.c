@@ -354,8 +354,10 @@ static void prove_light(const Search *search, const BeamSides *sides, Part *part
         LightProof proof = prove_lights(state, triangle, corners);
         part->content.proof.hidden |= proof.hidden;
         part->content.proof.seen |= proof.seen;
-        part->content.proof.seen |= find_free_lights(
-            state, triangle, corners, part->content.proof.seen | part->content.proof.hidden);
+        /* The plan of a moving frame chooses its tiles by what maps prove. */
+        if (!state->plan)
+            part->content.proof.seen |= find_free_lights(
+                state, triangle, corners, part->content.proof.seen | part->content.proof.hidden);
     }
     if (may_be_open(search, part)) {
         SkyView view = find_sky_view(state->scene, triangle, corners);
