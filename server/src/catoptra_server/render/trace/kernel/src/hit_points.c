@@ -15,7 +15,8 @@ typedef struct {
     float edge_v[3][BLOCK_RAYS];
 } PlaneQueries;
 
-static void set_triangle(PlaneQueries *queries, uint32_t lanes, Vec3 first, Vec3 second, Vec3 third) {
+static void set_triangle(PlaneQueries *queries, uint32_t lanes, Vec3 first, Vec3 second,
+                         Vec3 third) {
     set_lanes(queries->first, lanes, first);
     set_lanes(queries->edge_u, lanes, subtract(second, first));
     set_lanes(queries->edge_v, lanes, subtract(third, first));

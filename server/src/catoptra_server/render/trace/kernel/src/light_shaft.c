@@ -61,7 +61,8 @@ static float find_error(const FrameState *state, Vec3 normal, const Shaft *shaft
 static int aim_shaft(const FrameState *state, const Light *light, int32_t triangle,
                      const Vec3 corners[4], float largest, Shaft *shaft) {
     static const int around[5] = {0, 1, 3, 2, 0};
-    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle), middle = {0, 0, 0};
+    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    Vec3 middle = {0, 0, 0};
     shaft->light = vec3(light->vector);
     shaft->is_lamp = light->kind == LIGHT_POINT;
     shaft->largest = fmaxf(largest, max_abs(vec3(state->camera.translation)));
@@ -156,7 +157,8 @@ static Ints8 are_beside(const Shaft *shaft, const Vectors corner[3]) {
 static uint32_t find_blockers(const Shaft *shaft, const BvhLeaf *leaf) {
     Vectors corner[3];
     for (int i = 0; i < 3; i++)
-        corner[i] = (Vectors){leaf->corner[3 * i], leaf->corner[3 * i + 1], leaf->corner[3 * i + 2]};
+        corner[i] =
+            (Vectors){leaf->corner[3 * i], leaf->corner[3 * i + 1], leaf->corner[3 * i + 2]};
     Ints8 is_outside = load_ints8(leaf->triangle) == NO_TRIANGLE;
     for (int side = 0; side < SIDES; side++) {
         Vectors n = spread(shaft->normal[side]);
@@ -167,7 +169,8 @@ static uint32_t find_blockers(const Shaft *shaft, const BvhLeaf *leaf) {
     return left ? left & ~bits8(are_beside(shaft, corner)) : 0;
 }
 
-static int is_leaf_free(const Scene *scene, const Shaft *shaft, const BvhLeaf *leaf, int32_t surface) {
+static int is_leaf_free(const Scene *scene, const Shaft *shaft, const BvhLeaf *leaf,
+                        int32_t surface) {
     for (uint32_t left = find_blockers(shaft, leaf); left; left &= left - 1) {
         int32_t number = leaf->triangle[__builtin_ctz(left)];
         int32_t triangle = scene->caster_triangles ? scene->caster_triangles[number] : number;

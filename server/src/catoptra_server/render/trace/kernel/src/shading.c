@@ -132,7 +132,8 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
     surface->computed = surface->lit = surface->textured = surface->dim = 0;
     surface->objects = surface->coloured = 0;
     for (uint32_t left = rays->active, same; left; left &= ~same) {
-        int lane = __builtin_ctz(left), object = hits->object[lane], triangle = hits->triangle[lane];
+        int lane = __builtin_ctz(left), object = hits->object[lane];
+        int triangle = hits->triangle[lane];
         same = find_same(hits, lane) & left;
         if (object == OBJECT_STATIC && has_occlusion(state->scene, triangle))
             surface->dim |= same;
@@ -241,7 +242,8 @@ static void begin_surfaces(const FrameState *state, const RayBlock *rays, const 
     memset(surface->albedo, 0, sizeof surface->albedo);
     uint32_t single = surface->objects | surface->coloured;
     for (uint32_t left = surface->computed, same; left; left &= ~same) {
-        int lane = __builtin_ctz(left), object = hits->object[lane], triangle = hits->triangle[lane];
+        int lane = __builtin_ctz(left), object = hits->object[lane];
+        int triangle = hits->triangle[lane];
         same = single >> lane & 1 ? 1u << lane : find_same(hits, lane) & left;
         Vec3 albedo = albedo_at(mesh_of(state, object), triangle, surface->points.u[lane],
                                 surface->points.v[lane]);
