@@ -9,6 +9,7 @@
 #include "blur_plan.h"
 #include "fog.h"
 #include "light_map.h"
+#include "light_shaft.h"
 #include "occluded_tiles.h"
 #include "occlusion.h"
 #include "plane_light.h"
@@ -352,8 +353,12 @@ static void prove_light(const Search *search, const BeamSides *sides, Part *part
     find_quad(state, sides, triangle, corners);
     if (is_unlit(search, part)) {
         LightProof proof = prove_lights(state, triangle, corners);
-        part->content.proof.seen |= proof.seen;
         part->content.proof.hidden |= proof.hidden;
+        part->content.proof.seen |= proof.seen;
+        /* The plan of a moving frame chooses its tiles by what maps prove. */
+        if (!state->plan)
+            part->content.proof.seen |= find_free_lights(
+                state, triangle, corners, part->content.proof.seen | part->content.proof.hidden);
     }
     if (may_be_open(search, part)) {
         SkyView view = find_sky_view(state->scene, triangle, corners);

@@ -89,24 +89,45 @@ static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoi
     }
 }
 
-/* Rays by what may occlude a light from their points. */
-typedef struct {
-    uint32_t hidden, unknown, behind_objects;
-} Uncertainty;
+/* Rays at the corners of a block. */
+#define CORNER_RAYS (1u << 0 | 1u << 3 | 1u << 12 | 1u << 15)
 
-static Uncertainty look_up_light(const FrameState *state, int light, const HitBlock *hits,
-                                 const SurfaceBlock *surface, uint32_t facing) {
-    Uncertainty found = {0, 0, 0};
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(facing >> lane & 1))
-            continue;
-        int32_t triangle = hits->object[lane] == OBJECT_STATIC ? hits->triangle[lane] : -1;
-        int known = find_light(state, light, triangle, get_lane(surface->points.position, lane));
-        found.hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
-        found.unknown |= (uint32_t)(known == LIGHT_UNKNOWN) << lane;
-        found.behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
+/* Rays that meet facets of the static scene on which a light shines. */
+static uint32_t find_shone_on(const FrameState *state, const Light *light, const HitBlock *hits,
+                              uint32_t among) {
+    uint32_t found = 0;
+    for (uint32_t left = among, same; left; left &= ~same) {
+        int lane = __builtin_ctz(left);
+        int32_t triangle = hits->triangle[lane];
+        same = find_same(hits, lane) & left;
+        if (hits->object[lane] == OBJECT_STATIC &&
+            !(state->scene->mesh->arrays.flags[triangle] & FACET_UNLIT) &&
+            find_incidence(state, light, triangle) > 0.0f)
+            found |= same;
     }
     return found;
+}
+
+int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
+    _Alignas(64) float ends[3][BLOCK_RAYS];
+    for (int axis = 0; axis < 3; axis++)
+        store16(load16(rays->origin[axis]) + load16(rays->limit) * load16(rays->direction[axis]),
+                ends[axis]);
+    for (int number = 0; number < state->scene->num_lights; number++) {
+        const Light *light = &state->scene->lights[number];
+        uint32_t shone_on = find_shone_on(state, light, hits, rays->active);
+        if (!shone_on)
+            continue;
+        /* Where one is not seen, mostly a corner is none. */
+        uint32_t parts[2] = {shone_on & CORNER_RAYS, shone_on & ~CORNER_RAYS};
+        for (int part = 0; part < 2; part++) {
+            Uncertainty found =
+                find_light(state, number, hits, (const float(*)[BLOCK_RAYS])ends, parts[part]);
+            if (found.hidden | found.unknown | found.behind_objects)
+                return 0;
+        }
+    }
+    return 1;
 }
 
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
@@ -170,7 +191,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
         return hidden;
-    Uncertainty found = look_up_light(state, light, hits, surface, facing);
+    Uncertainty found = find_light(state, light, hits, surface->points.position, facing);
     uint32_t occluded = hidden | found.hidden;
     if (!(found.unknown | found.behind_objects))
         return occluded;

@@ -33,6 +33,10 @@ typedef struct {
  * takes that of lamps for which it casts no ray. */
 void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface);
 
+/* Whether nothing occludes any directional light where rays meet the static scene, by height maps;
+ * the rays' limits are the distances of their hits. */
+int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBlock *hits);
+
 /* Add the light of one directional or point light to the lit rays, and what is occluded to `lost`,
  * which may be NULL. */
 void add_light(const FrameState *state, int light, const RayBlock *rays, const HitBlock *hits,

@@ -15,10 +15,11 @@ typedef struct {
     float edge_v[3][BLOCK_RAYS];
 } PlaneQueries;
 
-static void set_triangle(PlaneQueries *queries, int lane, Vec3 first, Vec3 second, Vec3 third) {
-    set_lane(queries->first, lane, first);
-    set_lane(queries->edge_u, lane, subtract(second, first));
-    set_lane(queries->edge_v, lane, subtract(third, first));
+static void set_triangle(PlaneQueries *queries, uint32_t lanes, Vec3 first, Vec3 second,
+                         Vec3 third) {
+    set_lanes(queries->first, lanes, first);
+    set_lanes(queries->edge_u, lanes, subtract(second, first));
+    set_lanes(queries->edge_v, lanes, subtract(third, first));
 }
 
 /* The same for an object at rest: a rotation's inverse is its transpose, and keeps lengths. */
@@ -49,26 +50,27 @@ static void move_to_object(const FrameState *state, int object, float time, int 
     set_lane(points->normal, lane, length > 0.0f ? scale(1.0f / length, turned) : turned);
 }
 
-static void gather_lane(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                        int lane, PlaneQueries *queries, HitPoints *points) {
-    int object = hits->object[lane];
-    size_t triangle = (size_t)hits->triangle[lane];
+/* Set the queries of some rays that meet one facet. */
+static void gather_rays(const FrameState *state, const RayBlock *rays, int object, int32_t triangle,
+                        uint32_t lanes, PlaneQueries *queries, HitPoints *points) {
     const MeshArrays *mesh = mesh_of(state, object);
+    const float *normal = mesh->normals + 3 * (size_t)triangle;
     if (object == OBJECT_STATIC) {
-        int32_t number = hits->triangle[lane];
-        set_triangle(queries, lane, scene_corner(state, number, 0), scene_corner(state, number, 1),
-                     scene_corner(state, number, 2));
-        set_lane(points->normal, lane, vec3(mesh->normals + 3 * triangle));
+        set_triangle(queries, lanes, scene_corner(state, triangle, 0),
+                     scene_corner(state, triangle, 1), scene_corner(state, triangle, 2));
+        set_lanes(points->normal, lanes, vec3(normal));
         return;
     }
-    const float *corners = mesh->corners + 9 * triangle;
-    set_triangle(queries, lane, vec3(corners), vec3(corners + 3), vec3(corners + 6));
-    if (state->frame->num_poses == 1)
-        move_to_resting_object(state->frame->object_poses + object - 1, lane, queries, points,
-                               mesh->normals + 3 * triangle);
-    else
-        move_to_object(state, object - 1, rays->time[lane], lane, queries, points,
-                       mesh->normals + 3 * triangle);
+    const float *corners = mesh->corners + 9 * (size_t)triangle;
+    set_triangle(queries, lanes, vec3(corners), vec3(corners + 3), vec3(corners + 6));
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        if (state->frame->num_poses == 1)
+            move_to_resting_object(state->frame->object_poses + object - 1, lane, queries, points,
+                                   normal);
+        else
+            move_to_object(state, object - 1, rays->time[lane], lane, queries, points, normal);
+    }
 }
 
 /* Weights and distances of rays on their triangles' planes (Moeller and Trumbore 1997). */
@@ -123,9 +125,11 @@ void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlo
     memset(&queries, 0, sizeof queries);
     memcpy(queries.origin, rays->origin, sizeof queries.origin);
     memcpy(queries.direction, rays->direction, sizeof queries.direction);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (mask >> lane & 1)
-            gather_lane(state, rays, hits, lane, &queries, points);
+    for (uint32_t left = mask, same; left; left &= ~same) {
+        int lane = __builtin_ctz(left);
+        same = find_same(hits, lane) & left;
+        gather_rays(state, rays, hits->object[lane], hits->triangle[lane], same, &queries, points);
+    }
     intersect_planes(&queries, points);
     if (state->scene->mesh->arrays.fine_corners)
         find_static_distances(state, rays, hits, static_lanes(hits, mask), points->distance);

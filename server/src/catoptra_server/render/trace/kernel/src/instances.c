@@ -86,6 +86,10 @@ void release_instances(Instances *instances) {
     free(instances);
 }
 
+const BvhNode *object_nodes(const FrameState *state) {
+    return state->objects ? state->objects->nodes : NULL;
+}
+
 /* A pose and the inverse of its matrix, transposed, at a ray's time. The entries between two
  * rotations make no rotation. */
 typedef struct {

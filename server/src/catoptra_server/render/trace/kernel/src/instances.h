@@ -13,6 +13,9 @@ Instances *create_instances(const Frame *frame, int *failed);
 
 void release_instances(Instances *instances);
 
+/* Hierarchy of boxes around where the frame's objects are; NULL without any. */
+const BvhNode *object_nodes(const FrameState *state);
+
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. */
 void intersect_instances(const FrameState *state, RayBlock *rays, HitBlock *hits);
 

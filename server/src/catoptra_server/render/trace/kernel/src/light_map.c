@@ -147,16 +147,64 @@ static int is_precise(const LightMap *map, float height) {
     return height_tolerance(map, height) < MAX_ERROR * fabsf(height) || !map->is_perspective;
 }
 
-int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point) {
-    const LightMap *map = map_at(state, light, point);
-    if (!map)
-        return LIGHT_UNKNOWN;
-    MapPoint at = project(map, point);
-    if (!is_precise(map, at.height))
-        return LIGHT_UNKNOWN;
-    int cell = cell_of(map, at.y, map->top) * map->side + cell_of(map, at.x, map->left);
-    MapBox box = {at, at};
-    return find_in_cell(state, map, cell, triangle < 0 ? -2 : state->scene->surfaces.surface[triangle], &box);
+/* Columns or rows of 16 coordinates. */
+static Ints16 cells_of(const LightMap *map, Floats16 coordinate, float first) {
+    Floats16 cell = (coordinate - first) * map->cells_per_metre;
+    Floats16 last = splat16((float)(map->side - 1));
+    cell = select16(cell > 0.0f, least16(cell, last), splat16(0.0f));
+    return __builtin_convertvector(cell, Ints16);
+}
+
+/* Look up some of 16 points in a map; those of which it says nothing stay unknown. */
+static void look_up_points(const FrameState *state, const LightMap *map, const HitBlock *hits,
+                           const float points[3][BLOCK_RAYS], uint32_t rays, Uncertainty *found) {
+    Vec3 o = map->origin, a = map->x_axis, b = map->y_axis, c = map->towards;
+    Floats16 px = load16(points[0]) - o.x, py = load16(points[1]) - o.y;
+    Floats16 pz = load16(points[2]) - o.z;
+    Floats16 x = a.x * px + a.y * py + a.z * pz, y = b.x * px + b.y * py + b.z * pz;
+    Floats16 height = c.x * px + c.y * py + c.z * pz, tolerance = splat16(map->tolerance);
+    if (map->is_perspective) {
+        height = 1.0f / height;
+        x *= height;
+        y *= height;
+        tolerance = map->tolerance * height * height;
+        rays &= bits16(tolerance < MAX_ERROR * absolute16(height));
+    }
+    MapBox box = {{0, 0, 0}, {0, 0, 0}};
+    int32_t cells[BLOCK_RAYS];
+    float heights[BLOCK_RAYS];
+    store16(height, heights);
+    store_ints16(cells_of(map, y, map->top) * map->side + cells_of(map, x, map->left), cells);
+    for (; rays; rays &= rays - 1) {
+        int lane = __builtin_ctz(rays);
+        box.low.height = box.high.height = heights[lane];
+        int32_t surface = hits->object[lane] == OBJECT_STATIC
+                              ? state->scene->surfaces.surface[hits->triangle[lane]]
+                              : -2;
+        int known = find_in_cell(state, map, cells[lane], surface, &box);
+        found->hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
+        found->behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
+        found->unknown &= ~((uint32_t)(known != LIGHT_UNKNOWN) << lane);
+    }
+}
+
+Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
+                       const float points[3][BLOCK_RAYS], uint32_t rays) {
+    Uncertainty found = {0, rays, 0};
+    for (uint32_t left = rays, same; left; left &= ~same) {
+        const LightMap *map = map_at(state, light, get_lane(points, __builtin_ctz(left)));
+        same = 1u << __builtin_ctz(left);
+        /* Most points of a block lie on one face around a lamp. */
+        for (uint32_t others = left & (left - 1); others; others &= others - 1) {
+            int lane = __builtin_ctz(others);
+            if (state->scene->lights[light].kind != LIGHT_POINT ||
+                map_at(state, light, get_lane(points, lane)) == map)
+                same |= 1u << lane;
+        }
+        if (map)
+            look_up_points(state, map, hits, points, same, &found);
+    }
+    return found;
 }
 
 /* What all cells of a box agree on. */

@@ -40,8 +40,14 @@ typedef struct {
  * memory is short (`*failed`). */
 float *raise_objects(const FrameState *state, int *failed);
 
-/* What is known of a light at a point on a facet of the static scene, or of an object (-1). */
-int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point);
+/* Rays by what may occlude a light from their points. */
+typedef struct {
+    uint32_t hidden, unknown, behind_objects;
+} Uncertainty;
+
+/* What is known of a light at the (3, 16) points where some rays meet the scene and objects. */
+Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
+                       const float points[3][BLOCK_RAYS], uint32_t rays);
 
 /* Cosine to a directional light, or the height of a point light above a static facet's plane: above
  * zero if the light shines on the facet. */

@@ -3,6 +3,7 @@
 #define CATOPTRA_RAY_BLOCK_H
 
 #include "kernel.h"
+#include "lanes.h"
 #include "vectors.h"
 
 #include <stddef.h>
@@ -31,6 +32,19 @@ static inline void set_lane(float components[3][BLOCK_RAYS], int lane, Vec3 valu
     components[0][lane] = value.x;
     components[1][lane] = value.y;
     components[2][lane] = value.z;
+}
+
+/* The same vector for the rays of a mask. */
+static inline void set_lanes(float components[3][BLOCK_RAYS], uint32_t lanes, Vec3 value) {
+    float parts[3] = {value.x, value.y, value.z};
+    for (int i = 0; i < 3; i++)
+        store16(select16(mask16(lanes), splat16(parts[i]), load16(components[i])), components[i]);
+}
+
+/* Bit mask of the rays that meet the same facet as one of them. A block shows two or three. */
+static inline uint32_t find_same(const HitBlock *hits, int lane) {
+    return bits16((load_ints16(hits->triangle) == hits->triangle[lane]) &
+                  (load_ints16(hits->object) == hits->object[lane]));
 }
 
 static inline void add_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {

@@ -131,22 +131,22 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
                     SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     surface->computed = surface->lit = surface->textured = surface->dim = 0;
     surface->objects = surface->coloured = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(rays->active >> lane & 1))
-            continue;
-        int object = hits->object[lane], triangle = hits->triangle[lane];
-        if (object == OBJECT_STATIC)
-            surface->dim |= (uint32_t)has_occlusion(state->scene, triangle) << lane;
+    for (uint32_t left = rays->active, same; left; left &= ~same) {
+        int lane = __builtin_ctz(left), object = hits->object[lane];
+        int triangle = hits->triangle[lane];
+        same = find_same(hits, lane) & left;
+        if (object == OBJECT_STATIC && has_occlusion(state->scene, triangle))
+            surface->dim |= same;
         if (is_tabulated(state, object, triangle)) {
-            set_lane(radiance, lane, table_entry(state, object, triangle));
+            set_lanes(radiance, same, table_entry(state, object, triangle));
             continue;
         }
         uint8_t flags = mesh_of(state, object)->flags[triangle];
-        surface->computed |= 1u << lane;
-        surface->lit |= (uint32_t)!(flags & FACET_UNLIT) << lane;
-        surface->textured |= (uint32_t)!!(flags & FACET_TEXTURED) << lane;
-        surface->objects |= (uint32_t)(object != OBJECT_STATIC) << lane;
-        surface->coloured |= (uint32_t)!!(flags & FACET_CORNER_COLOURS) << lane;
+        surface->computed |= same;
+        surface->lit |= flags & FACET_UNLIT ? 0 : same;
+        surface->textured |= flags & FACET_TEXTURED ? same : 0;
+        surface->objects |= object != OBJECT_STATIC ? same : 0;
+        surface->coloured |= flags & FACET_CORNER_COLOURS ? same : 0;
     }
 }
 
@@ -240,16 +240,17 @@ static void begin_surfaces(const FrameState *state, const RayBlock *rays, const 
                            SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     find_hit_points(state, rays, hits, surface->computed, &surface->points);
     memset(surface->albedo, 0, sizeof surface->albedo);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(surface->computed >> lane & 1))
-            continue;
-        int object = hits->object[lane], triangle = hits->triangle[lane];
+    uint32_t single = surface->objects | surface->coloured;
+    for (uint32_t left = surface->computed, same; left; left &= ~same) {
+        int lane = __builtin_ctz(left), object = hits->object[lane];
+        int triangle = hits->triangle[lane];
+        same = single >> lane & 1 ? 1u << lane : find_same(hits, lane) & left;
         Vec3 albedo = albedo_at(mesh_of(state, object), triangle, surface->points.u[lane],
                                 surface->points.v[lane]);
-        set_lane(surface->albedo, lane, albedo);
-        set_lane(radiance, lane,
-                 base_radiance(state, object, triangle, albedo,
-                               get_lane(surface->points.normal, lane)));
+        set_lanes(surface->albedo, same, albedo);
+        set_lanes(radiance, same,
+                  base_radiance(state, object, triangle, albedo,
+                                get_lane(surface->points.normal, lane)));
     }
 }
 

@@ -129,20 +129,21 @@ static void write_table_colours(const FrameState *state, int tile, uint32_t acti
         }
 }
 
-static int has_table_colours(const FrameState *state, uint32_t active, const HitBlock *hits) {
+static int has_table_colours(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
     const uint8_t *facets = state->scene->mesh->arrays.flags;
-    if (!state->is_constant || state->frame->output != OUTPUT_SRGB || state->plan ||
+    if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
         state->frame->inverse_range || has_fog(state))
         return 0;
     int meets_object = 0;
     uint8_t flags = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-        if (active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
+        if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
             flags |= facets[hits->triangle[lane]];
     }
     return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS | FACET_OCCLUDED)) &&
-           (!meets_object || state->object_radiance);
+           (!meets_object || state->object_radiance) &&
+           (state->is_constant || sees_all_lights(state, rays, hits));
 }
 
 int is_wholly_valid(const FrameState *state, int tile) {
@@ -497,7 +498,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         uint32_t watched = find_hits(state, &rays, &hits, content);
         if (labels)
             count_samples(state, block, rays.active, &hits, labels);
-        if (blocks == 1 && !watched && has_table_colours(state, rays.active, &hits)) {
+        if (blocks == 1 && !watched && has_table_colours(state, &rays, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
