@@ -9,7 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
-from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section, suggest_name
+from catoptra_protocol.names import suggest_name
+from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Section, read_sections
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES

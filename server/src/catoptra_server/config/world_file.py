@@ -17,6 +17,7 @@ import numpy as np
 
 from catoptra_protocol.errors import ConfigError, LocalProtocolError
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import (
@@ -27,7 +28,7 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.known_names import report_unknown_names, suggest_name
+from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.world.world_description import (
     Box,
