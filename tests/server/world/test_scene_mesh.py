@@ -82,7 +82,7 @@ def test_shape_is_scaled_along_its_axes_and_stays_lit_from_outside(
 
 
 def test_mesh_file_that_is_mirrored_keeps_its_front_and_its_texture(tmp_path: Path) -> None:
-    square = make_textured_square(make_quadrant_image())
+    square = make_textured_square()
     path = export_mesh(square, tmp_path / "square.glb")
     item = Item("s", MeshFile(path), Pose.identity(), None)
     plain, mirrored = (
