@@ -33,10 +33,11 @@ from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.config.world_file import MESH_SUFFIXES
 
 # A saved world of a building has 2 MB; with these limits a hostile one takes a second.
 _MAX_FILE_BYTES = 32 * 2**20
-_MAX_ELEMENTS, _MAX_DEPTH = 10**6, 64
+_MAX_ELEMENTS, _MAX_DEPTH = 200_000, 64
 # Each is a line or more of the world file, which may have 65 536.
 _MAX_MODELS, _MAX_NESTING, _MAX_CHAIN = 10_000, 16, 64
 _MAX_OUT_BYTES, _MAX_OUT_LINES = 4 * 2**20, 2**16
@@ -71,7 +72,6 @@ _INVISIBLE = frozenset(
     "static self_collide allow_auto_disable enable_wind gravity kinematic inertial specular "
     "magnetic_field atmosphere wind cast_shadows visibility_flags meta".split()
 )
-_MESH_SUFFIXES = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl")
 _COPY_NUMBER = re.compile(r"[ ._-]*\d+$")
 _UNSAFE = re.compile(r'["\x00-\x1f\x7f-\x9f]')
 
@@ -422,7 +422,7 @@ class _Importer:
         if path is None or not path.is_file() or _UNSAFE.search(str(path)):
             self._left_out[f"mesh {uri}, which no folder has"] += 1
             return
-        if path.suffix.lower() not in _MESH_SUFFIXES:
+        if path.suffix.lower() not in MESH_SUFFIXES:
             self._left_out[f"mesh {uri}, of an unknown format"] += 1
             return
         if min(map(abs, scale)) < _MIN_LENGTH:

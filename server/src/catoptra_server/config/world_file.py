@@ -52,6 +52,7 @@ from catoptra_server.world.world_description import (
     linear_from_srgb,
 )
 
+MESH_SUFFIXES = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl")
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
 # A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
@@ -61,7 +62,9 @@ _MIN_SCALE, _MAX_SCALE = 1e-6, 1e4
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
-    """World of a file; meshes and textures are named, not yet loaded.
+    """World of a world file, or of a mesh file alone.
+
+    Meshes and textures are named, not yet loaded.
 
     Returns:
         The world, and the file, whose unknown keys can be reported now.
@@ -69,7 +72,13 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
-    file = IniFile(path, "worlds")
+    text = None
+    if path.suffix.lower() in MESH_SUFFIXES:
+        # Imported on demand: a mesh file is loaded to find its floor.
+        from catoptra_server.config.mesh_world import describe_mesh_world
+
+        text = describe_mesh_world(path)
+    file = IniFile(path, "worlds", text=text)
     section = file.get_section(_SECTION)
     if not file.has_section(_SECTION):
         misspelt = suggest_name(_SECTION, file.section_names())
