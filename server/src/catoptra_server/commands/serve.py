@@ -73,6 +73,7 @@ commands:
   explain     report the effects that a robot's camera needs in a world, with their cost
   doctor      check whether the server can run on this machine
   import      write a world of Gazebo (SDF) as a world file
+  map         draw a world from above: starts, landmarks, obstacles, free floor
   list        list the names of bundled files, and the classes of robots
   --version   print version, system and the trace renderer's instruction set
 

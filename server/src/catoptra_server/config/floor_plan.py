@@ -7,19 +7,26 @@ A raster, for pictures and for a first free place; robots are placed and stopped
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh
 
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.ray_caster import SceneRayCaster
+
 # Beyond the outermost obstacle or point.
-_MARGIN_M = 1.0
+_MARGIN_M = 0.5
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
+# What is thicker is taken for a room whose walls are seen from outside alone.
+_MAX_WALL_M = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,14 +95,40 @@ def draw_floor_plan(
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     origins = np.stack((x.ravel(), y.ravel(), np.full(x.size, -height_m)), axis=-1)
     origins[:, :2] = origins[:, :2] / px_per_m + low
+    caster = commit_ray_caster(scene)
     down = np.broadcast_to((0.0, 0.0, 1.0), origins.shape)
-    distances, triangles = commit_ray_caster(scene).closest_triangles(origins, down)
+    distances, triangles = caster.closest_triangles(origins, down)
     has_floor = np.abs(distances - height_m) <= _FLOOR_DEPTH_M
     shape = height, width
-    return FloorPlan(
+    plan = FloorPlan(
         (float(low[0]), float(low[1])),
         px_per_m,
         triangles.reshape(shape),
         has_floor.reshape(shape),
         np.array(image, dtype=bool),
     )
+    is_near = has_floor & ~plan.find_free(0.5 * _MAX_WALL_M).ravel() & ~plan.obstacles.ravel()
+    # At half the height: a shelf may begin where the robot ends.
+    origins[:, 2] *= 0.5
+    plan.obstacles.ravel()[_find_walls(caster, origins, np.flatnonzero(is_near))] = True
+    return plan
+
+
+def _find_walls(
+    caster: SceneRayCaster, origins: Floats, candidates: npt.NDArray[np.intp]
+) -> npt.NDArray[np.intp]:
+    """Those of some points that lie inside of a wall, which may be higher than the robot.
+
+    Rays to two opposite sides meet surfaces from behind. Not below: a wall ends at the floor.
+    """
+    found = []
+    for axis in np.eye(3)[:2]:
+        inner, thickness = candidates, np.zeros(len(candidates))
+        for direction in (axis, -axis):
+            directions = np.broadcast_to(direction, (len(inner), 3))
+            distances, normals = caster.closest_hits(origins[inner], directions)
+            thickness = thickness + distances
+            is_behind = (matmul(normals, direction) > 0.0) & (thickness < _MAX_WALL_M)
+            inner, thickness = inner[is_behind], thickness[is_behind]
+        found.append(inner)
+    return np.concatenate(found)

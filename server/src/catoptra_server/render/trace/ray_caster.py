@@ -22,7 +22,7 @@ from catoptra_server.world.shapes import hit_normals
 log = logging.getLogger(__name__)
 
 
-class _SceneRayCaster(Protocol):
+class SceneRayCaster(Protocol):
     """Distances in a scene; twin: `simulation/sensors/__init__.py:RayCaster`."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
@@ -37,7 +37,7 @@ class _SceneRayCaster(Protocol):
         """(n,) distances and triangles; infinite and -1 without a hit."""
 
 
-def commit_ray_caster(scene: SceneMesh) -> _SceneRayCaster:
+def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
     """Commit a scene for distance queries: to the kernel, or to NumPy where that cannot run."""
     try:
         return KernelRayCaster(scene)
