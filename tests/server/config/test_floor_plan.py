@@ -35,6 +35,7 @@ def look_up(plan: FloorPlan, raster: np.ndarray, x: float, y: float) -> bool:  #
     [
         ((0.4, 0.4, 0.3), 0.0, True),  # lower than the robot
         ((0.4, 0.4, 2.0), 0.0, True),  # a post, whose inside is no floor
+        ((1.8, 1.8, 1.2), 0.0, True),  # a block
         ((0.4, 0.4, 0.1), 0.7, False),  # a shelf above
         ((0.4, 0.4, 0.1), 0.5, True),
         ((0.4, 0.4, 0.02), 0.0, False),  # driven over
@@ -45,7 +46,7 @@ def test_obstacle_is_what_the_robot_meets(
 ) -> None:
     plan = draw_plan((Box(size_m), (0.5, 0.2, -bottom_m - 0.5 * size_m[2])))
     assert look_up(plan, plan.obstacles, 0.5, 0.2) is is_obstacle
-    assert not look_up(plan, plan.obstacles, 0.5, -0.2)
+    assert not look_up(plan, plan.obstacles, -1.0, -1.0)
 
 
 def test_free_is_where_the_base_has_floor_and_room() -> None:

@@ -157,6 +157,7 @@ class _Sheet:
         for name, (across, down) in (("x", (1.0, 0.0)), ("y", (0.0, 1.0))):
             tip = x + across * length, y + down * length
             self._draw.line((x, y, *tip), fill=_INK, width=2 * _SCALE)
+            self._boxes.append((x, y, tip[0] + _SCALE, tip[1] + _SCALE))
             self._draw.polygon(_arrow(tip, (across, down), 7.0 * _SCALE), fill=_INK)
             self._add_name(name, tip, _INK)
 

@@ -18,6 +18,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh
 
+_Indices = npt.NDArray[np.intp]
+
 if TYPE_CHECKING:
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
@@ -25,8 +27,8 @@ if TYPE_CHECKING:
 _MARGIN_M = 0.5
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
-# What is thicker is taken for a room whose walls are seen from outside alone.
-_MAX_WALL_M = 1.0
+# Thickness of a wall, and what a block rises above half a robot. A room is wider and higher.
+_MAX_WALL_M, _MAX_BLOCK_M = 1.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,28 +109,36 @@ def draw_floor_plan(
         has_floor.reshape(shape),
         np.array(image, dtype=bool),
     )
-    is_near = has_floor & ~plan.find_free(0.5 * _MAX_WALL_M).ravel() & ~plan.obstacles.ravel()
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5
-    plan.obstacles.ravel()[_find_walls(caster, origins, np.flatnonzero(is_near))] = True
+    floor = np.flatnonzero(has_floor & ~plan.obstacles.ravel())
+    plan.obstacles.ravel()[_find_inside(caster, origins, floor)] = True
     return plan
 
 
-def _find_walls(
-    caster: SceneRayCaster, origins: Floats, candidates: npt.NDArray[np.intp]
-) -> npt.NDArray[np.intp]:
-    """Those of some points that lie inside of a wall, which may be higher than the robot.
+def _find_inside(caster: SceneRayCaster, origins: Floats, candidates: _Indices) -> _Indices:
+    """Those of some points that lie inside of a wall or a block, which may be higher than a robot.
 
-    Rays to two opposite sides meet surfaces from behind. Not below: a wall ends at the floor.
+    There rays to opposite sides meet surfaces from behind, as in a room whose walls are seen from
+    outside alone: that is wider than a wall and higher than a block. Not below: both end at the
+    floor.
     """
+
+    def look(points: _Indices, direction: Floats) -> tuple[Floats, Bools]:
+        """Distance of the next surface, and whether it is met from behind."""
+        directions = np.broadcast_to(direction, (len(points), 3))
+        distances, normals = caster.closest_hits(origins[points], directions)
+        return distances, matmul(normals, direction) > 0.0
+
     found = []
+    height, is_behind = look(candidates, np.array((0.0, 0.0, -1.0)))
+    blocks = candidates[is_behind & (height < _MAX_BLOCK_M)]
     for axis in np.eye(3)[:2]:
-        inner, thickness = candidates, np.zeros(len(candidates))
+        walls, thickness = candidates, np.zeros(len(candidates))
         for direction in (axis, -axis):
-            directions = np.broadcast_to(direction, (len(inner), 3))
-            distances, normals = caster.closest_hits(origins[inner], directions)
-            thickness = thickness + distances
-            is_behind = (matmul(normals, direction) > 0.0) & (thickness < _MAX_WALL_M)
-            inner, thickness = inner[is_behind], thickness[is_behind]
-        found.append(inner)
-    return np.concatenate(found)
+            distances, is_behind = look(walls, direction)
+            is_behind &= (thickness := thickness + distances) < _MAX_WALL_M
+            walls, thickness = walls[is_behind], thickness[is_behind]
+            blocks = blocks[look(blocks, direction)[1]]
+        found.append(walls)
+    return np.concatenate((*found, blocks))
