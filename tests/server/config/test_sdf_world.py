@@ -173,8 +173,8 @@ def write_model(folder: Path, name: str, text: str) -> Path:
         ),
         ("<plane><normal>0 0 1</normal><size>4 5</size></plane>", [Rectangle((4.0, 5.0))]),
         (
-            "<capsule><radius>1</radius><length>2</length></capsule>",
-            [Cylinder(1.0, 2.0), *[SphereBand(1.0, 0.0, math.pi, 48, 24, is_solid=True)] * 2],
+            "<ellipsoid><radii>1 2 3</radii></ellipsoid>",
+            [SphereBand(1.0, 0.0, math.pi, 48, 24, is_solid=True)],
         ),
     ],
 )
@@ -256,7 +256,7 @@ def test_lights_are_those_of_the_world_and_of_links(tmp_path: Path) -> None:
     assert point.intensity == (4.0, 4.0, 4.0)  # Gazebo's 1 at 2 m
     assert world.background == (0.0, 0.0, 1.0)
     assert list(imported.left_out) == [
-        "light/attenuation other than by distance squared, equal at 2 m"
+        "light/attenuation other than by distance squared, as at 2 m"
     ]
 
 
@@ -267,7 +267,7 @@ def test_standard_models_need_no_folder(tmp_path: Path) -> None:
     world, imported = import_text(tmp_path, text)
     assert [item.shape for item in world.items] == [Rectangle((100.0, 100.0))]
     assert len(world.lights) == 2
-    assert imported.left_out == {"include of model://tree, which no folder has": 1}
+    assert imported.left_out == {"include model://tree, which no folder has": 1}
 
 
 def test_what_has_no_counterpart_is_counted(tmp_path: Path) -> None:
@@ -293,11 +293,11 @@ ENTITIES = "<!DOCTYPE sdf [<!ENTITY a 'aaaa'><!ENTITY b '&a;&a;&a;&a;'>]>"
     ("make_text", "message"),
     [
         (lambda _: ENTITIES + "<sdf version='1.6'>&b;</sdf>", "a file without a DTD"),
-        (lambda _: "<a>" * 5000, "elements 64 deep at most"),
+        (lambda _: "<a>" * 5000, "elements, 64 deep at most"),
         (lambda _: nest(30).join(("<sdf>", "</sdf>")), "models nested 16 deep at most"),
         (lambda _: "<sdf><model name='m'/>".ljust(3_000_000, " "), "XML of an SDF file"),
         (lambda _: f"<sdf><world>{nest(1) * 100_000}</world></sdf>", "at most 10000 models"),
-        (lambda _: f"<sdf>{'<a/>' * 200_001}</sdf>", "at most 200000 elements"),
+        (lambda _: f"<sdf>{'<a/>' * 200_001}</sdf>", "at most 200000 elements,"),
         (lambda _: "<html/>", "<sdf>, as Gazebo's files begin"),
         (lambda _: "\0", "XML of an SDF file"),
         (lambda _: in_world("<include><uri>model://../../etc</uri></include>"), "inside of"),
