@@ -364,6 +364,28 @@ def test_includes_that_multiply_are_limited(tmp_path: Path) -> None:
         import_text(tmp_path, "<include><uri>model://m0</uri></include>")
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--out", "arena.world"), "which ends with .ini, not arena.world"),
+        (("--out", "a.ini", "--models", "nowhere"), "there is none of the name nowhere"),
+    ],
+)
+def test_command_line_that_is_wrong_is_rejected(
+    words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["import", "arena.world", *words])
+    assert end.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_world_of_gazebo_in_place_of_a_world_file_names_the_import(tmp_path: Path) -> None:
+    (tmp_path / "arena.world").write_text(in_world(model(BOX)))
+    with pytest.raises(ConfigError, match=r"`catoptra-server import .*arena.world --out FILE.ini`"):
+        read_world(tmp_path / "arena.world")
+
+
 def test_command_writes_the_world_and_lists_what_is_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,6 +28,11 @@ def main(arguments: Sequence[str]) -> int:
         "and the world's folder is read")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.ini")
     parsed = parser.parse_args(arguments)
+    if parsed.out.suffix.lower() != ".ini":
+        parser.error(f"--out is the name of a world file, which ends with .ini, not {parsed.out}")
+    for folder in parsed.models:
+        if not folder.is_dir():
+            parser.error(f"--models is a folder; there is none of the name {folder}")
     try:
         world = import_sdf(parsed.world, parsed.models, parsed.out.parent)
         parsed.out.write_text(world.text, encoding="utf-8")

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _MARGIN_M = 0.5
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
+# Triangles of which corners and middles of the sides are drawn: of a fine mesh there are many.
+_SMALL_PX = 2.0
 # Thickness of a wall, and what a block rises above half a robot. A room is wider and higher.
 _MAX_WALL_M, _MAX_BLOCK_M = 1.0, 1.5
 
@@ -91,9 +93,16 @@ def draw_floor_plan(
     width, height = (max(round(float(side) * px_per_m), 1) for side in high - low)
     image = Image.new("1", (width, height))
     draw = ImageDraw.Draw(image)
-    for outline in ((outlines - low) * px_per_m).reshape(-1, 6).tolist():
+    outlines = (outlines - low) * px_per_m
+    is_small = (outlines.max(axis=1) - outlines.min(axis=1) < _SMALL_PX).all(axis=1)
+    for outline in outlines[~is_small].reshape(-1, 6).tolist():
         # The border, too: a wall seen on edge has no area.
         draw.polygon(outline, fill=1, outline=1)
+    obstacles = np.array(image, dtype=bool)
+    small = outlines[is_small]
+    middles = 0.5 * (small + np.roll(small, -1, axis=1))
+    columns, rows = np.concatenate((small, middles)).reshape(-1, 2).astype(np.intp).T
+    obstacles[rows.clip(0, height - 1), columns.clip(0, width - 1)] = True
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     origins = np.stack((x.ravel(), y.ravel(), np.full(x.size, -height_m)), axis=-1)
     origins[:, :2] = origins[:, :2] / px_per_m + low
@@ -107,7 +116,7 @@ def draw_floor_plan(
         px_per_m,
         triangles.reshape(shape),
         has_floor.reshape(shape),
-        np.array(image, dtype=bool),
+        obstacles,
     )
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5

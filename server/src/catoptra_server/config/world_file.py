@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import ConfigError, LocalProtocolError
+from catoptra_protocol.errors import ConfigError, LocalProtocolError, SourceLocation
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
 from catoptra_protocol.names import suggest_name
 from catoptra_protocol.optics.elementary import hypot
@@ -72,6 +72,9 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
+    if path.suffix.lower() in (".world", ".sdf"):
+        expected = f"a world file: `catoptra-server import {path} --out FILE.ini` writes one"
+        raise ConfigError(SourceLocation(str(path)), key="file", value=path.name, expected=expected)
     text = None
     if path.suffix.lower() in MESH_SUFFIXES:
         # Imported on demand: a mesh file is loaded to find its floor.
