@@ -36,6 +36,7 @@ from catoptra_protocol.usarsim.reports import (
     Geometry,
     GeometryItem,
     GroundTruthReading,
+    InitResult,
     OdometryReading,
     Report,
     StartPose,
@@ -129,6 +130,26 @@ def test_spawn_when_the_server_does_not_reply_explains_the_rejection() -> None:
     with connect((Init("Nothing", start="Nowhere"), ()), timeout_s=SHORT_S) as robot:
         with pytest.raises(CatoptraError, match="does not reply to an unknown class or start"):
             robot.spawn("Nothing", start_pose="Nowhere")
+
+
+def test_spawn_when_rejected_has_the_reason_at_once_and_another_may_follow() -> None:
+    rejection = InitResult(1.0, failure="there is no class 'P2A'; did you mean P2AT?")
+    moved = InitResult(1.0, "R1", (0.5, 1.4, -0.25))
+    replies = ((Init("P2A"), (rejection,)), (Init("P2AT"), (moved, STATUS)))
+    with connect(*replies) as robot:
+        with pytest.raises(CatoptraError, match=r"no robot: there is no class 'P2A'; did you mean"):
+            robot.spawn("P2A")
+        assert robot.spawn("P2AT") == (0.5, 1.4, -0.25)
+
+
+def test_camera_when_unknown_is_rejected_with_the_names_of_the_robot() -> None:
+    empty = Configuration("Camera", (("Name", "Frnt"),))
+    items = (GeometryItem("Front", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
+    geometry = Geometry("Camera", items)
+    replies = (GetConf("Camera", "Frnt"), (empty,)), (GetGeo("Camera"), (geometry,))
+    with spawn(*replies) as robot:
+        with pytest.raises(RemoteProtocolError, match="robot has Front; did you mean Front"):
+            robot.get_camera("Frnt")
 
 
 def test_spawn_when_the_connection_has_a_robot_is_rejected() -> None:

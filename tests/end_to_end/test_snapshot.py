@@ -64,3 +64,23 @@ def test_snapshot_of_a_robot_that_does_not_exist_fails_with_a_reason(
     assert take_snapshot(server, tmp_path / "a.png", "--robot", "Nobody") == 1
     assert "catoptra-client: " in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_snapshot_spawns_a_robot_for_itself(
+    server: RunningServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spawned = "--spawn", "USARBot.OmniP2AT"
+    assert take_snapshot(server, tmp_path / "a.png", *spawned, "--start", "CornerCyanLeft") == 0
+    assert take_snapshot(server, tmp_path / "b.png", *spawned) == 0
+    first, second = read_image(tmp_path / "a.png"), read_image(tmp_path / "b.png")
+    assert (first != second).any()
+    with server.connect_stream() as client:
+        assert client.get_state().robots == ()  # gone with the picture
+    for words, hint in (
+        (("--spawn", "USARBot.OmniP2A"), "did you mean USARBot.OmniP2AT?"),
+        ((*spawned, "--start", "Center"), "did you mean Centre?"),
+        ((*spawned, "--camera", "OmniCamPilar_Link4"), "did you mean OmniCamPillar_Link4?"),
+    ):
+        assert take_snapshot(server, tmp_path / "c.png", *words) == 1
+        assert hint in capsys.readouterr().err
+    assert not (tmp_path / "c.png").exists()

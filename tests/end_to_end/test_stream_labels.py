@@ -47,7 +47,7 @@ def test_channels_follow_the_picture(client: StreamClient) -> None:
     assert set(np.unique(channels["ids"])) - {0} == set(names)
     # The robot is in its own mirror, below it.
     assert "Mine" in names.values()
-    assert {one.class_name for one in frame.labels.truth.objects} >= {"beacon", "object", "robot"}
+    assert {one.class_name for one in frame.labels.truth.objects} >= {"beacon", "wall", "robot"}
 
 
 def test_points_lie_on_the_rays_of_the_header_s_camera(client: StreamClient) -> None:

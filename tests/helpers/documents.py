@@ -86,7 +86,7 @@ def read_help(program: str, *words: str) -> str:
 @cache
 def _read_all_options() -> set[str]:
     subcommands = {
-        "catoptra-server": ("", "explain", "doctor", "dataset", "calibration"),
+        "catoptra-server": ("", "explain", "doctor", "dataset", "calibration", "import", "map"),
         "catoptra-client": ("", "snapshot", "train", "bearings", "calibration"),
         "catoptra-studies": (
             "demo",

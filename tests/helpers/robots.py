@@ -12,7 +12,7 @@ import numpy as np
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.reports import Report, StartPose
+from catoptra_protocol.usarsim.reports import InitResult, Report, StartPose
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectDecision
 from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, FrameRequest, ViewRequest
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
@@ -163,13 +163,12 @@ class FakeClient:
         """Store a batch of reports."""
         self.batches.append(tuple(reports))
 
-    def confirm_spawn(self, name: str, moved_to: tuple[float, float, float] | None) -> None:
-        """Store the name and the location of a spawn."""
-        self.spawns.append((name, moved_to))
-
-    def reject_init(self, reason: str) -> None:
-        """Store the reason of a rejected INIT."""
-        self.rejections.append(reason)
+    def finish_init(self, result: InitResult) -> None:
+        """Store the name and the location of a spawn, or the reason of a rejection."""
+        if result.failure:
+            self.rejections.append(result.failure)
+        else:
+            self.spawns.append((result.name, result.moved_to))
 
     def disconnect(self, reason: str) -> None:
         """Store the reason of a disconnection."""

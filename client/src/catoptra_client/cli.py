@@ -7,6 +7,7 @@ import math
 import secrets
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from itertools import count, islice
 from pathlib import Path
 
@@ -51,20 +52,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _save_snapshot(parsed: argparse.Namespace) -> None:
     """Save one frame of a robot's camera, or its panorama, as an image file."""
-    with open_frame_source(
-        _stream_url(parsed),
-        robot=parsed.robot,
-        camera=parsed.camera,
-        encoding=ImageEncoding.PNG,
-        picture=Picture(parsed.picture) if parsed.picture else None,
-    ) as source:
-        frame = source.get_frame()
+    with ExitStack() as stack:
+        robot = _spawn_for_snapshot(parsed, stack) if parsed.spawn else parsed.robot
+        source = open_frame_source(
+            _stream_url(parsed),
+            robot=robot,
+            camera=parsed.camera,
+            encoding=ImageEncoding.PNG,
+            picture=Picture(parsed.picture) if parsed.picture else None,
+        )
+        frame = stack.enter_context(source).get_frame()
     if frame.camera is None and not frame.rgb.any():
-        raise CatoptraError("nothing to save: no robot with a camera has been spawned")
+        raise CatoptraError(
+            "nothing to save: no robot with a camera has been spawned; --spawn CLASS spawns one"
+        )
     image = make_panorama(frame) if parsed.panorama else frame.rgb
     write_image(parsed.output, image)
     height, width = image.shape[:2]
     print(f"{parsed.output}: {width} x {height} px, {frame.camera_name or 'image port'}")
+
+
+def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
+    """Spawn a robot for as long as a stack is open; its name."""
+    client = stack.enter_context(StreamClient.connect(parsed.host, parsed.stream_port))
+    # The stream selects cameras by the robot's name, so that name is chosen here.
+    name = f"snapshot_{secrets.token_hex(4)}"
+    starts = client.get_start_poses()
+    start = parsed.start or (starts[0].name if starts else None)
+    location_m = None if start else (0.0, 0.0, 0.0)
+    moved_to = client.spawn(parsed.spawn, name=name, location_m=location_m, start_pose=start)
+    if moved_to is not None:
+        x, y, _ = moved_to
+        print(f"the start is not free: the robot stands at {x:.2f}, {y:.2f}", file=sys.stderr)
+    return name
 
 
 def _write_calibration(parsed: argparse.Namespace) -> None:
@@ -180,6 +200,8 @@ def _make_parser() -> argparse.ArgumentParser:
     add("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
     add("--robot", help="name of the robot; the image port's picture")
     add("--camera", help="name of the camera; the robot's first one")
+    add("--spawn", metavar="CLASS", help="spawn a robot of a class for the picture")
+    add("--start", metavar="TAG", help="start pose of that robot; the world's first one")
     add("--panorama", action="store_true", help="the panorama instead of the camera's image")
     add("--picture", choices=pictures, help="hand of the image; as the camera has it")
     calibration = commands.add_parser(

@@ -13,7 +13,8 @@ from typing import Self, TypeVar
 
 from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError, open_connection
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.errors import CatoptraError, LocalProtocolError
+from catoptra_protocol.errors import CatoptraError, LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.names import list_names
 from catoptra_protocol.notes import check_note_count, text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.commands import (
@@ -32,6 +33,7 @@ from catoptra_protocol.usarsim.reports import (
     Geometry,
     Greeting,
     GroundTruthReading,
+    InitResult,
     OdometryReading,
     Report,
     StartPoses,
@@ -169,7 +171,7 @@ class RobotClient:
         location_m: Vector3 | None = None,
         rotation_rad: Vector3 = (0.0, 0.0, 0.0),
         start_pose: str | None = None,
-    ) -> None:
+    ) -> Vector3 | None:
         """Spawn the robot and wait for its first status or reading.
 
         Args:
@@ -179,24 +181,32 @@ class RobotClient:
             rotation_rad: Roll, pitch, yaw.
             start_pose: Name of a start pose of the world.
 
+        Returns:
+            Location of the robot in metres where the requested one was not free, else None. A
+            USARSim server does not say it.
+
         Raises:
             LocalProtocolError: This connection has a robot already: connect again for another.
-            CatoptraError: The server did not spawn the robot in time. The protocol has no reply to
-                an unknown class or start, so the reason is in the server's log;
-                `StreamClient.spawn` raises with the reason.
+            CatoptraError: There is no such class or start; the reason names those that there are,
+                and another call may follow. A USARSim server does not reply, which raises after
+                `timeout_s`.
         """
         # USARSim has no reply to INIT: the first report of a robot is the only confirmation.
         if any(_is_robot_report(report) for report in self._connection.latest_reports):
             raise LocalProtocolError("this connection has a robot already: open another connection")
         self._connection.send(Init(class_name, name, location_m, rotation_rad, start_pose))
         try:
-            self._connection.wait_until(_is_robot_report, "a report of the robot")
+            reports = self._connection.wait_until(_ends_spawn, "a report of the robot")
         except ReplyTimeoutError as error:
             raise CatoptraError(
                 f"{self._connection.peer} did not spawn {class_name!r} within "
-                f"{self._connection.timeout_s:g} s. The server does not reply to an unknown class "
-                "or start: check both against the server's configuration and log"
+                f"{self._connection.timeout_s:g} s. USARSim does not reply to an unknown class or "
+                "start: check both against the server's configuration and log"
             ) from error
+        result = next((report for report in reports if isinstance(report, InitResult)), None)
+        if result is not None and result.failure:
+            raise CatoptraError(f"{self._connection.peer} spawned no robot: {result.failure}")
+        return result.moved_to if result else None
 
     def drive(self, left_rad_s: float, right_rad_s: float, normalized: bool = False) -> None:
         """Set the wheel speeds of a differential drive, which hold until the next call.
@@ -369,7 +379,13 @@ class RobotClient:
         Args and errors are those of `get_camera`.
         """
         # Both from one reply: the height is a pair of the camera's configuration.
-        return omni_camera_from_pairs(self.get_configuration("Camera", name).pairs)
+        pairs = self.get_configuration("Camera", name).pairs
+        if name and pairs in ((), (("Name", name),)):
+            geometry = self.get_geometry("Camera")
+            items = geometry.items if isinstance(geometry, Geometry) else ()
+            names = list_names(name, (item.name for item in items))
+            raise RemoteProtocolError(f"there is no camera {name!r}: the robot has {names}")
+        return omni_camera_from_pairs(pairs)
 
 
 # Completes the timeout's message: servers in real time, and USARSim, do not reply to STEP.
@@ -378,6 +394,11 @@ _STEP_RESULT = "the result of STEP (is it Catoptra, run with --clock lockstep?)"
 
 def _is_robot_report(report: Report) -> bool:
     return isinstance(report, VehicleStatus | OdometryReading | GroundTruthReading)
+
+
+def _ends_spawn(report: Report) -> bool:
+    is_rejection = isinstance(report, InitResult) and bool(report.failure)
+    return is_rejection or _is_robot_report(report)
 
 
 def _is_step_result(report: Report) -> bool:

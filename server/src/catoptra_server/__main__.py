@@ -20,6 +20,8 @@ COMMANDS: Mapping[str, str] = {
     "doctor": "check whether the server can run on this machine",
     "calibration": "write a robot's camera as calibration files of other programs",
     "dataset": "draw pictures with ground truth by a recipe, in shards",
+    "import": "write a world of Gazebo (SDF) as a world file",
+    "map": "draw a world from above: starts, landmarks, obstacles, free floor",
     "list": "list robots, worlds, landmarks and classes",
 }
 """Commands and their help; the server itself has none."""
@@ -55,6 +57,14 @@ def _run(words: Sequence[str], termination: Termination) -> int:
             from catoptra_server.datasets.dataset_command import main as draw_dataset
 
             return draw_dataset(rest, termination)
+        case ["import", *rest]:
+            from catoptra_server.commands.import_world import main as import_world
+
+            return import_world(rest)
+        case ["map", *rest]:
+            from catoptra_server.commands.draw_map import main as draw_map
+
+            return draw_map(rest)
         case ["list", *rest]:
             from catoptra_server.commands.list import main as list_names
 

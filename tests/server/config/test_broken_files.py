@@ -161,6 +161,8 @@ WORLD_CASES = [
     ("Meshes=(Name=house,File=points.obj)", "house.File="),
     ("Meshes=(File=nan.obj)", "corners within 1e+06 m at Scale=1"),
     ("Meshes=(File=box.glb,Scale=1e8)", "corners within 1e+06 m at Scale=1e+08"),
+    ("Meshes=(File=box.glb,Scale=(X=0))", "Scale.X='0': expected a factor of at least"),
+    ("Boxes=(Size=(X=1,Y=1,Z=1),Scale=2)", "a struct such as (X=1,Y=-1,Z=2)"),
     ("Meshes=(File=part.step)", ".glb, .gltf, .obj, .ply, .stl, .dae"),
     ("Meshes=(File=bare.gltf)", "it refers to none.bin, and there is no such file beside it"),
     ("Meshes=(File=box.glb,Up=x)", "one of y, z"),

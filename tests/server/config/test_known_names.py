@@ -15,7 +15,6 @@ from catoptra_server.config.known_names import (
     bundled_files,
     find_configuration,
     report_unknown_names,
-    suggest_name,
 )
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, WORLDS
 
@@ -56,21 +55,6 @@ def test_name_when_unknown_lists_the_bundled_ones(name: str) -> None:
 
 
 WHERE = SourceLocation("robot.ini", 7)
-
-
-@pytest.mark.parametrize(
-    ("name", "suggestion"),
-    [
-        ("Polygon", "Polygons"),
-        ("polygons ", "Polygons"),
-        ("MetresPerUnits", "MetresPerUnit"),
-        ("MetersPerUnit", "MetresPerUnit"),
-        ("Rim", ""),
-        ("bDebug", ""),
-    ],
-)
-def test_suggestion_is_the_most_similar_known_name(name: str, suggestion: str) -> None:
-    assert suggest_name(name, ["K", "C", "Polygons", "MetresPerUnit", "RimAngle"]) == suggestion
 
 
 def test_unknown_key_of_our_section_is_an_error() -> None:

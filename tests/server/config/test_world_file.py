@@ -196,6 +196,10 @@ def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -
             "SphereBands=(Radius=2,From=90,To=180,Sectors=8,Rings=3)",
             SphereBand(2.0, 0.5 * math.pi, math.pi, 8, 3),
         ),
+        (
+            "SphereBands=(Radius=2,From=0,To=180,Sectors=8,Rings=4,Solid=true)",
+            SphereBand(2.0, 0.0, math.pi, 8, 4, is_solid=True),
+        ),
     ],
 )
 def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object) -> None:
@@ -213,6 +217,14 @@ def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
     assert item.world_from_item.to_rpy() == pytest.approx((0.0, 0.0, 1.5))
     assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
     assert not item.casts_shadows
+
+
+def test_item_is_scaled_along_each_axis(tmp_path: Path) -> None:
+    (tmp_path / "m.stl").touch()
+    lines = "Meshes=(File=m.stl,Scale=(X=2,Y=-3))", "Boxes=(Size=(X=1,Y=1,Z=1),Scale=(Z=0.5))"
+    box, mesh = read_world_text(tmp_path, "\n".join(lines)).items[-2:]
+    assert (mesh.scale, box.scale) == ((2.0, -3.0, 1.0), (1.0, 1.0, 0.5))
+    assert mesh.shape == MeshFile(tmp_path / "m.stl", 1.0)
 
 
 def test_mesh_when_no_material_is_stated_keeps_its_own(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from catoptra_protocol.usarsim.reports import (
     CommandResult,
     Configuration,
     Greeting,
+    InitResult,
     StartPoses,
     VehicleStatus,
     line_from_report,
@@ -147,14 +148,24 @@ async def test_reports_when_delivered_by_another_thread_arrive_complete_and_in_o
         writer.close()
 
 
-async def test_init_when_rejected_has_no_reply_and_does_not_swallow_another() -> None:
+async def test_init_when_rejected_is_answered_and_does_not_swallow_another() -> None:
     async with serve_client() as (posted, reader, writer):
         writer.write(INIT + INIT)
         client = await posted.wait_for_client()
-        client.reject_init("no such class")
-        client.deliver([CommandResult(0.0, "Step", "Clock")])  # a marker: nothing precedes it
-        assert (await reader.readline()).startswith(b"RES ")
+        client.finish_init(InitResult(0.0, failure="no such class"))
+        line = b"RES {Time 0.00} {Type Init} {Status Failed} {Reason no such class}\r\n"
+        assert await reader.readline() == line
         assert isinstance((await posted.wait_for_event()).command, Init)  # type: ignore[union-attr] # CommandReceived
+
+
+async def test_init_is_answered_beside_its_first_reports_only_where_the_robot_was_moved() -> None:
+    async with serve_client() as (posted, reader, writer):
+        writer.write(INIT)
+        client = await posted.wait_for_client()
+        client.finish_init(InitResult(2.0, "R"))
+        client.finish_init(InitResult(3.0, "R", (1.0, 2.0, -0.25)))
+        line = b"RES {Time 3.00} {Type Init} {Name R} {Status OK} {Location 1.0000,2.0000,-0.2500}"
+        assert await reader.readline() == line + b"\r\n"
 
 
 @pytest.mark.parametrize(("failure", "status"), [("", "OK"), ("too long", "Failed")])
@@ -239,7 +250,7 @@ async def test_controller_may_be_silent_once_it_has_a_robot() -> None:
         (idle, idle_out), (reader, driver) = await connect(server), await connect(server)
         driver.write(INIT)
         client = await posted.wait_for_client()
-        client.confirm_spawn("R", None)
+        client.finish_init(InitResult(0.0, "R"))
         idle_out.write(b"GETSTARTPOSES\n")
         await posted.wait_for_client()
         await idle.read()  # to the end: disconnected

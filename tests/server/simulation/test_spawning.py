@@ -57,9 +57,11 @@ def test_pose_at_a_named_start_is_the_start_s() -> None:
 def test_start_when_unknown_is_refused_with_the_known_ones() -> None:
     with pytest.raises(SpawnError, match="no start 'nowhere': this world has Centre, Aside"):
         spawn_pose(Init("P2AT", start="nowhere"), STARTS)
-    with pytest.raises(SpawnError, match="needs a start: this world has none; or give a Location"):
+    with pytest.raises(SpawnError, match="'asid': this world has Centre, Aside; did you mean Asid"):
+        spawn_pose(Init("P2AT", start="asid"), STARTS)
+    with pytest.raises(SpawnError, match="needs a start or a Location: this world has none"):
         spawn_pose(Init("P2AT"), ())
-    with pytest.raises(SpawnError, match="needs a start: this world has Edge; or give a Location"):
+    with pytest.raises(SpawnError, match="needs a start or a Location: this world has Edge"):
         spawn_pose(Init("P2AT"), (replace(STARTS[0], name="Edge"),))
 
 

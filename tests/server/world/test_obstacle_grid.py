@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,47 @@ def test_shape_between_ankle_and_mirror_is_an_obstacle(
     shape: Shape, height_m: float, is_obstacle: bool
 ) -> None:
     assert intersects(make_obstacle_grid((shape, (0.0, 0.0, -height_m))), 0.0) is is_obstacle
+
+
+def make_roof_grid() -> ObstacleGrid:
+    """Roof of 45 degrees, 8 m wide, with both feet on the floor and its ridge along x."""
+    slope = Rectangle((10.0, 4.0 * math.sqrt(2.0)))
+    sides = (Pose.from_rpy((0.0, y, -2.0), (y * math.pi / 8.0, 0.0, 0.0)) for y in (-2.0, 2.0))
+    items = tuple(Item(f"{i}", slope, pose, GREY) for i, pose in enumerate(sides))
+    return build_obstacle_grid(build_scene(World("roof", items)), low_m=0.03, high_m=0.6)
+
+
+def test_roof_is_an_obstacle_only_where_it_is_lower_than_the_robot() -> None:
+    # 6.8 m are free; the rectangle is half a metre wide.
+    roof = make_roof_grid()
+    for side in (-1.0, 1.0):
+        assert not intersects(roof, 0.0, side * (3.15 - 1e-9))
+        assert intersects(roof, 0.0, side * (3.15 + 1e-9))
+        # Lower than the robot's clearance the roof is driven over.
+        assert intersects(roof, 0.0, side * (3.97 + 0.25 - 1e-9))
+        assert not intersects(roof, 0.0, side * (3.97 + 0.25 + 1e-9))
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9), st.floats(-3.2, 3.2))
+def test_triangle_is_an_obstacle_where_points_of_it_are_within_the_heights(
+    numbers: list[float], yaw: float
+) -> None:
+    corners = np.array(numbers).reshape(3, 3)
+    scene = replace(build_scene(World("w", ())), corners=corners[None], normals=np.zeros((1, 3)))
+    grid = build_obstacle_grid(scene, low_m=0.1, high_m=0.5)
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1.0, 101))
+    u, v = u[u + v <= 1.0], v[u + v <= 1.0]
+    points = corners[0] + u[:, None] * (corners[1] - corners[0])
+    points += v[:, None] * (corners[2] - corners[0])
+    points = points[(points[:, 2] < -0.1) & (points[:, 2] > -0.5)][:, :2]
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    depth = 0.2 - np.abs(points @ turn).max(axis=1).min(initial=9.0)
+    near = grid.triangles_near((0.0, 0.0), 0.3).tolist()
+    hit = rectangle_intersects(near, (0.0, 0.0), yaw, half_size_m=(0.2, 0.2))
+    # Points are up to 35 mm apart: what is nearer to touching than that is not judged.
+    if abs(depth) > 0.035:
+        assert hit is bool(depth > 0.0)
 
 
 def test_empty_world_has_no_obstacles() -> None:
@@ -186,17 +228,16 @@ def test_triangles_that_are_one_from_above_are_kept_once() -> None:
 @pytest.mark.parametrize("is_shuffled", [False, True])
 def test_triangles_near_are_those_found_one_by_one(is_shuffled: bool) -> None:
     boxes = [
-        (Box((0.3, 0.3, 0.2)), (0.5 * column - 4.0, 0.5 * row - 4.0, 0.1 * (row - column)))
+        (Box((0.3, 0.3, 0.2)), (0.5 * column - 4.0, 0.5 * row - 4.0, 0.02 * (row - column) - 0.36))
         for column, row in np.ndindex(16, 16)
     ]
     if is_shuffled:
         np.random.default_rng(4).shuffle(boxes)
     items = [Item("box", box, Pose.from_rpy(place), GREY) for box, place in boxes]
     scene = build_scene(World("boxes", tuple(items)))
-    grid = build_obstacle_grid(scene, low_m=0.03, high_m=0.7)
-    heights = -scene.corners[..., 2]
-    within = (heights.max(axis=1) > 0.03) & (heights.min(axis=1) < 0.7)
-    outlines = scene.corners[within][..., :2]
+    # No box reaches out of the heights, which would clip it.
+    grid = build_obstacle_grid(scene, low_m=-0.1, high_m=0.9)
+    outlines = scene.corners[..., :2]
     low, high = outlines.min(axis=1), outlines.max(axis=1)
     for centre in np.random.default_rng(5).uniform(-6.0, 6.0, (40, 2)):
         near = ((low <= centre + 0.4) & (high >= centre - 0.4)).all(axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,35 @@ def test_shape_has_its_triangles_with_unit_normals(shape: Shape, triangles: int)
     np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0, atol=1e-12)
     for array in (scene.uv, scene.albedo, scene.unlit, scene.texture_index, scene.item_index):
         assert len(array) == triangles
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "shape", [BOX, Cylinder(0.5, 1.0), SphereBand(0.5, 0.0, np.pi, 96, 48, is_solid=True)]
+)
+def test_shape_is_scaled_along_its_axes_and_stays_lit_from_outside(
+    shape: Shape, sign: float
+) -> None:
+    item = replace(make_item(shape), world_from_item=Pose.identity(), scale=(2.0, sign * 3.0, 0.5))
+    scene = build_scene(World("w", (item,)))
+    extent = scene.box_max - scene.box_min
+    np.testing.assert_allclose(extent, (2.0, 3.0, 0.5), atol=0.01)
+    centres = scene.corners.mean(axis=1)
+    assert (np.einsum("ij,ij->i", scene.normals, centres) > 0.0).all()
+
+
+def test_mesh_file_that_is_mirrored_keeps_its_front_and_its_texture(tmp_path: Path) -> None:
+    square = make_textured_square()
+    path = export_mesh(square, tmp_path / "square.glb")
+    item = Item("s", MeshFile(path), Pose.identity(), None)
+    plain, mirrored = (
+        build_scene(World("w", (replace(item, scale=scale),)))
+        for scale in ((1.0, 1.0, 1.0), (1.0, -1.0, 1.0))
+    )
+    np.testing.assert_allclose(mirrored.normals, plain.normals * (1.0, -1.0, 1.0), atol=1e-12)
+    # Each corner has the texture coordinates of the corner that it mirrors.
+    np.testing.assert_array_equal(mirrored.corners[:, ::-1], plain.corners * (1.0, -1.0, 1.0))
+    np.testing.assert_array_equal(mirrored.uv[:, ::-1], plain.uv)
 
 
 def test_empty_world_is_a_scene_without_triangles() -> None:

@@ -1,4 +1,4 @@
-"""The shipped worlds: surfaces of which a ray meets one, not two at one distance."""
+"""The shipped worlds: a class for each item; surfaces of which a ray meets one, not two."""
 
 import itertools
 from collections import defaultdict
@@ -28,6 +28,11 @@ def test_shipped_world_has_no_faces_of_two_items_in_one_place(name: str) -> None
         and _do_overlap(scene.corners[a], scene.corners[b], scene.normals[a])
     }
     assert not found
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in WORLDS.glob("*.ini")))
+def test_each_item_of_a_shipped_world_has_a_class(name: str) -> None:
+    assert not [item.name for item in read_world(WORLDS / name)[0].items if not item.class_name]
 
 
 def _list_planes(scene: SceneMesh) -> list[list[int]]:

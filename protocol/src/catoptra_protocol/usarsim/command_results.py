@@ -1,16 +1,20 @@
 """RES, the outcome of a command: the reply of UT2004 to SET; UDK has none.
 
-Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4.
+Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4. INIT has a result where
+the first reports of the robot would not say it: rejected, or put elsewhere. It is ours, in both
+dialects; USARSim is silent.
 """
 
 from __future__ import annotations
 
+import re
 from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
 from catoptra_protocol.usarsim.grammar import Dialect, Message, Pairs, split_groups
-from catoptra_protocol.usarsim.value_format import format_fixed_point
+from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.vectors import Vector3
 
 STATUS_OK = "OK"
 STATUS_FAILED = "Failed"
@@ -18,7 +22,8 @@ STATUS_FAILED = "Failed"
 CAMERA_DISABLED = "Disabled"
 CAMERA_MISSING = "None"
 
-_STEP_TYPE = "Step"
+_STEP_TYPE, _INIT_TYPE = "Step", "Init"
+_UNSENDABLE = re.compile(r"[^ -z|~\xa1-\xff]")
 NUM_VIEWPORTS = 4
 
 
@@ -55,6 +60,46 @@ class CommandResult:
         pairs = (*head, *name_pairs, ("Status", self.status))
         is_silent = dialect is Dialect.UDK and not is_step
         return () if is_silent else (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class InitResult:
+    """Outcome of an INIT."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    name: str = ""
+    """Name of the robot; empty for a rejected INIT."""
+    moved_to: Vector3 | None = None
+    """Location of the robot in metres where the requested one was not free."""
+    failure: str = ""
+    """Reason of a rejection, with the names that exist; empty for a robot that was spawned."""
+
+    @classmethod
+    def from_message(cls, message: Message) -> InitResult:
+        """Parse the message of a line."""
+        is_moved = message.get("Location") is not None
+        is_spawned = strict_fields.read_text(message, "Status") == STATUS_OK
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            name=message.get("Name") or "",
+            moved_to=strict_fields.read_vector(message, "Location") if is_moved else None,
+            failure="" if is_spawned else message.get("Reason") or "no reason is known",
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Line, the same in both dialects; none where the first reports say all."""
+        head = _time_and_type_pairs(self.time_s, _INIT_TYPE)
+        if self.failure:
+            # Names of files may have what no line can carry; the log has the reason as it is.
+            reason = _UNSENDABLE.sub("?", self.failure)
+            return (Message(self.WORD, (*head, ("Status", STATUS_FAILED), ("Reason", reason))),)
+        if self.moved_to is None:
+            return ()
+        location = ("Location", format_vector(self.moved_to))
+        name = ("Name", self.name)
+        return (Message(self.WORD, (*head, name, ("Status", STATUS_OK), location)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +180,17 @@ class ViewportsResult:
         return () if dialect is Dialect.UDK else (Message(self.WORD, tuple(pairs)),)
 
 
-def result_from_message(message: Message) -> CommandResult | CameraResult | ViewportsResult:
+def result_from_message(
+    message: Message,
+) -> CommandResult | InitResult | CameraResult | ViewportsResult:
     """Parse a RES line in the form of its type; a plain result if the command failed as a whole."""
     if message.get("Config") is not None:
         return ViewportsResult.from_message(message)
     # By the fields: a SET Camera that failed as a whole has no FOV, and is a plain result.
     if message.get("FOV") is not None:
         return CameraResult.from_message(message)
+    if (message.get("Type") or "").lower() == _INIT_TYPE.lower():
+        return InitResult.from_message(message)
     return CommandResult.from_message(message)
 
 

@@ -23,6 +23,7 @@ from catoptra_protocol.usarsim.command_results import (
     CameraFov,
     CameraResult,
     CommandResult,
+    InitResult,
     Viewport,
     ViewportsResult,
     result_from_message,
@@ -284,6 +285,7 @@ Report = (
     | VehicleGeometry
     | MissionPackageGeometry
     | CommandResult
+    | InitResult
     | CameraResult
     | ViewportsResult
 )
@@ -352,6 +354,7 @@ __all__ = [
     "GpsReading",
     "Greeting",
     "GroundTruthReading",
+    "InitResult",
     "InsReading",
     "LinkConfiguration",
     "LinkGeometry",

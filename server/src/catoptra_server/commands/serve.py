@@ -72,6 +72,8 @@ commands:
   dataset     draw pictures with ground truth by a recipe, in shards
   explain     report the effects that a robot's camera needs in a world, with their cost
   doctor      check whether the server can run on this machine
+  import      write a world of Gazebo (SDF) as a world file
+  map         draw a world from above: starts, landmarks, obstacles, free floor
   list        list the names of bundled files, and the classes of robots
   --version   print version, system and the trace renderer's instruction set
 

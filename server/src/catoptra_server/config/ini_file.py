@@ -9,9 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
-from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section, suggest_name
+from catoptra_protocol.names import suggest_name
+from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unreal_ini import Section, read_sections
+from catoptra_server.config.unreal_ini import Section, parse_sections, read_sections
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 
 # Robots of UDK are five files deep. Each further file is read at start as a whole.
@@ -30,6 +31,7 @@ class IniFile:
         kind: FileKind = "robots",
         *,
         view_limit_bytes: int = DEFAULT_LIMIT_BYTES,
+        text: str | None = None,
     ) -> None:
         """Read the file and its bases ([Configuration] BasedOn=, as in UDK).
 
@@ -39,6 +41,7 @@ class IniFile:
             path: the file.
             kind: kind of bundled files whose bare names BasedOn= accepts.
             view_limit_bytes: memory that the view of each camera in the file may take.
+            text: content in place of the file's, which may be of another format.
 
         Raises:
             ConfigError: for an unreadable file, a line outside the grammar, files that are based on
@@ -50,7 +53,7 @@ class IniFile:
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         seen = {path.resolve()}
         # Bases first: each file overrides its own.
-        for sections in _read_files(path, kind, seen):
+        for sections in _read_files(path, kind, seen, text=text):
             self._apply(sections)
         self.paths = tuple(sorted(seen))
         """Resolved paths of the file and of its bases."""
@@ -102,7 +105,12 @@ class IniFile:
 
 
 def _read_files(
-    path: Path, kind: FileKind, seen: set[Path], dependents: tuple[Path, ...] = ()
+    path: Path,
+    kind: FileKind,
+    seen: set[Path],
+    dependents: tuple[Path, ...] = (),
+    *,
+    text: str | None = None,
 ) -> list[_Sections]:
     """Sections of the bases of a file, then of the file; each file once.
 
@@ -111,9 +119,11 @@ def _read_files(
         kind: kind of bundled files.
         seen: resolved paths of all files read so far, this one included.
         dependents: resolved paths of the files that are based on it, directly or not.
+        text: content in place of the file's.
     """
     files: list[_Sections] = []
-    sections = _merge_sections(read_sections(path))
+    parsed = read_sections(path) if text is None else parse_sections(text, file=str(path))
+    sections = _merge_sections(parsed)
     # Resolved, since a link or a relative path would hide a cycle.
     dependents = (*dependents, path.resolve())
     configuration = sections.get("configuration")

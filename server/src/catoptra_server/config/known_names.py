@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.names import list_names, suggest_name
 from catoptra_protocol.slotted_dataclass import dataclass
 
 log = logging.getLogger(__name__)
@@ -31,8 +32,6 @@ _SUFFIXES = {
     "cameras": ".ini",
     "datasets": ".ini",
 }
-# Ratio of equal characters, of difflib: one wrong letter of four, two swapped ones of seven.
-_MIN_SIMILARITY = 0.7
 # Files of a folder share their suffix: none.glb (0.71) is no misspelt ok.glb.
 _MIN_FILE_SIMILARITY = 0.8
 
@@ -99,15 +98,6 @@ def is_own_section(name: str) -> bool:
     return name.partition(".")[0].lower() == _OWN_PACKAGE
 
 
-def suggest_name(name: str, known: Iterable[str], min_similarity: float = _MIN_SIMILARITY) -> str:
-    """Known name that is most similar to a misspelt one, regardless of case; empty for none."""
-    import difflib  # for a misspelt name alone
-
-    by_lower_case = {one.lower(): one for one in known}
-    found = difflib.get_close_matches(name.lower(), by_lower_case, 1, min_similarity)
-    return by_lower_case[found[0]] if found else ""
-
-
 def find_configuration(kind: FileKind, path_or_name: str) -> Path:
     """Path of the configuration that a command line names.
 
@@ -128,14 +118,12 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
         return path
     bundled = {file.stem: file for file in bundled_files(kind)}
     if path_or_name not in bundled:
-        names = ", ".join(bundled)
-        suggestion = suggest_name(path_or_name, bundled)
-        hint = f"; did you mean {suggestion}?" if suggestion else ""
         raise ConfigError(
             SourceLocation(path_or_name),
             key="file",
             value=path_or_name,
-            expected=f"an ini file, or one of the bundled {kind}: {names}{hint}",
+            expected=f"an ini file, or one of the bundled {kind}: "
+            + list_names(path_or_name, bundled),
         )
     return bundled[path_or_name]
 

@@ -34,12 +34,12 @@ from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_sections import metres_from_uu, read_mount, require_on_robot
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.known_names import suggest_name
 from catoptra_server.config.mirror_camera import read_mirror_camera
 from catoptra_server.config.robot_cameras import (
     is_lens_camera,

@@ -18,13 +18,13 @@ from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.text_files import read_text_file
 from catoptra_server.config.known_names import (
     FileKind,
     UnknownName,
     describe_missing_file,
     find_bundled_file,
-    suggest_name,
 )
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import ConfigError, LocalProtocolError
+from catoptra_protocol.errors import ConfigError, LocalProtocolError, SourceLocation
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import (
@@ -27,7 +28,7 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.known_names import report_unknown_names, suggest_name
+from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.world.world_description import (
     Box,
@@ -51,14 +52,19 @@ from catoptra_server.world.world_description import (
     linear_from_srgb,
 )
 
+MESH_SUFFIXES = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl")
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
 # A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
 MAX_LENGTH_M = 1e5
+# Of the three axes of a shape: from kilometres to a micrometre.
+_MIN_SCALE, _MAX_SCALE = 1e-6, 1e4
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
-    """World of a file; meshes and textures are named, not yet loaded.
+    """World of a world file, or of a mesh file alone.
+
+    Meshes and textures are named, not yet loaded.
 
     Returns:
         The world, and the file, whose unknown keys can be reported now.
@@ -66,7 +72,16 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
-    file = IniFile(path, "worlds")
+    if path.suffix.lower() in (".world", ".sdf"):
+        expected = f"a world file: `catoptra-server import {path} --out FILE.ini` writes one"
+        raise ConfigError(SourceLocation(str(path)), key="file", value=path.name, expected=expected)
+    text = None
+    if path.suffix.lower() in MESH_SUFFIXES:
+        # Imported on demand: a mesh file is loaded to find its floor.
+        from catoptra_server.config.mesh_world import describe_mesh_world
+
+        text = describe_mesh_world(path)
+    file = IniFile(path, "worlds", text=text)
     section = file.get_section(_SECTION)
     if not file.has_section(_SECTION):
         misspelt = suggest_name(_SECTION, file.section_names())
@@ -236,13 +251,16 @@ def _read_sphere_band(item: SectionReader, folder: Path) -> Shape:
         to_rad=math.radians(item.get_float("To", min_value=lower, max_value=180.0)),
         sectors=item.get_int("Sectors", 360, min_value=3, max_value=4096),
         rings=item.get_int("Rings", 1, min_value=1, max_value=4096),
+        is_solid=item.get_bool("Solid", False),
     )
 
 
 def _read_mesh(item: SectionReader, folder: Path) -> Shape:
     return MeshFile(
         path=item.get_path("File", folder),
-        scale=item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
+        scale=1.0
+        if _has_scale_by_axis(item)
+        else item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
         up=item.get_choice("Up", ["y", "z"], "z"),
     )
 
@@ -289,7 +307,30 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         unlit,
         struct.where,
         class_name=struct.get_str("Class", ""),
+        scale=_read_scale(struct, shape),
     )
+
+
+def _has_scale_by_axis(struct: SectionReader) -> bool:
+    return struct.has_key("Scale") and struct.get_str("Scale").startswith("(")
+
+
+def _read_scale(struct: SectionReader, shape: Shape) -> Vector:
+    """Factors along the axes of a shape; a single number is the mesh file's."""
+    is_number = isinstance(shape, MeshFile) and not _has_scale_by_axis(struct)
+    if is_number or not struct.has_key("Scale"):
+        return 1.0, 1.0, 1.0
+    factors = struct.get_struct("Scale", example="(X=1,Y=-1,Z=2)")
+    x, y, z = (_read_factor(factors, axis) for axis in "XYZ")
+    return x, y, z
+
+
+def _read_factor(struct: SectionReader, axis: str) -> float:
+    """Factor along an axis, 1 where none is stated; a negative one mirrors."""
+    factor = struct.get_float(axis, 1.0, min_value=-_MAX_SCALE, max_value=_MAX_SCALE)
+    if abs(factor) < _MIN_SCALE:
+        raise struct.make_error(axis, expected=f"a factor of at least {_MIN_SCALE:g}")
+    return factor
 
 
 def _read_material(struct: SectionReader, folder: Path) -> Material:

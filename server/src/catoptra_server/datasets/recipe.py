@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.errors import SourceLocation
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_sections import (
     read_effect_settings,
 )
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.known_names import suggest_name
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Entry
 from catoptra_server.effects import (

@@ -16,10 +16,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from catoptra_protocol.labels import LABEL_CHANNELS
+from catoptra_protocol.names import suggest_name
 from catoptra_protocol.text_files import read_text_file
 from catoptra_server.config.camera_sections import MAX_SIDE_PX
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.known_names import report_unknown_names, suggest_name
+from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.datasets.poses import POSE_KINDS, read_poses
 from catoptra_server.datasets.recipe import (

@@ -19,8 +19,7 @@ from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
 from catoptra_protocol.usarsim.commands import Command, StepCommand, Stepper
 from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.grammar import Dialect
-from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
-from catoptra_protocol.vectors import Vector3
+from catoptra_protocol.usarsim.reports import CommandResult, Greeting, InitResult, Report
 from catoptra_server.serve.limits import (
     DISCONNECT_ABOVE_BYTES,
     DROP_PERIODIC_ABOVE_BYTES,
@@ -134,12 +133,11 @@ class _ControlPeer:
         """Send reports; from any thread, as all methods of a simulation's client."""
         self._loop_calls.call(partial(self._send, tuple(reports)))
 
-    def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
-        """Allow the client to be silent; the first reports are the only notice of the robot."""
-        self._loop_calls.call(self._allow_silence)
-
-    def reject_init(self, reason: str) -> None:
-        """Send nothing: the protocol has no message for a rejection; the log has the reason."""
+    def finish_init(self, result: InitResult) -> None:
+        """Send a rejection, or where the robot was put; its client may be silent."""
+        if not result.failure:
+            self._loop_calls.call(self._allow_silence)
+        self.deliver([result])
 
     def disconnect(self, reason: str) -> None:
         """End the connection after the reports so far."""

@@ -120,7 +120,7 @@ class CollisionIndex:
 
 def _build_grids(scene: SceneMesh, classes: Sequence[RobotDescription]) -> dict[str, ObstacleGrid]:
     """Obstacles in a scene by class."""
-    heights = {description.class_name: _collision_height_m(description) for description in classes}
+    heights = {description.class_name: collision_height_m(description) for description in classes}
     # Classes of one height share a grid, and what is found in it.
     grids = {
         height: build_obstacle_grid(scene, low_m=GROUND_CLEARANCE_M, high_m=height)
@@ -129,6 +129,7 @@ def _build_grids(scene: SceneMesh, classes: Sequence[RobotDescription]) -> dict[
     return {name: grids[height] for name, height in heights.items()}
 
 
-def _collision_height_m(description: RobotDescription) -> float:
+def collision_height_m(description: RobotDescription) -> float:
+    """Height above the floor up to which a robot meets things."""
     highest_m = max(description.max_viewpoint_height_m, description.drive.collision_size_m[2])
     return highest_m + _MIRROR_ABOVE_VIEWPOINT_M

@@ -23,7 +23,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED
 from catoptra_protocol.usarsim.commands import Command, Drive, Init, Note, SetCommand
-from catoptra_protocol.usarsim.reports import CommandResult, Report
+from catoptra_protocol.usarsim.reports import CommandResult, InitResult, Report
 from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
@@ -48,16 +48,8 @@ class Client(Protocol):
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports, in order and in one piece."""
 
-    def confirm_spawn(self, name: str, moved_to: tuple[float, float, float] | None) -> None:
-        """Record that INIT spawned a robot, before the first reports.
-
-        Args:
-            name: Name of the robot.
-            moved_to: Location in metres if the requested one was not free, else None.
-        """
-
-    def reject_init(self, reason: str) -> None:
-        """Record that INIT spawned no robot, for a reason in words."""
+    def finish_init(self, result: InitResult) -> None:
+        """Record the outcome of INIT, that of a new robot before its first reports."""
 
     def disconnect(self, reason: str) -> None:
         """End the connection: a fault has removed the robot."""
@@ -234,7 +226,7 @@ def reply_fault(event: ClientWork, time_s: float) -> None:
     """Reply to work that raised, wherever its client waits for a reply."""
     match event:
         case CommandReceived(client, Init()):
-            client.reject_init(FAULT_REASON)
+            client.finish_init(InitResult(time_s, failure=FAULT_REASON))
         case CommandReceived(client, SetCommand() as command):
             name = command.name or ""
             result = CommandResult(time_s, command.type, name, STATUS_FAILED)

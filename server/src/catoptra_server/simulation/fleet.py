@@ -31,7 +31,7 @@ from catoptra_protocol.usarsim.commands import (
     Stepper,
     Trace,
 )
-from catoptra_protocol.usarsim.reports import Report, StartPoses
+from catoptra_protocol.usarsim.reports import InitResult, Report, StartPoses
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.runtime.faults import log_fault
@@ -181,7 +181,7 @@ class Fleet:
             description, requested, pose = self._place_robot(init)
         except SpawnError as error:
             log.warning("INIT of class %r rejected: %s", init.class_name, error)
-            client.reject_init(str(error))
+            client.finish_init(InitResult(time_s, failure=str(error)))
             return
         existing = {robot.name for robot in self._robots.values()}
         name = unique_name(init.name or description.model_name, existing)
@@ -202,7 +202,7 @@ class Fleet:
         if pose != requested:
             log.info("robot %s moved there from %s, which is not free", name, requested)
             moved_to = robot.location_m
-        client.confirm_spawn(name, moved_to)
+        client.finish_init(InitResult(time_s, name, moved_to))
         # Before the first CONF of the cameras, which names their tiles.
         self.cameras.assign_tiles(robot)
         # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from

@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.elementary import cos, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -228,7 +229,7 @@ def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescripti
     for known in classes:
         if name.lower() in (known.class_name.lower(), known.model_name.lower()):
             return known
-    names = ", ".join(known.class_name for known in classes)
+    names = list_names(name, (known.class_name for known in classes))
     raise SpawnError(f"there is no class {name!r}: this server has {names}")
 
 
@@ -322,9 +323,9 @@ def _find_start(name: str | None, starts: Sequence[StartPose]) -> StartPose:
     for start in starts:
         if name is not None and start.name.lower() == name.lower():
             return start
-    names = ", ".join(start.name for start in starts) or "none"
-    what = "a robot needs a start" if name is None else f"there is no start {name!r}"
-    raise SpawnError(f"{what}: this world has {names}; or give a Location")
+    names = list_names(name or "", (start.name for start in starts))
+    what = "a robot needs a start or a Location" if name is None else f"there is no start {name!r}"
+    raise SpawnError(f"{what}: this world has {names}")
 
 
 def _check_limits(key: str, values: tuple[float, float, float], limit: float) -> None:

@@ -95,11 +95,41 @@ def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> Obs
         lows, highs = triangle_boxes(corners)
         within = (lows[2] < -low_m) & (highs[2] > -high_m)
         within &= ((lows[:2] <= high[:2, None]) & (highs[:2] >= low[:2, None])).all(axis=0)
+        outlines = _clip_to_heights(corners[within], -high_m, -low_m)
         # From above many triangles of a scene are one: a third of the football field's remain.
-        outlines: Floats = corners[within][..., :2]
         return outlines[first_occurrences(outlines)]
 
     return ObstacleGrid(find_outlines)
+
+
+# Triangles of a polygon of six points.
+_FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+
+
+def _clip_to_heights(corners: Floats, low: float, high: float) -> Floats:
+    """(m, 3, 2) outlines from above of what (n, 3, 3) triangles have between two z.
+
+    Each triangle reaches into the band. A roof whose foot stands on the floor has its ridge
+    elsewhere.
+    """
+    z = corners[..., 2]
+    is_whole = ((low <= z) & (z <= high)).all(axis=1)
+    starts = corners[~is_whole]
+    ends = np.roll(starts, -1, axis=1)
+    rises = ends[..., 2] - starts[..., 2]
+    rises[rises == 0.0] = 1.0  # a level edge within the band stays
+    # Both ends of each edge move along the edge into the band.
+    moves = [(np.clip(at[..., 2], low, high) - at[..., 2]) / rises for at in (starts, ends)]
+    shares = np.stack(moves, axis=-1)[..., None]
+    points = np.stack((starts, ends), axis=2)[..., :2]
+    points += shares * (ends - starts)[:, :, None, :2]
+    # At most one edge lies outside: the outline goes on where the next one enters the band.
+    lowest, highest = np.minimum(starts, ends)[..., 2], np.maximum(starts, ends)[..., 2]
+    is_outside = (highest < low) | (lowest > high)
+    points = np.where(is_outside[..., None, None], np.roll(points[:, :, :1], -1, axis=1), points)
+    fans = points.reshape(-1, 6, 2)[:, _FAN].reshape(-1, 3, 2)
+    has_side = (fans[:, 1] != fans[:, 2]).any(axis=1)
+    return np.concatenate((corners[is_whole][..., :2], fans[has_side]))
 
 
 def rectangle_intersects(

@@ -46,6 +46,7 @@ from catoptra_server.world.world_description import (
     MeshFile,
     Rgb,
     SceneObject,
+    Vector3,
     World,
 )
 
@@ -295,10 +296,11 @@ class _ItemLoader:
             remedy="fewer items, Sectors or Rings",
         )
         patch = build_shape(item.shape)
-        corners = item.world_from_item.transform_points(patch.corners)
+        look = self._apply_material(patch.uv, item.material)
+        corners, look = _stretch(patch.corners, look, item.scale)
+        corners = item.world_from_item.transform_points(corners)
         # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
         normals, _ = facet_normals(corners)
-        look = self._apply_material(patch.uv, item.material)
         yield MeshPart(corners, normals, look, item=index)
 
     def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[MeshPart]:
@@ -311,8 +313,12 @@ class _ItemLoader:
                 appearance = self._apply_material(appearance.uv, item.material)
             if item.unlit is not None:
                 appearance = replace(appearance, unlit=item.unlit)
-            _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
-            yield replace(mesh, appearance=appearance, item=index)
+            corners, normals = mesh.corners, mesh.normals
+            if item.scale != (1.0, 1.0, 1.0):
+                corners, appearance = _stretch(corners, appearance, item.scale)
+                normals, _ = facet_normals(corners)
+            _transform_to_world(corners, normals, item.world_from_item)
+            yield replace(mesh, corners=corners, normals=normals, appearance=appearance, item=index)
 
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
         """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
@@ -328,6 +334,23 @@ class _ItemLoader:
         if path not in self._textures:
             self._textures[path] = load_texture(path, self._memory)
         return self._textures[path]
+
+
+def _stretch(
+    corners: Floats, look: MeshAppearance, scale: Vector3
+) -> tuple[Floats, MeshAppearance]:
+    """(n, 3, 3) corners scaled along their axes, with their appearance."""
+    corners = corners * scale
+    if math.prod(scale) > 0.0:
+        return corners, look
+    # A mirrored triangle is wound the other way round: its front would be the back.
+    at_corners = look.corner_albedo
+    look = replace(
+        look,
+        uv=look.uv[:, ::-1],
+        corner_albedo=None if at_corners is None else at_corners[:, ::-1],
+    )
+    return np.ascontiguousarray(corners[:, ::-1]), look
 
 
 def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose) -> None:

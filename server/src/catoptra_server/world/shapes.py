@@ -153,7 +153,7 @@ def _ring(shape: Ring) -> Patch:
 
 
 def _sphere_band(shape: SphereBand) -> Patch:
-    """Band of a sphere between two angles from +z, lit from inside."""
+    """Band of a sphere between two angles from +z."""
     # The last meridian repeats the first and so closes the band.
     azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
@@ -166,7 +166,8 @@ def _sphere_band(shape: SphereBand) -> Patch:
         axis=-1,
     )
     patch = grid(points, np.zeros((*points.shape[:2], 2)))
-    return _orient_outward(patch, outward=-patch.corners.mean(axis=1))
+    side = 1.0 if shape.is_solid else -1.0
+    return _orient_outward(patch, outward=side * patch.corners.mean(axis=1))
 
 
 def grid(points: Floats, uv: Floats) -> Patch:

@@ -70,6 +70,8 @@ class Item:
     """Object that the item is a part of; empty: an object of the item's own name."""
     class_name: str = ""
     """Class of the object, for labels; empty: the node's name, or the default."""
+    scale: Vector3 = (1.0, 1.0, 1.0)
+    """Factors of the shape along its axes, after its own scale; negative ones mirror."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,13 +124,15 @@ class Ring:
 
 @dataclass(frozen=True, slots=True)
 class SphereBand:
-    """Band of a sphere between two angles from the lower pole (+z), visible from inside."""
+    """Band of a sphere between two angles from the lower pole (+z), lit from inside or outside."""
 
     radius_m: float
     from_rad: float
     to_rad: float
     sectors: int = 360
     rings: int = 1
+    is_solid: bool = False
+    """Whether the band is lit from outside."""
 
 
 @dataclass(frozen=True, slots=True)

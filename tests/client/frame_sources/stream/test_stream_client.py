@@ -314,7 +314,7 @@ def make_replies(request: Request) -> list[Reply]:
             return [Ok(id_)]
         case _:
             line = line_from_report(OdometryReading("Odometry", 1.0, 2.0, 0.5)).decode().strip()
-            return [SensorReports(request.id, (line,))]
+            return [SensorReports(request.id, (line,), (1.0, 2.0, 0.0))]
 
 
 def reply_to_all(request: Request) -> list[list[bytes]]:
@@ -332,7 +332,7 @@ def ignore_request(request: Request) -> list[list[bytes]]:
 def test_client_when_every_request_has_a_reply_returns_their_values() -> None:
     with serve_stream_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
         assert client.get_status().world == "field"
-        assert client.spawn("USARBot.OmniP2AT") == [OdometryReading("Odometry", 1.0, 2.0, 0.5)]
+        assert client.spawn("USARBot.OmniP2AT") == (1.0, 2.0, 0.0)
         assert client.step(0.2) == client.get_readings()
         client.drive(1.0, 2.0)
         client.reset()

@@ -30,7 +30,7 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
+from catoptra_protocol.usarsim.reports import InitResult, OdometryReading, VehicleStatus
 from catoptra_server.serve.stream import peer as peer_module
 from catoptra_server.serve.stream.peer import StreamPeer, StreamServer
 from catoptra_server.serve.stream.session import RobotSession
@@ -87,7 +87,7 @@ class PeerSession:
     async def spawn(self) -> Reply:
         """Spawn a robot; the reply."""
         await self.send(SPAWN)
-        self.client.robot.confirm_spawn("Mine", None)
+        self.client.robot.finish_init(InitResult(0.0, "Mine"))
         self.client.robot.deliver([ODOMETRY, STATUS])
         return await self.receive()
 

@@ -377,7 +377,7 @@ async def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_k
     found = camera_reply(1, "omni", SERVER_INFO, robot)
     assert isinstance(found, CameraReply)
     assert (found.class_name, found.camera, found.plan) == ("USARBot.OmniP2AT", "Omni", "traced")
-    reason = "no camera 'Rear': this server's robots have Omni"
+    reason = "there is no camera 'Rear': this server's robots have Omni"
     assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
 
 

@@ -14,6 +14,7 @@ from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
 from catoptra_protocol.stream.requests import DriveRequest, PublishRequest, SpawnRequest
 from catoptra_protocol.usarsim.commands import Drive, Init, Note, ShareControl
 from catoptra_protocol.usarsim.reports import (
+    InitResult,
     OdometryReading,
     Report,
     VehicleStatus,
@@ -183,7 +184,7 @@ class Recorder:
     async def spawn(self, id_: int = 1) -> None:
         """Spawn a robot, with two reports."""
         self.session.spawn(SPAWN, self.pending.add(id_))
-        self.session.confirm_spawn("Mine", None)
+        self.session.finish_init(InitResult(0.0, "Mine"))
         self.session.deliver([ODOMETRY, STATUS])
         await settle()
 
@@ -212,7 +213,7 @@ async def test_spawn_when_confirmed_is_answered_with_the_first_readings() -> Non
     init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
     assert recorder.posted == [CommandReceived(session, init)]
     assert (session.has_robot, session.expects_robot) == (False, True)
-    session.confirm_spawn("Mine", (1.0, 2.0, 0.0))
+    session.finish_init(InitResult(0.0, "Mine", (1.0, 2.0, 0.0)))
     await settle()
     assert (session.has_robot, session.class_name) == (True, "USARBot.OmniP2AT")
     assert recorder.sent == []
@@ -227,7 +228,7 @@ async def test_spawn_when_confirmed_is_answered_with_the_first_readings() -> Non
 async def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
     recorder = Recorder()
     recorder.session.spawn(SPAWN, recorder.pending.add(1))
-    recorder.session.reject_init("there is no class 'X'")
+    recorder.session.finish_init(InitResult(0.0, failure="there is no class 'X'"))
     await settle()
     assert recorder.sent == [Error(1, "there is no class 'X'")]
     await recorder.spawn(2)
@@ -237,8 +238,8 @@ async def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
 async def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation() -> None:
     recorder = Recorder()
     recorder.session.spawn(SPAWN, recorder.pending.add(1))
-    recorder.session.confirm_spawn("Mine", None)
-    recorder.session.reject_init("an internal fault")
+    recorder.session.finish_init(InitResult(0.0, "Mine"))
+    recorder.session.finish_init(InitResult(0.0, failure="an internal fault"))
     recorder.session.deliver([STATUS])  # of no spawn
     await settle()
     assert recorder.sent == [Error(1, "an internal fault")]
@@ -286,10 +287,10 @@ async def test_spawn_and_reset_and_spawn_when_sent_at_once_are_all_answered() ->
     session.spawn(SPAWN, recorder.pending.add(3))
     assert isinstance(reset, ResetRequested)
     # In the order of the commands, as the simulation executes them.
-    session.confirm_spawn("Mine", None)
+    session.finish_init(InitResult(0.0, "Mine"))
     session.deliver([STATUS])
     reset.reply()
-    session.confirm_spawn("Mine2", None)
+    session.finish_init(InitResult(0.0, "Mine2"))
     session.deliver([ODOMETRY])
     await settle()
     assert [getattr(reply, "id", 0) for reply in recorder.sent] == [1, 2, 3]
@@ -365,7 +366,7 @@ async def test_fault_of_the_robot_closes_the_session_and_later_replies_are_dropp
 
 async def test_reply_when_it_cannot_be_handled_is_a_fault(caplog: pytest.LogCaptureFixture) -> None:
     recorder = Recorder()
-    recorder.session.confirm_spawn("Nobody's", None)  # without a spawn
+    recorder.session.finish_init(InitResult(0.0, "Nobody's"))  # without a spawn
     await settle()
     assert len(recorder.faults) == 1
     assert "IndexError" in caplog.text

@@ -28,7 +28,7 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
 )
 from catoptra_protocol.usarsim.commands import Drive
-from catoptra_protocol.usarsim.reports import OdometryReading
+from catoptra_protocol.usarsim.reports import InitResult, OdometryReading
 from catoptra_server.frames import frame as frame_module
 from catoptra_server.frames.frame import IMAGE_PORT
 from catoptra_server.serve.stream import peer as peer_module
@@ -65,7 +65,7 @@ async def spawn(session: PageSession, page: PageClient) -> None:
     await page.send(SPAWN)
     await wait_until(lambda: bool(session.simulation.posted_events), "spawn")
     (socket,) = session.server.sockets
-    socket.peer.robot.confirm_spawn("Mine", None)
+    socket.peer.robot.finish_init(InitResult(0.0, "Mine"))
     socket.peer.robot.deliver([ODOMETRY])
     assert isinstance((await page.receive())[0], SensorReports)
 

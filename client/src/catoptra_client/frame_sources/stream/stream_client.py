@@ -215,8 +215,8 @@ class StreamClient:
         location_m: Vector3 | None = None,
         rotation_rad: Vector3 = (0.0, 0.0, 0.0),
         start_pose: str | None = None,
-    ) -> list[Report]:
-        """Spawn this client's robot; its first readings.
+    ) -> Vector3 | None:
+        """Spawn this client's robot, which has a reading of each sensor then (`get_readings`).
 
         Args:
             class_name: Class of the robot, one of `get_status().class_names`.
@@ -226,24 +226,25 @@ class StreamClient:
             start_pose: Name of a start pose, one of `get_start_poses`; without this and a location
                 the server chooses.
 
-        Raises:
-            CatoptraError: There is no such class or start, or this client has its robot: `reset`
-                first, or connect another client for another robot.
-            DeadlineExceededError: The robot may exist all the same: `reset` before the next try.
+        Returns:
+            Location of the robot in metres where the requested one was not free, the nearest free
+            one; else None.
 
-        A location that is not free is replaced by the nearest free one; `get_state` has the robot's
-        pose.
+        Raises:
+            CatoptraError: There is no such class or start, with the names that exist, or this
+                client has its robot: `reset` first, or connect another client for another robot.
+            DeadlineExceededError: The robot may exist all the same: `reset` before the next try.
 
         Example:
             ```python
             with StreamClient.connect() as client:
                 class_name = client.get_status().class_names[0]
-                readings = client.spawn(class_name, location_m=(1.0, 0.0, 0.0))
+                moved_to = client.spawn(class_name, location_m=(1.0, 0.0, 0.0))
             ```
         """
         # Arguments by keyword and defaults as in INIT; the message has every field.
         place = (name, location_m, start_pose, rotation_rad)
-        return _parse_reports(self._call(SpawnRequest, SensorReports, class_name, *place))
+        return self._call(SpawnRequest, SensorReports, class_name, *place).moved_to
 
     def drive(
         self,

@@ -70,6 +70,7 @@ class FrameSender:
         *,
         send_reply: SendReply,
         encode: Callable[[FieldMap], bytes],
+        camera_names: tuple[str, ...] | None = None,
         account: Hashable = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -80,6 +81,7 @@ class FrameSender:
             mailboxes: Newest frame of each channel.
             send_reply: Sends an error to the client.
             encode: Encodes the fields of a frame's header.
+            camera_names: Cameras of all robots, for errors; None: unknown.
             account: Pays for the frames; None: this client alone.
             monotonic: Clock of the frame age, in seconds.
         """
@@ -87,6 +89,7 @@ class FrameSender:
         self._mailboxes = mailboxes
         self._send_reply = send_reply
         self._encode = encode
+        self._camera_names = camera_names
         self._account = self if account is None else account
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
@@ -159,7 +162,7 @@ class FrameSender:
             frame = await mailbox.wait_for_newer(last, self._account)
         except ChannelUnavailableError as error:
             self._subscriptions.pop(channel, None)
-            self._send_reply(_channel_error(self._take_waiting(), error.reason))
+            self._send_reply(self._channel_error(self._take_waiting(), error.reason))
             return
         self._encoding = request = self._take_waiting()
         payload = await frame.encode(request.encoding)
@@ -219,6 +222,12 @@ class FrameSender:
         self._outbox.send_frame(self._encode(fields), payload, *labels.parts)
         self._last_sent_id = request.id
         self.num_sent += 1
+
+    def _channel_error(self, request: GetFrameRequest, reason: str) -> Error:
+        if reason:
+            return Error(request.id, reason)
+        known = self._camera_names
+        return camera_not_found(request.id, request.robot, request.camera, known)
 
     def _reject_old_request(self, id_: int, *, by: int) -> None:
         self._send_reply(Error(id_, f"superseded by request {by}"))
@@ -330,9 +339,3 @@ def _record_from_difference(difference: ImageDifference | None) -> DifferenceRec
         rms_levels=difference.rms_levels,
         changed_fraction=difference.changed_fraction,
     )
-
-
-def _channel_error(request: GetFrameRequest, reason: str) -> Error:
-    if reason:
-        return Error(request.id, reason)
-    return camera_not_found(request.id, request.robot, request.camera)

@@ -125,6 +125,7 @@ class StreamPeer:
             context.mailboxes,
             send_reply=self.send_reply,
             encode=encode,
+            camera_names=context.server_info.camera_names,
             account=account,
         )
         self.robot = RobotSession(context.post, on_fault=self._replace_robot)

@@ -18,6 +18,7 @@ from typing import cast
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
@@ -109,6 +110,11 @@ class ServerInfo:
     first."""
     landmarks: tuple[Landmark, ...]
     start_poses: tuple[StartPoseRecord, ...]
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the cameras, of all classes."""
+        return tuple(name for _, name in self.cameras)
 
     @property
     def class_names(self) -> tuple[str, ...]:
@@ -215,8 +221,7 @@ def camera_reply(
     """Reply with the camera of a name, of the client's robot first."""
     found = info.find_camera(camera, spawned_as=robot.class_name if robot.has_robot else "")
     if found is None:
-        known = ", ".join(name for _, name in info.cameras) or "none"
-        return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
+        return _camera_not_found(id_, f"camera {camera[:80]!r}", camera, info.camera_names)
     (class_name, name), camera_info = found
     mount = transform_from_pose(camera_info.robot_from_mirror)
     model = dict(camera_info.camera_model)
@@ -417,11 +422,19 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
     )
 
 
-def camera_not_found(id_: int, robot: str, camera: str) -> Error:
-    """Error for a camera that does not exist, by name."""
+def camera_not_found(
+    id_: int, robot: str, camera: str, known: tuple[str, ...] | None = None
+) -> Error:
+    """Error for a camera that does not exist, by name, with the known cameras of all robots."""
     owner = f"robot {robot!r}" if robot else "the robot on the image port"
     name = f"camera {camera!r}" if camera else "camera"
-    return Error(id_, f"there is no {name} of {owner}")
+    # Without a name the robot is missing.
+    return _camera_not_found(id_, f"{name} of {owner}", camera, known if camera else None)
+
+
+def _camera_not_found(id_: int, what: str, camera: str, known: tuple[str, ...] | None) -> Error:
+    names = "" if known is None else f": this server's robots have {list_names(camera, known)}"
+    return Error(id_, f"there is no {what}{names}")
 
 
 def plan_alternative(option: PlanOption | None) -> PlanAlternative | None:

@@ -25,8 +25,7 @@ from catoptra_protocol.usarsim.commands import (
     ShareControl,
     line_from_command,
 )
-from catoptra_protocol.usarsim.reports import Report, line_from_report
-from catoptra_protocol.vectors import Vector3
+from catoptra_protocol.usarsim.reports import InitResult, Report, line_from_report
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.simulation.events import (
@@ -70,7 +69,7 @@ class RobotSession:
         # Without the others that are on their way, `has_robot` is the state of the simulation.
         self._pending_spawns: deque[tuple[PendingRequest, str]] = deque()
         self._num_pending_resets = 0
-        self._confirmed_spawn: tuple[PendingRequest, str, Vector3 | None] | None = None
+        self._confirmed_spawn: tuple[PendingRequest, InitResult] | None = None
         self._readings: dict[object, Report] = {}
         self.has_robot = False
         self.expects_robot = False
@@ -84,13 +83,12 @@ class RobotSession:
         """Receive reports of the simulation."""
         self._call_on_loop(self._store_reports, tuple(reports))
 
-    def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
-        """Receive the success of the oldest spawn; the first reports follow."""
-        self._call_on_loop(self._confirm_spawn, name, moved_to)
-
-    def reject_init(self, reason: str) -> None:
-        """Receive the failure of the oldest spawn."""
-        self._call_on_loop(self._fail_spawn, reason)
+    def finish_init(self, result: InitResult) -> None:
+        """Receive the outcome of the oldest spawn; the first reports of a new robot follow."""
+        if result.failure:
+            self._call_on_loop(self._fail_spawn, result.failure)
+        else:
+            self._call_on_loop(self._confirm_spawn, result)
 
     def disconnect(self, reason: str) -> None:
         """Receive the removal of the robot by a fault."""
@@ -195,12 +193,13 @@ class RobotSession:
                 # One entry per sensor: as many as the robot file lists.
                 self._readings[type(report), getattr(report, "name", "")] = report
         if confirmed is not None:
-            pending, name, moved_to = confirmed
-            pending.reply(SensorReports(pending.id, _lines_from_reports(reports), moved_to, name))
+            pending, result = confirmed
+            lines = _lines_from_reports(reports)
+            pending.reply(SensorReports(pending.id, lines, result.moved_to, result.name))
 
-    def _confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
+    def _confirm_spawn(self, result: InitResult) -> None:
         pending, self.class_name = self._pending_spawns.popleft()
-        self._confirmed_spawn = pending, name, moved_to
+        self._confirmed_spawn = pending, result
         self.has_robot = not self._num_pending_resets
 
     def _fail_spawn(self, reason: str) -> None:

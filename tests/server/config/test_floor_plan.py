@@ -1,0 +1,73 @@
+"""Plans of a floor: obstacles at a robot's heights, and room for its base."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
+
+GREY = Material((0.5, 0.5, 0.5))
+
+
+def draw_plan(*placed: tuple[Shape, tuple[float, float, float]]) -> FloorPlan:
+    """Plan of things on a floor of 4 x 4 m, in pixels of 2 cm."""
+    floor: tuple[Shape, tuple[float, float, float]] = (Rectangle((4.0, 4.0)), (0.0, 0.0, 0.0))
+    items = tuple(
+        Item(f"{i}", s, Pose.from_rpy(p), GREY) for i, (s, p) in enumerate((floor, *placed))
+    )
+    points = np.array([(-1.5, -1.5), (1.5, 1.5)])
+    return draw_floor_plan(
+        build_scene(World("w", items)), height_m=0.6, points_m=points, size_px=200
+    )
+
+
+def look_up(plan: FloorPlan, raster: np.ndarray, x: float, y: float) -> bool:  # type: ignore[type-arg] # (h, w) bool
+    column, row = plan.pixels(np.array([(x, y)]))[0].astype(int)
+    return bool(raster[row, column])
+
+
+@pytest.mark.parametrize(
+    ("size_m", "bottom_m", "is_obstacle"),
+    [
+        ((0.4, 0.4, 0.3), 0.0, True),  # lower than the robot
+        ((0.4, 0.4, 2.0), 0.0, True),  # a post, whose inside is no floor
+        ((1.8, 1.8, 1.2), 0.0, True),  # a block
+        ((0.4, 0.4, 0.1), 0.7, False),  # a shelf above
+        ((0.4, 0.4, 0.1), 0.5, True),
+        ((0.4, 0.4, 0.02), 0.0, False),  # driven over
+    ],
+)
+def test_obstacle_is_what_the_robot_meets(
+    size_m: tuple[float, float, float], bottom_m: float, is_obstacle: bool
+) -> None:
+    plan = draw_plan((Box(size_m), (0.5, 0.2, -bottom_m - 0.5 * size_m[2])))
+    assert look_up(plan, plan.obstacles, 0.5, 0.2) is is_obstacle
+    assert not look_up(plan, plan.obstacles, -1.0, -1.0)
+
+
+def test_free_is_where_the_base_has_floor_and_room() -> None:
+    free = (plan := draw_plan((Box((0.4, 0.4, 1.0)), (0.5, 0.2, -0.5)))).find_free(0.3)
+    assert look_up(plan, free, -0.5, 0.2)
+    assert look_up(plan, free, 0.5 - 0.2 - 0.3 - 0.05, 0.2)
+    assert not look_up(plan, free, 0.5 - 0.2 - 0.3 + 0.03, 0.2)
+
+
+def test_place_without_floor_all_over_the_base_is_not_free() -> None:
+    plan = draw_plan(
+        (Rectangle((1.0, 1.0)), (3.0, 0.0, 0.0)), (Box((0.1, 0.1, 0.1)), (3, 0, -0.05))
+    )
+    free = plan.find_free(0.3)
+    assert look_up(plan, free, 2.0 - 0.3 - 0.05, 1.0)
+    assert not look_up(plan, free, 2.0 - 0.3 + 0.03, 1.0)
+
+
+def test_world_without_anything_has_no_free_place() -> None:
+    plan = draw_floor_plan(
+        build_scene(World("w", ())), height_m=0.6, points_m=np.zeros((1, 2)), size_px=50
+    )
+    assert not plan.has_floor.any()
+    assert not plan.obstacles.any()
