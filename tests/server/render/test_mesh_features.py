@@ -1,0 +1,224 @@
+"""Files of one feature each, in both renderers: the colours that formats demand, or a message.
+
+Tolerance: three grey levels, one for each renderer's rounding and one for bytes in files.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.renderer import Image
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from helpers.mesh_features import FEATURES, SKY, Feature, Point
+
+MAX_LEVELS = 3
+CAMERA = PerspectiveCamera(96, 96, math.radians(70.0))
+HEIGHT_M = 2.5
+ABOVE = Pose.from_rpy((0.0, 0.0, -HEIGHT_M), (0.0, -0.5 * math.pi, 0.0))
+
+PENDING: frozenset[str] = frozenset(
+    (
+        "gltf no material is white",
+        "gltf material without a factor is white",
+        "gltf metal 1 of roughness 0.2 in even light",
+        "gltf metal 0 of roughness 0.1 in even light",
+        "gltf metal 1 of roughness 1 in even light",
+        "gltf specular and glossiness",
+        "gltf specular in even light",
+        "gltf normal map",
+        "gltf transmission is named",
+        "gltf clearcoat is named",
+        "gltf sheen is named",
+        "gltf index of refraction changes nothing",
+        "gltf colours of vertices",
+        "gltf colours of bytes",
+        "gltf colours of 16 bits",
+        "gltf MASK by a texture",
+        "gltf MASK by a factor",
+        "gltf MASK by colours of vertices",
+        "gltf BLEND by a factor",
+        "gltf BLEND by colours of vertices",
+        "gltf BLEND by a texture",
+        "gltf BLEND over an opaque square",
+        "gltf BLEND of two layers",
+        "gltf emission",
+        "gltf emission is added to light",
+        "gltf emission of a textured surface",
+        "gltf texture of emission on black",
+        "gltf texture of emission is added to a plain surface",
+        "gltf strength of emission",
+        "gltf wrap by clamping",
+        "gltf wrap by mirroring",
+        "gltf wrap of two kinds",
+        "gltf nearest filter",
+        "gltf linear filter",
+        "gltf transform: offset",
+        "gltf transform: scale",
+        "gltf transform: rotation",
+        "gltf transform: other coordinates",
+        "gltf second texture coordinates",
+        "gltf occlusion",
+        "gltf texture of palette",
+        "gltf texture of 16 bits",
+        "gltf texture of grey",
+        "gltf back of two sides is lit by its own normal",
+        "gltf back of two sides in the sun",
+        "gltf back of one side is not seen",
+        "gltf what is behind the back of one side is seen",
+        "gltf normals of vertices",
+        "gltf normals between vertices",
+        "gltf normals under a lamp",
+        "gltf triangle fan",
+        "gltf points are named",
+        "gltf sparse accessor",
+        "gltf sparse accessor of zeros",
+        "gltf instances",
+        "gltf quantized fractions of int8",
+        "gltf quantized fractions of int16",
+        "gltf quantized texture coordinates",
+        "gltf y is up",
+        "gltf skin is named",
+        "gltf morph targets are named",
+        "gltf animation is named",
+        "gltf directional light",
+        "gltf directional light of a turned node",
+        "gltf point light",
+        "gltf spot light is named",
+        "gltf percent-encoded name",
+        "gltf buffer of a percent-encoded name",
+        "gltf unknown required extension",
+        "gltf compressed meshes",
+        "gltf unknown extension in use",
+        "gltf missing texture",
+        "obj Kd 0.4",
+        "obj without materials is mid-grey",
+        "obj map_Kd -o",
+        "obj map_Kd -s",
+        "obj map_Kd -clamp",
+        "obj path of Windows",
+        "obj absolute path of Windows",
+        "obj name of another case",
+        "obj textures of Gazebo's models",
+        "obj Latin-1",
+        "obj d",
+        "obj Tr",
+        "obj d -halo",
+        "obj map_d",
+        "obj map_d with map_Kd",
+        "obj Ke",
+        "obj vn",
+        "obj bump map is named",
+        "obj material of two libraries",
+        "obj missing texture",
+        "obj missing library",
+        "dae diffuse 0.4",
+        "dae percent-encoded name",
+        "dae textures of Gazebo's models",
+        "dae bare name of Gazebo's textures",
+        "dae unit of centimetres",
+        "dae unit times scale",
+        "dae without an asset has y up",
+        "dae Y_UP",
+        "dae X_UP",
+        "dae emission",
+        "dae transparency A_ONE 1 1 1 0.8 0.5",
+        "dae transparency A_ONE 1 1 1 1 0.4",
+        "dae transparency RGB_ZERO 0.6 0.6 0.6 1 1.0",
+        "dae normals",
+        "dae missing texture",
+        "stl colours of VisCAM",
+        "stl colours of Magics",
+        "stl colour of the whole in Magics",
+    )
+)
+"""Rows that are not yet as their format demands."""
+
+
+def write_world(folder: Path, mesh: Path, row: Feature) -> Path:
+    r, g, b = SKY
+    path = folder / "world.ini"
+    path.write_text(
+        f"[Catoptra.World]\nAmbientOcclusion=off\nBackground=(R={r:g},G={g:g},B={b:g})\n"
+        f'Lights={row.lights}\nMeshes=(Name="m",File="{mesh}",{row.options})\n'
+    )
+    return path
+
+
+def draw(device: GlDevice, path: Path) -> dict[str, Image]:
+    """Picture from above by each renderer."""
+    world, _ = read_world(path)
+    scene = build_scene(world)
+    state = CameraState(ABOVE)
+    trace = TraceRenderer(scene, world, threads=1)
+    raster = RasterRenderer(scene, world, device=device)
+    try:
+        return {
+            name: renderer.prepare_perspective(CAMERA, 2).render(state).rgb
+            for name, renderer in (("trace", trace), ("raster", raster))
+        }
+    finally:
+        trace.close()
+
+
+def pixel_of(point: Point) -> tuple[int, int]:
+    """Row and column of a point of the square, in a file whose z is up."""
+    x, y = point
+    offset = np.array([x, -y, HEIGHT_M])
+    direction = ABOVE.inverse().rotate_directions(offset / np.linalg.norm(offset))
+    pixel, seen = CAMERA.pixel_from_direction(direction)
+    assert seen
+    column, row = np.floor(pixel).astype(int).tolist()
+    return row, column
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        pytest.param(
+            row,
+            id=row.name,
+            marks=[pytest.mark.xfail(strict=True)] if row.name in PENDING else [],
+        )
+        for row in FEATURES
+    ],
+)
+def test_file_has_the_colours_that_its_format_demands_or_a_message(
+    device: GlDevice, tmp_path: Path, caplog: pytest.LogCaptureFixture, row: Feature
+) -> None:
+    path = write_world(tmp_path, row.write(tmp_path), row)
+    if row.rejection:
+        with pytest.raises(ConfigError, match=row.rejection) as error:
+            draw(device, path)
+        assert "\n" not in str(error.value)
+        return
+    with caplog.at_level(logging.WARNING, logger="catoptra_server"):
+        pictures = draw(device, path)
+    if row.message:
+        assert re.search(row.message, caplog.text)
+    wrong = {
+        (name, point): (picture[pixel_of(point)].tolist(), [round(value) for value in colour])
+        for name, picture in pictures.items()
+        for point, colour in row.colours.items()
+        if np.abs(picture[pixel_of(point)] - np.array(colour)).max() > MAX_LEVELS
+    }
+    assert not wrong
+
+
+def test_features_are_many_and_their_names_differ() -> None:
+    names = [row.name for row in FEATURES]
+    assert len(set(names)) == len(names) >= 70
+    assert set(names) >= PENDING
