@@ -212,19 +212,13 @@ def pbr(*factor: float, texture: int | None = None, **keys: Any) -> dict[str, An
 FEATURES: list[Feature] = []
 
 
-def feature(name: str, colours: dict[Point, Colour] | None = None, **keys: Any) -> Any:
-    """Add a row of the file that a function writes, or of the glTF document that it makes."""
+def feature(
+    name: str, colours: dict[Point, Colour] | None = None, **keys: Any
+) -> Callable[[Callable[[Path], Path]], Any]:
+    """Add a row of the file that a function writes."""
 
-    def add(make: Callable[..., Any]) -> Any:
-        def write(folder: Path) -> Path:
-            if make.__code__.co_argcount:
-                path: Path = make(folder)
-                return path
-            document: Gltf = make()
-            return document.write(folder)
-
+    def add(write: Callable[[Path], Path]) -> None:
         FEATURES.append(Feature(name, write, colours or {}, **keys))
-        return make
 
     return add
 
@@ -233,7 +227,7 @@ def gltf_feature(
     name: str, colours: dict[Point, Colour] | None, make: Callable[[], Gltf], **keys: Any
 ) -> None:
     """Add a row of a glTF document."""
-    feature(f"gltf {name}", colours, **keys)(make)
+    feature(f"gltf {name}", colours, **keys)(lambda folder: make().write(folder))
 
 
 def _plain_materials() -> None:
@@ -484,7 +478,8 @@ def _textures() -> None:
 
     near = {(-0.1, 0.1): RED, (0.1, 0.1): GREEN, (-0.1, -0.1): YELLOW, (0.9, -0.9): WHITE}
     add("nearest filter", near, lambda: coarse(magFilter=9728, minFilter=9728))
-    smooth = {(-0.5, 0.5): RED, (0.018, 0.5): light(0.482, 0.518, 0)}
+    # Pixels are 0.036 m wide: the one beside the middle is half of that from it.
+    smooth = {(-0.9, 0.9): RED, (0.018, 0.9): light(0.482, 0.518, 0), (0.9, 0.9): GREEN}
     add("linear filter", smooth, lambda: coarse(magFilter=9729, wrapS=33071, wrapT=33071))
 
     def transformed(**transform: Any) -> Gltf:

@@ -162,8 +162,8 @@ WORLD_CASES = [
     ("Meshes=(File=nan.obj)", "corners within 1e+06 m at Scale=1"),
     ("Meshes=(File=box.glb,Scale=1e8)", "corners within 1e+06 m at Scale=1e+08"),
     ("Meshes=(File=part.step)", ".glb, .gltf, .obj, .ply, .stl, .dae"),
-    ("Meshes=(File=bare.gltf)", "it refers to none.bin, and there is no such file beside it"),
-    ("Meshes=(File=box.glb,Up=x)", "one of y, z"),
+    ("Meshes=(File=bare.gltf)", "its buffer none.bin is not a file inside"),
+    ("Meshes=(File=box.glb,Up=w)", "one of x, y, z"),
     ("Meshes=(File=box.glb,Scale=0)", "from 1e-09"),
     ("Lights=(Type=Spot)", "one of Hemisphere, Directional, Point"),
     ("Lights=(Type=Point)", "Lights.Position='': expected a struct such as (X=0,Y=0,Z=0)"),
@@ -201,7 +201,10 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "nan.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     (tmp_path / "bare.gltf").write_text(
-        '{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":12}]}'
+        '{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":36}],'
+        '"nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],'
+        '"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],'
+        '"bufferViews":[{"buffer":0,"byteLength":36}]}'
     )
     (tmp_path / "cut.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     return tmp_path
