@@ -29,6 +29,7 @@ import binascii
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -42,14 +43,20 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.world.mesh_assets import WHITE, FileMaterial, FileMesh, Losses, MeshAssets
-from catoptra_server.world.textures import Texture, clip_fractions, decode_texture, multiply_texture
+from catoptra_server.world.textures import (
+    Texture,
+    TextureSampling,
+    clip_fractions,
+    decode_texture,
+    multiply_texture,
+)
 from catoptra_server.world.world_description import Rgb
 
 _MAGIC = b"glTF"
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_CLAMP, _MIRROR = 33071, 33648
+_CLAMP, _MIRROR, _NEAREST = 33071, 33648, 9728
 # Each is an object of Python with its arrays; the file itself may name as many as it has bytes.
 _MAX_MATERIALS, _MAX_NODES = 10_000, 200_000
 
@@ -374,6 +381,7 @@ class _TextureUse:
     """Attribute of texture coordinates."""
     uv_from_attribute: Floats
     """(2, 3)."""
+    sampling: TextureSampling
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -441,8 +449,9 @@ class _Materials:
                 albedo, unlit = emission, True
                 info = entry.get("emissiveTexture")
                 use = None if info is None else self._use(info, user)
-        image = None if use is None else use.image
-        return _Look(FileMaterial(albedo, image, unlit), use)
+        if use is None:
+            return _Look(FileMaterial(albedo, unlit=unlit), None)
+        return _Look(FileMaterial(albedo, use.image, unlit, use.sampling), use)
 
     def _emission(self, entry: dict[str, Any], extensions: dict[str, Any]) -> Rgb:
         strength = extensions.get("KHR_materials_emissive_strength", {}).get(
@@ -475,12 +484,13 @@ class _Materials:
             # A mirrored picture of two copies repeats as the picture itself is mirrored.
             image = self._mirror(source, image, *mirrored)
             matrix = matrix * np.where(mirrored, 0.5, 1.0)[:, None]
-        if _CLAMP in (sampler.get("wrapS"), sampler.get("wrapT")):
-            self.losses.add("texture that is clamped at its edges", "it repeats")
-        if sampler.get("magFilter") == 9728:
-            self.losses.add("texture without a filter", "its texels are interpolated")
+        sampling = TextureSampling(
+            sampler.get("wrapS") == _CLAMP,
+            sampler.get("wrapT") == _CLAMP,
+            has_filter=sampler.get("magFilter") != _NEAREST,
+        )
         number = _index(transform.get("texCoord", info.get("texCoord", 0)))
-        return _TextureUse(image, f"TEXCOORD_{number}", matrix)
+        return _TextureUse(image, f"TEXCOORD_{number}", matrix, sampling)
 
     def _sampler(self, texture: dict[str, Any]) -> dict[str, Any]:
         if "sampler" not in texture:
@@ -516,11 +526,7 @@ class _Materials:
         """Texture times the occlusion, where both have the same coordinates."""
         occlusion = self._use(info, user)
         if use is None:
-            use = _TextureUse(
-                np.full((1, 1, 3), 255, np.uint8),
-                occlusion.coordinates,
-                occlusion.uv_from_attribute,
-            )
+            use = replace(occlusion, image=np.full((1, 1, 3), 255, np.uint8))
         is_same = occlusion.coordinates == use.coordinates and np.array_equal(
             occlusion.uv_from_attribute, use.uv_from_attribute
         )
@@ -528,7 +534,7 @@ class _Materials:
             self.losses.add("occlusion with coordinates of its own", "drawn without")
             return use
         image = multiply_texture(use.image, occlusion.image[..., 0], info.get("strength", 1.0))
-        return _TextureUse(image, use.coordinates, use.uv_from_attribute)
+        return replace(use, image=image)
 
 
 def _glossy_albedo(glossy: dict[str, Any]) -> Rgb:
@@ -574,16 +580,7 @@ class _MeshReader:
             parts = [self._read(primitive, name) for primitive in entry["primitives"]]
             self._made[number] = [part for part in parts if part is not None]
         for part in self._made[number]:
-            yield FileMesh(
-                part.name,
-                part.vertices,
-                part.faces,
-                part.material,
-                part.uv,
-                part.colours,
-                file_from_mesh=matrix,
-                node=node,
-            )
+            yield replace(part, file_from_mesh=matrix, node=node)
 
     def _read(self, primitive: dict[str, Any], name: str) -> FileMesh | None:
         mode = primitive.get("mode", _TRIANGLES)
@@ -612,7 +609,7 @@ class _MeshReader:
                 uv = matmul(at, matrix[:, :2].T) + matrix[:, 2]
         elif look.use is not None:
             self._losses.add(f"texture without {look.use.coordinates}", "drawn without")
-            material = FileMaterial(material.albedo, None, material.unlit)
+            material = replace(material, texture=None)
         return FileMesh(name, vertices, faces, material, uv, colours)
 
     def _faces(

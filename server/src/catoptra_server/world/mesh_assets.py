@@ -24,7 +24,7 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.world.textures import Texture, decode_texture
+from catoptra_server.world.textures import REPEATED, Texture, TextureSampling, decode_texture
 from catoptra_server.world.world_description import MeshFile, Rgb
 
 log = logging.getLogger(__name__)
@@ -44,6 +44,7 @@ class FileMaterial:
     texture: Texture | None = None
     unlit: bool = False
     """Whether the surface is shown at its albedo, whatever the lights."""
+    sampling: TextureSampling = REPEATED
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -291,7 +291,7 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         albedo = base * mesh.face_colours
     elif mesh.colours is not None:
         albedo, corner_albedo = corner_albedos(base * mesh.colours, faces)
-    return MeshAppearance(uv, albedo, corner_albedo, texture, material.unlit)
+    return MeshAppearance(uv, albedo, corner_albedo, texture, material.unlit, material.sampling)
 
 
 def _sae_vertices(mesh: FileMesh, scale: float, up: str) -> Floats:

@@ -34,6 +34,7 @@ from catoptra_server.world.shapes import bounding_box, build_shape, facet_normal
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
+    TextureSampling,
     load_texture,
     no_texture_coordinates,
 )
@@ -71,6 +72,8 @@ class SceneMesh:
     """(n,) index into `textures`; -1 for none."""
     textures: tuple[Texture, ...]
     """(h, w, 3) uint8 sRGB each."""
+    samplings: tuple[TextureSampling, ...]
+    """How each texture is sampled."""
     item_index: npt.NDArray[np.int32]
     """(n,) index into `item_names`."""
     item_names: tuple[str, ...]
@@ -189,7 +192,11 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
     ]
     objects = tuple(dict.fromkeys(owners))
     numbers = {one: index for index, one in enumerate(objects)}
-    textures = _distinct_textures(looks)
+    # By identity, not by content: each file is loaded once.
+    distinct = {_texture_key(look): (look.texture, look.sampling) for look in looks}
+    textures = [(image, way) for image, way in distinct.values() if image is not None]
+    numbers_of_textures = {(id(image), way): n for n, (image, way) in enumerate(textures)}
+    numbers_of_textures |= {key: -1 for key, (image, _) in distinct.items() if image is None}
     casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
     return SceneMesh(
         corners=_concatenate([part.corners for part in parts]),
@@ -200,8 +207,9 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         albedo=_concatenate([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
         unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
-        texture_index=_repeat([_find_texture(textures, look.texture) for look in looks], counts),
-        textures=tuple(textures),
+        texture_index=_repeat([numbers_of_textures[_texture_key(look)] for look in looks], counts),
+        textures=tuple(texture for texture, _ in textures),
+        samplings=tuple(sampling for _, sampling in textures),
         item_index=_repeat([part.item for part in parts], counts),
         item_names=tuple(item.name for item in items),
         casts_shadows=np.repeat(np.array(casts_shadows), counts),
@@ -210,15 +218,8 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
     )
 
 
-def _distinct_textures(looks: list[MeshAppearance]) -> list[Texture]:
-    """Textures of all parts, by identity, not by content: each file is loaded once."""
-    by_identity = {id(look.texture): look.texture for look in looks}
-    return [texture for texture in by_identity.values() if texture is not None]
-
-
-def _find_texture(textures: list[Texture], texture: Texture | None) -> int:
-    """Index of a texture; -1 for none."""
-    return next((index for index, other in enumerate(textures) if other is texture), -1)
+def _texture_key(look: MeshAppearance) -> tuple[int, TextureSampling]:
+    return id(look.texture), look.sampling
 
 
 def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:

@@ -129,6 +129,39 @@ MAX_STRETCH = 3.0
 
 Chosen in tests/measurements/texture_aliasing.py."""
 
+
+@dataclass(frozen=True, slots=True)
+class TextureSampling:
+    """How a texture continues beyond its edges, and what is between its texels."""
+
+    clamps_u: bool = False
+    """Whether the edge's texels continue to the left and right; else the texture repeats."""
+    clamps_v: bool = False
+    """Likewise above and below."""
+    has_filter: bool = True
+    """Whether texels are interpolated where they are larger than samples."""
+
+    def place(self, uv: Floats, size: tuple[int, int], *, is_image: Bools) -> Floats:
+        """(n, 2) coordinates at which a look-up that repeats and interpolates gives this one's.
+
+        Args:
+            uv: (n, 2) coordinates.
+            size: (width, height) of the level.
+            is_image: (n,) look-ups in the image itself, alone.
+        """
+        placed, sides = uv.copy(), np.asarray(size, dtype=np.float64)
+        if not self.has_filter:
+            placed[is_image] = (np.floor(uv[is_image] * sides) + 0.5) / sides
+        for axis, clamps in enumerate((self.clamps_u, self.clamps_v)):
+            if clamps:
+                half = 0.5 / sides[axis]
+                placed[:, axis] = np.clip(placed[:, axis], half, 1.0 - half)
+        return placed
+
+
+REPEATED = TextureSampling()
+"""Textures of worlds' own materials."""
+
 Levels = tuple[npt.NDArray[np.float32], ...]
 """(h, w, 3) linear texels of the image, then of each coarser level, to one texel."""
 
@@ -218,7 +251,9 @@ def footprint_texels(steps: Floats, size: tuple[int, int]) -> Floats:
     return result
 
 
-def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
+def sample_levels(
+    levels: Levels, uv: Floats, footprint: Floats, sampling: TextureSampling = REPEATED
+) -> Floats:
     """(n, 3) linear colours at (n, 2) coordinates, averaged over (n,) footprints in texels.
 
     A footprint of up to one texel reads the image itself, as `sample_texture` does; one from 2^k to
@@ -232,7 +267,14 @@ def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
     for number, (fine, coarse) in enumerate(zip(levels, (*levels[1:], levels[-1]), strict=True)):
         rays = np.flatnonzero(level == number)
         # Float64 by its coordinates, whatever the texels are.
-        one, other = (sample_texture(cast(Floats, each), uv[rays]) for each in (fine, coarse))
+        is_image = (weight[rays, 0] == 0.0) & (number == 0)
+        one, other = (
+            sample_texture(
+                cast(Floats, each),
+                sampling.place(uv[rays], (each.shape[1], each.shape[0]), is_image=is_image),
+            )
+            for each in (fine, coarse)
+        )
         colours[rays] = (1.0 - weight[rays]) * one + weight[rays] * other
     return colours
 
@@ -251,6 +293,8 @@ class MeshAppearance:
     """None for a mesh of plain colours."""
     unlit: bool
     """Whether the file shows the mesh at its albedo, whatever the lights."""
+    sampling: TextureSampling = REPEATED
+    """How the texture is sampled."""
 
     def select(self, mask: Bools) -> MeshAppearance:
         """Appearance of the triangles of a (n,) mask."""

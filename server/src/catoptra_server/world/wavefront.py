@@ -27,7 +27,7 @@ from catoptra_server.world.mesh_assets import (
     Losses,
     MeshAssets,
 )
-from catoptra_server.world.textures import linear_light
+from catoptra_server.world.textures import REPEATED, TextureSampling, linear_light
 from catoptra_server.world.world_description import Rgb
 
 _LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
@@ -143,13 +143,13 @@ def _split_materials(text: str) -> dict[str, list[list[str]]]:
 def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: Losses) -> _Paint:
     """Material of the lines of an MTL file."""
     given = {words[0]: words[1:] for words in lines}
-    texture, scale, offset = None, (1.0, 1.0), (0.0, 0.0)
+    texture, sampling, scale, offset = None, REPEATED, (1.0, 1.0), (0.0, 0.0)
     if "map_kd" in given:
         file, options = _parse_map(given["map_kd"])
         texture = assets.get_texture(file, f"material {name}")
         scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
-        if options.get("-clamp", ["off"])[0] == "on":
-            losses.add("texture that is clamped at its edges", "it repeats")
+        clamps = options.get("-clamp") == ["on"]
+        sampling = TextureSampling(clamps, clamps)
     albedo = MID_GREY if texture is None else WHITE
     if "kd" in given:
         albedo = _read_colour(given["kd"])
@@ -168,7 +168,7 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
             losses.add("bump map", "surfaces are shaded without its bumps")
         if key == "map_ke":
             losses.add("texture of emission map_Ke", "drawn without")
-    return _Paint(FileMaterial(albedo, texture, unlit), scale, offset)
+    return _Paint(FileMaterial(albedo, texture, unlit, sampling), scale, offset)
 
 
 def _read_colour(words: list[str]) -> Rgb:

@@ -39,7 +39,7 @@ from catoptra_server.world.shading import (
     facet_radiance,
     hemisphere_lights,
 )
-from catoptra_server.world.textures import Texture, build_levels
+from catoptra_server.world.textures import REPEATED, Texture, TextureSampling, build_levels
 from catoptra_server.world.triangles import (
     Indices,
     TriangleClusters,
@@ -153,7 +153,11 @@ class SceneBatches:
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
             vertices=self._context.vertex_array(program, attributes),
-            texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
+            texture=None
+            if index == 0
+            else upload_texture(
+                self._context, scene.textures[index - 1], scene.samplings[index - 1]
+            ),
         )
 
     def draw(
@@ -250,8 +254,10 @@ def append_values(
     buffer.write(data, offset=start)
 
 
-def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
-    """Texture that repeats and is filtered as `world/textures.py:sample_levels` does.
+def upload_texture(
+    context: moderngl.Context, image: Texture, sampling: TextureSampling = REPEATED
+) -> moderngl.Texture:
+    """Texture that is continued and filtered as `world/textures.py:sample_levels` does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
@@ -263,7 +269,9 @@ def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Textur
     for number, level in enumerate(coarser, start=1):
         encoded = np.rint(255.0 * srgb_from_linear(level.astype(np.float64))).astype(np.uint8)
         texture.write(encoded.tobytes(), level=number)
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
+    texture.repeat_x, texture.repeat_y = not sampling.clamps_u, not sampling.clamps_v
     return texture
 
 

@@ -170,7 +170,8 @@ def test_casters_are_the_triangles_that_occlude() -> None:
 
 
 def test_textures_have_their_size_without_border(textured: SceneMesh) -> None:
-    wide = replace(textured, textures=(textured.textures[0], textured.textures[0][:3, :5]))
+    images = (textured.textures[0], textured.textures[0][:3, :5])
+    wide = replace(textured, textures=images, samplings=2 * textured.samplings)
     owned = texture_array(wide)
     second = owned.owners[1]
     assert isinstance(second, OwningStruct)

@@ -12,6 +12,7 @@ from typing import ClassVar
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
+SAMPLE_CLAMP_U, SAMPLE_CLAMP_V, SAMPLE_NEAREST = 1, 2, 4
 
 # ctypes' own annotation of `_fields_` is a list of pairs.
 Fields = list[tuple[str, type]]
@@ -41,7 +42,11 @@ class TextureLevelStruct(ctypes.Structure):
 class TextureStruct(ctypes.Structure):
     """A texture at all its levels."""
 
-    _fields_: ClassVar[Fields] = [("num_levels", c_int32), ("levels", c_void_p)]
+    _fields_: ClassVar[Fields] = [
+        ("num_levels", c_int32),
+        ("sampling", c_int32),
+        ("levels", c_void_p),
+    ]
 
 
 class LightStruct(ctypes.Structure):

@@ -27,6 +27,9 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
+    SAMPLE_CLAMP_U,
+    SAMPLE_CLAMP_V,
+    SAMPLE_NEAREST,
     FacetSource,
     HemisphereStruct,
     LightStruct,
@@ -47,7 +50,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     write_facet_radiance,
 )
-from catoptra_server.world.textures import Levels, build_levels
+from catoptra_server.world.textures import Levels, TextureSampling, build_levels
 from catoptra_server.world.triangles import row_blocks, tile_over_block
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
@@ -187,8 +190,16 @@ def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
 def texture_array(scene: SceneMesh) -> OwningStruct:
     """Textures of a scene, each at all its levels."""
     textures = [_texture_levels(build_levels(image)) for image in scene.textures]
-    structs = [TextureStruct(len(one.struct), ctypes.addressof(one.struct)) for one in textures]
+    structs = [
+        TextureStruct(len(one.struct), _sampling_bits(sampling), ctypes.addressof(one.struct))
+        for one, sampling in zip(textures, scene.samplings, strict=True)
+    ]
     return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), tuple(textures))
+
+
+def _sampling_bits(sampling: TextureSampling) -> int:
+    nearest = 0 if sampling.has_filter else SAMPLE_NEAREST
+    return SAMPLE_CLAMP_U * sampling.clamps_u + SAMPLE_CLAMP_V * sampling.clamps_v + nearest
 
 
 def _texture_levels(levels: Levels) -> OwningStruct:

@@ -21,6 +21,7 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import LitFacets, OcclusionMap
 from catoptra_server.world.textures import (
     Levels,
+    TextureSampling,
     build_levels,
     footprint_texels,
     sample_levels,
@@ -110,6 +111,8 @@ class TracedMesh:
     """(m, 3, 2) texture coordinates, beside the texture index."""
     textures: tuple[Levels, ...] = ()
     """Linear texels of each texture, at all levels."""
+    samplings: tuple[TextureSampling, ...] = ()
+    """How each texture is sampled."""
     uv_gradients: Floats | None = None
     """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
     occlusion: OcclusionMap | None = None
@@ -136,7 +139,7 @@ class TracedMesh:
             those = np.flatnonzero(texture == number)
             height, width = levels[0].shape[:2]
             footprint = footprint_texels(steps[those], (width, height))
-            albedo[those] *= sample_levels(levels, uv[those], footprint)
+            albedo[those] *= sample_levels(levels, uv[those], footprint, self.samplings[number])
         return albedo
 
 
@@ -159,6 +162,7 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.texture_index if scene.textures else None,
         scene.uv if scene.textures else None,
         tuple(build_levels(texture) for texture in scene.textures),
+        scene.samplings,
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
         scene.occlusion,
     )

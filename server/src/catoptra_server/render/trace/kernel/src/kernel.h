@@ -54,8 +54,11 @@ typedef struct {
     const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, the fourth unused */
 } TextureLevel;
 
+enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
+
 typedef struct {
     int32_t num_levels;
+    int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
     const TextureLevel *levels; /* the image, then each of half the sides of the one before */
 } Texture;
 
