@@ -114,7 +114,10 @@ def _read_geometry(node: Any, matrix: Floats, materials: _Materials) -> Iterator
             colours = source.data[np.asarray(primitive.index)[:, :, offset]]
             colours = linear_light(colours.reshape(len(vertices), -1)[:, :3])
             material = FileMaterial(WHITE)
-        faces = np.arange(len(vertices)).reshape(-1, 3)
+        faces, normals = np.arange(len(vertices)).reshape(-1, 3), None
+        if primitive.normal is not None:
+            normals = np.asarray(primitive.normal)[np.asarray(primitive.normal_index)]
+            normals = normals.reshape(-1, 3)
         yield FileMesh(
             str(node.geometry.name or node.geometry.id),
             vertices,
@@ -122,6 +125,7 @@ def _read_geometry(node: Any, matrix: Floats, materials: _Materials) -> Iterator
             material,
             uv,
             colours,
+            normals,
             file_from_mesh=matrix,
         )
 
@@ -159,12 +163,7 @@ class _Materials:
             self.losses.add("texture of emission", "drawn without")
         elif effect.emission is not None:
             emission = _read_colour(effect.emission)
-        if any(emission):
-            if any(albedo):
-                self.losses.add("emission", "surfaces do not shine")
-            else:
-                return FileMaterial(emission, None, unlit=True)
-        return FileMaterial(albedo, texture)
+        return FileMaterial(albedo, texture, emission=emission, two_sided=bool(effect.double_sided))
 
 
 def _read_colour(colour: tuple[float, ...]) -> Rgb:

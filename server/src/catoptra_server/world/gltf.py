@@ -12,7 +12,7 @@ Approximations of the shading model, which is matt:
   parts reflect in even light.
 * A texture of occlusion multiplies the base colour, so it darkens direct light, too.
 * A texture of emission is exact on a black surface, which is then shown at that texture, whatever
-  the lights.
+  the lights; other surfaces shine in its mean colour.
 
 A light's unit is that of luminance: 1 is white, so a surface of albedo a under E lux has a E / pi.
 Skins, morph targets and animations are named and not drawn: a mesh is shown as it is stored.
@@ -48,6 +48,7 @@ from catoptra_server.world.textures import (
     TextureSampling,
     clip_fractions,
     decode_texture,
+    linear_light,
     multiply_texture,
 )
 from catoptra_server.world.world_description import Rgb
@@ -441,17 +442,20 @@ class _Materials:
             use = self._add_occlusion(use, entry["occlusionTexture"], user)
         self._report(entry)
         unlit = "KHR_materials_unlit" in extensions
-        emission = self._emission(entry, extensions)
-        if any(emission) and not unlit:
+        emission, info = self._emission(entry, extensions), entry.get("emissiveTexture")
+        if unlit:
+            emission = (0.0, 0.0, 0.0)
+        elif any(emission) and info is not None:
             if any(albedo):
-                self.losses.add("emission", "surfaces do not shine")
+                self.losses.add("texture of emission", "surfaces shine in its mean colour")
+                emission = _mean_emission(emission, self._use(info, user).image)
             else:
-                albedo, unlit = emission, True
-                info = entry.get("emissiveTexture")
-                use = None if info is None else self._use(info, user)
-        if use is None:
-            return _Look(FileMaterial(albedo, unlit=unlit), None)
-        return _Look(FileMaterial(albedo, use.image, unlit, use.sampling), use)
+                albedo, emission, unlit, use = emission, albedo, True, self._use(info, user)
+        two_sided = bool(entry.get("doubleSided", False))
+        material = FileMaterial(albedo, unlit=unlit, emission=emission, two_sided=two_sided)
+        if use is not None:
+            material = replace(material, texture=use.image, sampling=use.sampling)
+        return _Look(material, use)
 
     def _emission(self, entry: dict[str, Any], extensions: dict[str, Any]) -> Rgb:
         strength = extensions.get("KHR_materials_emissive_strength", {}).get(
@@ -537,6 +541,11 @@ class _Materials:
         return replace(use, image=image)
 
 
+def _mean_emission(factor: Rgb, image: Texture) -> Rgb:
+    r, g, b = (np.array(factor) * linear_light(image).mean(axis=(0, 1))).tolist()
+    return r, g, b
+
+
 def _glossy_albedo(glossy: dict[str, Any]) -> Rgb:
     """Light that a surface of specular and diffuse colour reflects in even light of 1."""
     diffuse = _fractions(glossy.get("diffuseFactor", WHITE)[:3])
@@ -610,7 +619,11 @@ class _MeshReader:
         elif look.use is not None:
             self._losses.add(f"texture without {look.use.coordinates}", "drawn without")
             material = replace(material, texture=None)
-        return FileMesh(name, vertices, faces, material, uv, colours)
+        normals = None
+        if "NORMAL" in attributes:
+            normals = self._data.read(attributes["NORMAL"])
+            _require_rows(normals, vertices, "NORMAL")
+        return FileMesh(name, vertices, faces, material, uv, colours, normals)
 
     def _faces(
         self, primitive: dict[str, Any], mode: int, num_vertices: int

@@ -45,6 +45,10 @@ class FileMaterial:
     unlit: bool = False
     """Whether the surface is shown at its albedo, whatever the lights."""
     sampling: TextureSampling = REPEATED
+    emission: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of its own."""
+    two_sided: bool = False
+    """Whether the file says that backs are lit by the opposite normal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +66,8 @@ class FileMesh:
     """(v, 2) texture coordinates, (0, 0) at the image's top left; None without a texture."""
     colours: Floats | None = None
     """(v, 3) linear colours at vertices."""
+    normals: npt.NDArray[np.floating] | None = None
+    """(v, 3) normals at vertices, of any length, by which light is reflected; None: flat."""
     face_colours: Floats | None = None
     """(n, 3) linear colours of triangles."""
     file_from_mesh: Floats = field(default_factory=lambda: np.eye(4))

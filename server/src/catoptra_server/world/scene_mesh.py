@@ -87,8 +87,19 @@ class SceneMesh:
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
+    emission: Floats | None = None
+    """(n, 3) linear radiance of their own; None in a scene whose triangles only reflect."""
+    corner_normals: Floats | None = None
+    """(n, 3, 3) unit normals at corners, by which light is reflected between, geometry left as it
+    is; None in a scene of flat triangles."""
+    two_sided: Bools | None = None
+    """(n,) triangles whose backs are lit by the opposite normal; None: all by that of the front."""
     occlusion: OcclusionMap | None = None
     """How much of the sky's light reaches each point; None: all of it, everywhere."""
+    is_smooth: Bools = field(init=False)
+    """(n,) triangles with other normals at their corners than their own; empty for flat scenes."""
+    bent: Bools | None = field(init=False)
+    """(n,) lit triangles that may be lit by other normals than their own; None: no triangle."""
     box_min: Floats = field(init=False)
     """(3,) smallest coordinates; inf in a scene without triangles."""
     box_max: Floats = field(init=False)
@@ -103,6 +114,7 @@ class SceneMesh:
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
+        self._find_bent()
         low, high = bounding_box(self.corners)
         object.__setattr__(self, "box_min", low)
         object.__setattr__(self, "box_max", high)
@@ -115,6 +127,14 @@ class SceneMesh:
             array.setflags(write=False)
         for array in (low, high, centre):
             array.setflags(write=False)
+
+    def _find_bent(self) -> None:
+        smooth, bent = np.zeros(0, dtype=bool), self.two_sided
+        if self.corner_normals is not None:
+            smooth = (self.corner_normals != self.normals[:, None]).any(axis=(1, 2))
+            bent = smooth if bent is None else smooth | bent
+        object.__setattr__(self, "is_smooth", smooth)
+        object.__setattr__(self, "bent", None if bent is None else bent & ~self.unlit)
 
     def __len__(self) -> int:
         """Number of triangles."""
@@ -206,6 +226,11 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         else no_texture_coordinates(sum(counts)),
         albedo=_concatenate([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
+        emission=_repeat_rows([look.emission for look in looks], counts),
+        corner_normals=_concatenate_corner_normals(parts),
+        two_sided=np.repeat(np.array([look.two_sided for look in looks]), counts)
+        if any(look.two_sided for look in looks)
+        else None,
         unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
         texture_index=_repeat([numbers_of_textures[_texture_key(look)] for look in looks], counts),
         textures=tuple(texture for texture, _ in textures),
@@ -242,6 +267,24 @@ def _albedos_at_corners(look: MeshAppearance) -> Floats:
     if look.corner_albedo is not None:
         return look.corner_albedo
     return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))
+
+
+def _repeat_rows(rows: list[Rgb], counts: Sequence[int]) -> Floats | None:
+    """(n, 3) rows by the number of each; None where all are zero."""
+    return np.repeat(np.array(rows), counts, axis=0) if any(map(any, rows)) else None
+
+
+def _concatenate_corner_normals(parts: list[MeshPart]) -> Floats | None:
+    """(n, 3, 3) normals at the corners; None where all triangles are flat."""
+    normals = [(part.appearance.corner_normals, part.normals) for part in parts]
+    if all(at_corners is None for at_corners, _ in normals):
+        return None
+    return _concatenate(
+        [
+            np.broadcast_to(flat[:, None], (len(flat), 3, 3)) if at_corners is None else at_corners
+            for at_corners, flat in normals
+        ]
+    )
 
 
 def _make_empty_part() -> MeshPart:
@@ -313,6 +356,11 @@ class _ItemLoader:
             if item.unlit is not None:
                 appearance = replace(appearance, unlit=item.unlit)
             _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
+            if appearance.corner_normals is not None:
+                turned = item.world_from_item.rotate_directions(
+                    appearance.corner_normals.reshape(-1, 3)
+                )
+                appearance = replace(appearance, corner_normals=turned.reshape(-1, 3, 3))
             yield replace(mesh, appearance=appearance, item=index)
 
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:

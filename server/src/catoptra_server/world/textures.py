@@ -38,7 +38,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.triangles import select_rows
-from catoptra_server.world.world_description import linear_from_srgb, srgb_from_linear
+from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
 
 Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
@@ -295,15 +295,22 @@ class MeshAppearance:
     """Whether the file shows the mesh at its albedo, whatever the lights."""
     sampling: TextureSampling = REPEATED
     """How the texture is sampled."""
+    emission: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of its own, that is added to reflected light."""
+    corner_normals: Floats | None = None
+    """(n, 3, 3) unit normals at the corners, by which light is reflected between; None: flat."""
+    two_sided: bool = False
+    """Whether backs are lit by the opposite normal; else by that of the front."""
 
     def select(self, mask: Bools) -> MeshAppearance:
         """Appearance of the triangles of a (n,) mask."""
-        at_corners = self.corner_albedo
+        at_corners, normals = self.corner_albedo, self.corner_normals
         return replace(
             self,
             uv=select_rows(self.uv, mask),
             albedo=select_rows(self.albedo, mask),
             corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
+            corner_normals=None if normals is None else select_rows(normals, mask),
         )
 
 

@@ -87,6 +87,7 @@ def read_obj(path: Path, assets: MeshAssets, losses: Losses) -> Iterator[FileMes
             paint.material,
             None if visual is None or visual.uv is None else _place(visual.uv, paint),
             None if colours is None else linear_light(colours),
+            mesh.get("vertex_normals"),
         )
 
 
@@ -154,12 +155,6 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
     if "kd" in given:
         albedo = _read_colour(given["kd"])
     emission = _read_colour(given["ke"]) if "ke" in given else (0.0, 0.0, 0.0)
-    unlit = False
-    if any(emission):
-        if any(albedo):
-            losses.add("emission Ke", "surfaces do not shine")
-        else:
-            albedo, unlit = emission, True
     opacity = float(given["d"][-1]) if "d" in given else 1.0 - float(given.get("tr", ["0"])[-1])
     if opacity < 1.0 or "map_d" in given:
         losses.add("transparency", "surfaces are drawn opaque")
@@ -168,7 +163,9 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
             losses.add("bump map", "surfaces are shaded without its bumps")
         if key == "map_ke":
             losses.add("texture of emission map_Ke", "drawn without")
-    return _Paint(FileMaterial(albedo, texture, unlit, sampling), scale, offset)
+    return _Paint(
+        FileMaterial(albedo, texture, sampling=sampling, emission=emission), scale, offset
+    )
 
 
 def _read_colour(words: list[str]) -> Rgb:

@@ -46,7 +46,7 @@ from catoptra_server.world.triangles import (
     make_clusters,
     visible_runs,
 )
-from catoptra_server.world.world_description import Light, srgb_from_linear
+from catoptra_server.world.world_description import DirectionalLight, Light, srgb_from_linear
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
@@ -96,6 +96,10 @@ class SceneBatches:
         self._context = context
         self._clusters = clusters
         self._lighting = lighting
+        self._is_bent = scene.bent is not None
+        self._suns = [
+            light for light in lighting.constant_lights if isinstance(light, DirectionalLight)
+        ]
         self._owned = self._upload(scene)
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
@@ -119,7 +123,16 @@ class SceneBatches:
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
             attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
             attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
-        if self._lighting.definitions:
+        if scene.emission is not None:
+            attributes["emission"] = _repeat_at_corners(scene.emission)
+        if scene.bent is not None:
+            normals = scene.corner_normals
+            attributes["bent_normal"] = (
+                _repeat_at_corners(scene.normals) if normals is None else normals
+            )
+            two_sided = 0 if scene.two_sided is None else scene.two_sided
+            attributes["bend"] = _repeat_at_corners((scene.bent * (1.0 + two_sided))[:, None])
+        if self._lighting.definitions or scene.bent is not None:
             attributes["normal"] = _repeat_at_corners(scene.normals)
             attributes["lit_albedo"] = _corner_albedo(scene) * ~scene.unlit[:, None, None]
         # In cluster order, so that a cluster is a range of vertices.
@@ -139,7 +152,12 @@ class SceneBatches:
             names, definitions = [*names, "ambient", "occlusion_at"], (*definitions, *_OCCLUDED)
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
-        if self._lighting.definitions:
+        if scene.emission is not None:
+            names, definitions = [*names, "emission"], (*definitions, ("EMISSIVE", 1))
+        if scene.bent is not None:
+            names = [*names, "bent_normal", "bend"]
+            definitions = (*definitions, ("BENT", 1), ("NUM_SUNS", len(self._suns)))
+        if self._lighting.definitions or scene.bent is not None:
             names = [*names, "normal", "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
@@ -184,6 +202,8 @@ class SceneBatches:
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
+            if self._is_bent:
+                self._set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use(0)
             for first, count in runs:
@@ -191,6 +211,18 @@ class SceneBatches:
             calls += len(runs)
             triangles += sum(count for _, count in runs)
         return calls, triangles
+
+    def _set_lights(self, program: moderngl.Program) -> None:
+        """Set the lights that facets of one normal have in their radiance."""
+        skies = hemisphere_lights(self._lighting.constant_lights)
+        both = [(np.asarray(sky.up_irradiance), np.asarray(sky.down_irradiance)) for sky in skies]
+        set_uniform(program, "sky_up", sum((up for up, _ in both), np.zeros(3)))
+        set_uniform(program, "sky_down", sum((down for _, down in both), np.zeros(3)))
+        if self._suns:
+            towards = np.array([sun.direction for sun in self._suns])
+            set_uniform(program, "sun_directions", -towards)
+            irradiances = np.array([sun.irradiance for sun in self._suns])
+            set_uniform(program, "sun_irradiances", irradiances)
 
     def _upload_pieces(self, pieces: TrianglePieces) -> None:
         """Write the attributes of pieces behind those of all triangles."""

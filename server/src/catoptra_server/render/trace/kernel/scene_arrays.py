@@ -22,8 +22,11 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.image_changer import encode_srgb
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
+    FACET_EMISSIVE,
     FACET_OCCLUDED,
+    FACET_SMOOTH,
     FACET_TEXTURED,
+    FACET_TWO_SIDED,
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
@@ -76,6 +79,12 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
         + (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
         + _has_corner_colours(scene) * np.uint8(FACET_CORNER_COLOURS)
     )
+    if scene.emission is not None:
+        flags += scene.emission.any(axis=-1) * np.uint8(FACET_EMISSIVE)
+    if scene.corner_normals is not None:
+        flags += scene.is_smooth * np.uint8(FACET_SMOOTH)
+    if scene.two_sided is not None:
+        flags += scene.two_sided * np.uint8(FACET_TWO_SIDED)
     if scene.occlusion is not None:
         flags += (scene.occlusion.patch_of >= 0) * np.uint8(FACET_OCCLUDED)
     return _mesh_arrays(
@@ -85,6 +94,8 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
         scene.albedo,
         flags,
         corner_albedo=_float32(scene.corner_albedo),
+        emission=_float32(scene.emission),
+        corner_normals=_float32(scene.corner_normals),
         uv=_uv_frames(scene.uv) if scene.textures else None,
         texture=scene.texture_index.astype(np.int32) if scene.textures else None,
     )
@@ -167,6 +178,14 @@ def _has_corner_colours(scene: SceneMesh) -> Bools:
         return np.zeros(len(scene), dtype=bool)
     varies: Bools = (np.ptp(scene.corner_albedo, axis=1) > 0.0).any(axis=-1)
     return varies
+
+
+def _is_computed(scene: SceneMesh) -> Bools:
+    """(n,) triangles whose radiance is computed at each point, or depends on the side."""
+    computed = _has_corner_colours(scene)
+    if scene.emission is not None:
+        computed = computed | scene.emission.any(axis=-1)
+    return computed if scene.bent is None else computed | scene.bent
 
 
 def radiance_table(
@@ -323,7 +342,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "texture": scene.texture_index,
         "object": scene.object_index,
         "unlit": scene.unlit,
-        "has_colours": _has_corner_colours(scene),
+        "has_colours": _is_computed(scene),
     }
     arrays = {n: None if a is None else np.ascontiguousarray(a) for n, a in arrays.items()}
     addresses = {name: _address(array) for name, array in arrays.items()}

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
@@ -117,6 +117,29 @@ class TracedMesh:
     """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
     occlusion: OcclusionMap | None = None
     """Factors of hemisphere light, of the static scene alone."""
+    emission: Floats | None = None
+    """(m, 3) linear radiance of their own; None: none."""
+    corner_normals: Floats | None = None
+    """(m, 3, 3) normals that light is reflected by; None: those of the facets."""
+    two_sided: Bools | None = None
+    """(m,) triangles whose backs are lit by the opposite normal; None: none."""
+
+    def shading_normals(self, hits: FirstHits, directions: Floats) -> Floats:
+        """(n, 3) unit normals that light is reflected by where (n, 3) directions meet the mesh."""
+        facets: Floats = self.facets.normals.take(hits.triangle, axis=0)
+        normals = facets
+        if self.corner_normals is not None:
+            between = _interpolate_corners(
+                self.corner_normals.take(hits.triangle, axis=0), hits.weights
+            )
+            length = np.linalg.norm(between, axis=-1, keepdims=True)
+            normals = np.where(length > 0.0, between / np.where(length > 0.0, length, 1.0), facets)
+        if self.two_sided is not None:
+            is_back = self.two_sided[hits.triangle] & (
+                np.einsum("ni,ni->n", facets, directions) > 0.0
+            )
+            normals = np.where(is_back[:, None], -normals, normals)
+        return normals
 
     def albedo_at(self, hits: FirstHits, rays: WorldRays) -> Floats:
         """(n, 3) albedo where rays meet the mesh in its own frame, by a texture if any."""
@@ -165,6 +188,9 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.samplings,
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
         scene.occlusion,
+        scene.emission,
+        scene.corner_normals,
+        scene.two_sided,
     )
 
 

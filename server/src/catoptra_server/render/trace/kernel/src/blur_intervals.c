@@ -158,7 +158,7 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     const FrameState *state = scene->state;
     int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
+    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED));
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};

@@ -293,10 +293,22 @@ static int list_part(Search *search, const BeamSides *sides, const Part *part) {
     return is_whole;
 }
 
+/* A surface of two sides is known where its front is seen. */
+static int is_seen_from_behind(const FrameState *state, const BeamSides *sides, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (triangle < 0 || !(mesh->flags[triangle] & FACET_TWO_SIDED))
+        return 0;
+    Vec3 apex = add(vec3(state->camera.translation), sides->apex);
+    return dot(vec3(mesh->normals + 3 * (size_t)triangle),
+               subtract(plane_point(state, triangle), apex)) >= 0.0f;
+}
+
 static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     int is_whole = list_part(search, sides, part);
     part->content.triangle = is_whole ? find_cover(search, kept, sides) : SURFACE_UNKNOWN;
+    if (is_seen_from_behind(search->state, sides, part->content.triangle))
+        part->content.triangle = SURFACE_UNKNOWN;
     part->content.object = find_object(kept);
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless =

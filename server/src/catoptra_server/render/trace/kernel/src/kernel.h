@@ -15,7 +15,17 @@
 
 enum { TILE_PX = 4, BLOCK_RAYS = 16, MAX_SAMPLES = 16 };
 
-enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4, FACET_OCCLUDED = 8 };
+enum {
+    FACET_UNLIT = 1,
+    FACET_TEXTURED = 2,
+    FACET_CORNER_COLOURS = 4,
+    FACET_OCCLUDED = 8,
+    FACET_EMISSIVE = 16,
+    FACET_SMOOTH = 32,    /* lit by normals between those at its corners */
+    FACET_TWO_SIDED = 64, /* its back is lit by the opposite normal */
+    /* Facets whose radiance is computed at each point, whatever the lights. */
+    FACET_COMPUTED = FACET_CORNER_COLOURS | FACET_EMISSIVE | FACET_SMOOTH
+};
 
 enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
@@ -46,6 +56,8 @@ typedef struct {
     const double *uv;            /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
     const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
+    const float *emission;       /* (n, 3) linear, of facets with FACET_EMISSIVE; or NULL */
+    const float *corner_normals; /* (n, 3, 3) unit, of facets with FACET_SMOOTH; or NULL */
 } MeshArrays;
 
 /* Linear texels with a border of one texel repeated from the other side. */

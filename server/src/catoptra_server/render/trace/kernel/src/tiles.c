@@ -140,7 +140,7 @@ static int has_table_colours(const FrameState *state, uint32_t active, const Hit
         if (active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
             flags |= facets[hits->triangle[lane]];
     }
-    return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS | FACET_OCCLUDED)) &&
+    return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_OCCLUDED | FACET_TWO_SIDED)) &&
            (!meets_object || state->object_radiance);
 }
 
