@@ -173,7 +173,7 @@ class Gltf:
         """Append another square at a height."""
         primitive = {
             "attributes": {"POSITION": self.add(SQUARE + np.float32([0, 0, z]))},
-            "indices": self.primitive["indices"],
+            "indices": self.add(FACES),
             "material": len(self.json.setdefault("materials", [])),
         }
         self.json["materials"].append(material)
@@ -432,11 +432,12 @@ def _emission() -> None:
         lights=dark,
     )
     add(
-        "texture of emission is added to a plain surface",
-        {TOP_LEFT: light(0.75, 0.25, 0.25), LOW_RIGHT: light(0.75)},
+        "texture of emission on a lit surface is named",
+        None,
         lambda: Gltf(
             **pbr(0.25, 0.25, 0.25, emissiveFactor=[0.5, 0.5, 0.5], emissiveTexture={"index": 0})
         ).texture(),
+        message="texture of emission: surfaces shine in its mean colour",
     )
     add(
         "strength of emission",

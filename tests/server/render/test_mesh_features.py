@@ -32,22 +32,14 @@ ABOVE = Pose.from_rpy((0.0, 0.0, -HEIGHT_M), (0.0, -0.5 * math.pi, 0.0))
 
 PENDING: frozenset[str] = frozenset(
     (
-        "gltf MASK by a texture",
-        "gltf MASK by a factor",
-        "gltf MASK by colours of vertices",
         "gltf BLEND by a factor",
         "gltf BLEND by colours of vertices",
         "gltf BLEND by a texture",
         "gltf BLEND over an opaque square",
         "gltf BLEND of two layers",
-        "gltf texture of emission is added to a plain surface",
-        "gltf back of one side is not seen",
-        "gltf what is behind the back of one side is seen",
         "obj d",
         "obj Tr",
         "obj d -halo",
-        "obj map_d",
-        "obj map_d with map_Kd",
         "dae transparency A_ONE 1 1 1 0.8 0.5",
         "dae transparency A_ONE 1 1 1 1 0.4",
         "dae transparency RGB_ZERO 0.6 0.6 0.6 1 1.0",

@@ -16,8 +16,10 @@
 #endif
 uniform vec4 fog;                    // airlight, and extinction per metre; 0 in clear air
 in vec3 offset;                      // from the viewpoint, world axes, metres
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT) || defined(FILTERED)
 flat in vec3 facet_normal;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
 COLOUR in vec3 facet_albedo;
 #endif
 #ifdef EMISSIVE
@@ -61,6 +63,21 @@ uniform sampler2D albedo_texture;    // stored as sRGB, so that OpenGL filters l
 in vec2 texture_coordinates;
 #include "include/texture_levels.glsl"
 #endif
+#ifdef FILTERED
+in vec2 facet_filter;                // opacity over that of the emptiest surface; 1: no back
+
+// Whether the camera sees through the facet here. Twin: passes_facet in bvh.c.
+bool is_passed()
+{
+    if (facet_filter.y > 0.5 && dot(facet_normal, offset) > 0.0)
+        return true;
+    float opacity = facet_filter.x;
+#ifdef TEXTURED
+    opacity *= textureLod(albedo_texture, texture_coordinates, 0.0).a;
+#endif
+    return opacity < 1.0;
+}
+#endif
 #ifdef OCCLUDED
 centroid in vec2 occlusion_position; // centroid: never beyond the facet's grid
 COLOUR in vec3 facet_ambient;        // zero where nothing is hidden
@@ -70,6 +87,9 @@ out vec4 colour;
 
 void main()
 {
+#ifdef FILTERED
+    bool is_hole = is_passed();
+#endif
     vec3 linear = facet_radiance;
 #ifdef BENT
     vec3 normal = bent_normal();
@@ -100,5 +120,9 @@ void main()
 #endif
     if (fog.a > 0.0)
         linear = mix(fog.rgb, linear, exp(-fog.a * length(offset)));
+#ifdef FILTERED
+    if (is_hole)                     // after all derivatives
+        discard;
+#endif
     colour = vec4(linear, 1.0);
 }

@@ -38,10 +38,16 @@ in float bend;                       // 0: the facet's own normal, 2: backs have
 out vec3 shading_normal;
 flat out float facet_bend;
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
+#ifdef FILTERED
+in vec2 passing;                     // coverage at the corner; 1: no back
+out vec2 facet_filter;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT) || defined(FILTERED)
 in vec3 normal;
-in vec3 lit_albedo;                  // zero for unlit materials
 flat out vec3 facet_normal;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
+in vec3 lit_albedo;                  // zero for unlit materials
 COLOUR out vec3 facet_albedo;
 #endif
 
@@ -66,8 +72,13 @@ void main()
     shading_normal = bent_normal;
     facet_bend = bend;
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
+#ifdef FILTERED
+    facet_filter = passing;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT) || defined(FILTERED)
     facet_normal = normal;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
     facet_albedo = lit_albedo;
 #endif
 }

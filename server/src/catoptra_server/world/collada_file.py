@@ -125,7 +125,7 @@ def _read_geometry(node: Any, matrix: Floats, materials: _Materials) -> Iterator
             material,
             uv,
             colours,
-            normals,
+            normals=normals,
             file_from_mesh=matrix,
         )
 
@@ -156,14 +156,23 @@ class _Materials:
             albedo = _read_colour(effect.diffuse)
         if effect.bumpmap is not None:
             self.losses.add("bump map", "surfaces are shaded without its bumps")
-        if _opacity(effect) < 1.0:
-            self.losses.add("transparency", "surfaces are drawn opaque")
+        if hasattr(effect.transparent, "sampler"):
+            self.losses.add("texture of opacity", "surfaces are drawn opaque")
+        if (opacity := _opacity(effect)) < 1.0:
+            self.losses.add("transparency", "drawn opaque, or not below half of the opacity")
         emission = (0.0, 0.0, 0.0)
         if hasattr(effect.emission, "sampler"):
             self.losses.add("texture of emission", "drawn without")
         elif effect.emission is not None:
             emission = _read_colour(effect.emission)
-        return FileMaterial(albedo, texture, emission=emission, two_sided=bool(effect.double_sided))
+        return FileMaterial(
+            albedo,
+            texture,
+            emission=emission,
+            two_sided=bool(effect.double_sided) or opacity < 1.0,
+            opacity=opacity,
+            cutoff=0.5 if opacity < 1.0 else 0.0,
+        )
 
 
 def _read_colour(colour: tuple[float, ...]) -> Rgb:
@@ -172,12 +181,12 @@ def _read_colour(colour: tuple[float, ...]) -> Rgb:
 
 
 def _opacity(effect: Any) -> float:
-    """Opacity of an effect's surface; 0 for one of a texture, which varies."""
+    """Opacity of an effect's surface; 1 for one of a texture, which is not read."""
     colour, part = effect.transparent, effect.transparency
     if colour is None:
         return 1.0
     if hasattr(colour, "sampler") or hasattr(part, "sampler"):
-        return 0.0
+        return 1.0
     amount = 1.0 if part is None else float(part)
     if effect.opaque_mode == "RGB_ZERO":
         luminance = sum(k * float(v) for k, v in zip(_LUMINANCE, colour[:3], strict=True))

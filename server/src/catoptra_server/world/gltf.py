@@ -412,8 +412,8 @@ class _Materials:
         self._path = path
         self.losses = losses
         self._looks: dict[int, _Look] = {}
-        self._images: dict[int, Texture] = {}
-        self._mirrored: dict[tuple[int, bool, bool], Texture] = {}
+        self._images: dict[tuple[int, bool], Texture] = {}
+        self._mirrored: dict[tuple[int, bool, bool, bool], Texture] = {}
 
     @cached_property
     def default(self) -> _Look:
@@ -436,8 +436,12 @@ class _Materials:
         albedo = _fractions(factor[:3])
         glossy = extensions.get("KHR_materials_pbrSpecularGlossiness")
         if glossy is not None:
+            factor = glossy.get("diffuseFactor", WHITE)
             albedo, info = _glossy_albedo(glossy), glossy.get("diffuseTexture")
-        use = None if info is None else self._use(info, user)
+        mode = entry.get("alphaMode", "OPAQUE")
+        cutoffs = {"OPAQUE": 0.0, "MASK": float(entry.get("alphaCutoff", 0.5)), "BLEND": 0.5}
+        has_holes = cutoffs[mode] > 0.0
+        use = None if info is None else self._use(info, user, has_opacity=has_holes)
         if "occlusionTexture" in entry:
             use = self._add_occlusion(use, entry["occlusionTexture"], user)
         self._report(entry)
@@ -452,7 +456,16 @@ class _Materials:
             else:
                 albedo, emission, unlit, use = emission, albedo, True, self._use(info, user)
         two_sided = bool(entry.get("doubleSided", False))
-        material = FileMaterial(albedo, unlit=unlit, emission=emission, two_sided=two_sided)
+        opacity = float(factor[3]) if has_holes and len(factor) > 3 else 1.0
+        material = FileMaterial(
+            albedo,
+            unlit=unlit,
+            emission=emission,
+            two_sided=two_sided,
+            single_sided=not two_sided,
+            opacity=min(max(opacity, 0.0), 1.0),
+            cutoff=cutoffs[mode],
+        )
         if use is not None:
             material = replace(material, texture=use.image, sampling=use.sampling)
         return _Look(material, use)
@@ -470,23 +483,22 @@ class _Materials:
         """Name what is not drawn of a material."""
         if "normalTexture" in entry:
             self.losses.add("normal map", "surfaces are shaded without its bumps")
-        mode = entry.get("alphaMode", "OPAQUE")
-        if mode != "OPAQUE":
-            self.losses.add(f"alpha mode {mode}", "surfaces are drawn opaque")
+        if entry.get("alphaMode") == "BLEND":
+            self.losses.add("alpha mode BLEND", "drawn opaque, or not below half of the opacity")
 
-    def _use(self, info: dict[str, Any], user: str) -> _TextureUse:
+    def _use(self, info: dict[str, Any], user: str, *, has_opacity: bool = False) -> _TextureUse:
         """Texture of a material's entry."""
         texture = self._document["textures"][_index(info["index"])]
         webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
         source = _index(webp.get("source", texture.get("source")))
-        image = self._image(source, user)
+        image = self._image(source, user, has_opacity=has_opacity)
         sampler = self._sampler(texture)
         mirrored = sampler.get("wrapS") == _MIRROR, sampler.get("wrapT") == _MIRROR
         transform = info.get("extensions", {}).get("KHR_texture_transform", {})
         matrix = _texture_transform(transform)
         if any(mirrored):
             # A mirrored picture of two copies repeats as the picture itself is mirrored.
-            image = self._mirror(source, image, *mirrored)
+            image = self._mirror((source, has_opacity, *mirrored), image)
             matrix = matrix * np.where(mirrored, 0.5, 1.0)[:, None]
         sampling = TextureSampling(
             sampler.get("wrapS") == _CLAMP,
@@ -502,23 +514,26 @@ class _Materials:
         sampler: dict[str, Any] = self._document["samplers"][_index(texture["sampler"])]
         return sampler
 
-    def _image(self, source: int, user: str) -> Texture:
-        if source not in self._images:
-            self._images[source] = self._load_image(self._document["images"][source], user)
-        return self._images[source]
+    def _image(self, source: int, user: str, *, has_opacity: bool) -> Texture:
+        key = source, has_opacity
+        if key not in self._images:
+            entry = self._document["images"][source]
+            self._images[key] = self._load_image(entry, user, has_opacity=has_opacity)
+        return self._images[key]
 
-    def _load_image(self, entry: dict[str, Any], user: str) -> Texture:
+    def _load_image(self, entry: dict[str, Any], user: str, *, has_opacity: bool) -> Texture:
         uri = entry.get("uri")
         if uri is not None and not uri.startswith("data:"):
-            return self._assets.get_texture(uri, user)
+            return self._assets.get_texture(uri, user, has_opacity=has_opacity)
         if "bufferView" in entry:
             data = bytes(self._data.view_bytes(entry["bufferView"]))
         else:
             data = self._data.read_uri(entry["uri"])
-        return decode_texture(data, SourceLocation(str(self._path)), self._memory)
+        where = SourceLocation(str(self._path))
+        return decode_texture(data, where, self._memory, has_opacity=has_opacity)
 
-    def _mirror(self, source: int, image: Texture, columns: bool, rows: bool) -> Texture:
-        key = source, columns, rows
+    def _mirror(self, key: tuple[int, bool, bool, bool], image: Texture) -> Texture:
+        _, _, columns, rows = key
         if key not in self._mirrored:
             image = np.concatenate((image, image[:, ::-1]), axis=1) if columns else image
             self._mirrored[key] = np.concatenate((image, image[::-1])) if rows else image
@@ -605,10 +620,12 @@ class _MeshReader:
         look = self._materials.default
         if "material" in primitive:
             look = self._materials.get(primitive["material"])
-        colours = None
+        colours, opacities = None, None
         if "COLOR_0" in attributes:
-            colours = clip_fractions(self._data.read(attributes["COLOR_0"])[:, :3])
-            _require_rows(colours, vertices, "COLOR_0")
+            given = self._data.read(attributes["COLOR_0"])
+            _require_rows(given, vertices, "COLOR_0")
+            colours = clip_fractions(given[:, :3])
+            opacities = clip_fractions(given[:, 3]) if given.shape[1] > 3 else None
         uv, material = None, look.material
         if look.use is not None and look.use.coordinates in attributes:
             at = self._data.read(attributes[look.use.coordinates]).astype(np.float64)
@@ -623,7 +640,7 @@ class _MeshReader:
         if "NORMAL" in attributes:
             normals = self._data.read(attributes["NORMAL"])
             _require_rows(normals, vertices, "NORMAL")
-        return FileMesh(name, vertices, faces, material, uv, colours, normals)
+        return FileMesh(name, vertices, faces, material, uv, colours, opacities, normals)
 
     def _faces(
         self, primitive: dict[str, Any], mode: int, num_vertices: int

@@ -49,6 +49,12 @@ class FileMaterial:
     """Linear radiance of its own."""
     two_sided: bool = False
     """Whether the file says that backs are lit by the opposite normal."""
+    single_sided: bool = False
+    """Whether the file says that backs are not seen."""
+    opacity: float = 1.0
+    """Times that of texture and vertices."""
+    cutoff: float = 0.0
+    """Opacity below which a point is no surface; 0 for surfaces without holes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +72,8 @@ class FileMesh:
     """(v, 2) texture coordinates, (0, 0) at the image's top left; None without a texture."""
     colours: Floats | None = None
     """(v, 3) linear colours at vertices."""
+    opacities: Floats | None = None
+    """(v,) opacities at vertices."""
     normals: npt.NDArray[np.floating] | None = None
     """(v, 3) normals at vertices, of any length, by which light is reflected; None: flat."""
     face_colours: Floats | None = None
@@ -113,7 +121,7 @@ class MeshAssets:
         folder = shape.path.resolve().parent
         self._folder = folder
         self._root = folder.parent if folder.name == "meshes" else folder
-        self._textures: dict[Path, Texture] = {}
+        self._textures: dict[tuple[Path, bool], Texture] = {}
 
     def get(self, name: str) -> bytes:
         """Content of a file.
@@ -135,12 +143,13 @@ class MeshAssets:
 
     __getitem__ = get
 
-    def get_texture(self, name: str, user: str) -> Texture:
+    def get_texture(self, name: str, user: str, *, has_opacity: bool = False) -> Texture:
         """Texture of a file; grey where it is missing, and the world goes on without.
 
         Args:
             name: the file as the mesh file names it.
             user: the material, for messages.
+            has_opacity: whether holes are cut by the image's opacity.
 
         Raises:
             ConfigError: The file is missing, no image, or exceeds the budget.
@@ -150,10 +159,12 @@ class MeshAssets:
         except FileNotFoundError as error:
             self.report_missing(name, user, error)
             return _GREY
-        if path not in self._textures:
+        key = path, has_opacity
+        if key not in self._textures:
             where = SourceLocation(str(path))
-            self._textures[path] = decode_texture(self.get(name), where, self._memory)
-        return self._textures[path]
+            data = self.get(name)
+            self._textures[key] = decode_texture(data, where, self._memory, has_opacity=has_opacity)
+        return self._textures[key]
 
     def report_missing(self, name: str, user: str, error: FileNotFoundError) -> None:
         """Count a missing file among the losses, where the world goes on without.

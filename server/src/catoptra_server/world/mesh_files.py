@@ -304,7 +304,19 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         material.sampling,
         material.emission,
         two_sided=material.two_sided,
+        single_sided=material.single_sided,
+        coverage=_find_coverage(mesh, faces),
     )
+
+
+def _find_coverage(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> Floats | None:
+    """(n, 3) opacity at corners over the cutoff; None for a mesh without holes."""
+    cutoff, opacity = mesh.material.cutoff, mesh.material.opacity
+    if cutoff <= 0.0:
+        return None
+    if mesh.opacities is None:
+        return np.full((len(faces), 3), opacity / cutoff)
+    return mesh.opacities.take(faces) * (opacity / cutoff)
 
 
 def _sae_vertices(mesh: FileMesh, scale: float, up: str) -> Floats:

@@ -94,6 +94,11 @@ class SceneMesh:
     is; None in a scene of flat triangles."""
     two_sided: Bools | None = None
     """(n,) triangles whose backs are lit by the opposite normal; None: all by that of the front."""
+    single_sided: Bools | None = None
+    """(n,) triangles whose backs no camera sees; None: no triangle."""
+    coverage: Floats | None = None
+    """(n, 3) opacity at corners over that of the emptiest point which is a surface, inf for
+    triangles without holes; times the texture's. None in a scene without holes."""
     occlusion: OcclusionMap | None = None
     """How much of the sky's light reaches each point; None: all of it, everywhere."""
     is_smooth: Bools = field(init=False)
@@ -228,9 +233,9 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         corner_albedo=_concatenate_corner_albedos(looks),
         emission=_repeat_rows([look.emission for look in looks], counts),
         corner_normals=_concatenate_corner_normals(parts),
-        two_sided=np.repeat(np.array([look.two_sided for look in looks]), counts)
-        if any(look.two_sided for look in looks)
-        else None,
+        two_sided=_repeat_flags([look.two_sided for look in looks], counts),
+        single_sided=_repeat_flags([look.single_sided for look in looks], counts),
+        coverage=_concatenate_coverage(looks, counts),
         unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
         texture_index=_repeat([numbers_of_textures[_texture_key(look)] for look in looks], counts),
         textures=tuple(texture for texture, _ in textures),
@@ -272,6 +277,22 @@ def _albedos_at_corners(look: MeshAppearance) -> Floats:
 def _repeat_rows(rows: list[Rgb], counts: Sequence[int]) -> Floats | None:
     """(n, 3) rows by the number of each; None where all are zero."""
     return np.repeat(np.array(rows), counts, axis=0) if any(map(any, rows)) else None
+
+
+def _repeat_flags(flags: list[bool], counts: Sequence[int]) -> Bools | None:
+    """(n,) flags by the number of each; None where none is set."""
+    return np.repeat(np.array(flags), counts) if any(flags) else None
+
+
+def _concatenate_coverage(looks: list[MeshAppearance], counts: Sequence[int]) -> Floats | None:
+    """(n, 3) coverage at corners; None where no triangle has holes."""
+    if all(look.coverage is None for look in looks):
+        return None
+    whole = (np.broadcast_to(np.inf, (count, 3)) for count in counts)
+    parts = zip(looks, whole, strict=True)
+    return np.concatenate(
+        [full if look.coverage is None else look.coverage for look, full in parts]
+    )
 
 
 def _concatenate_corner_normals(parts: list[MeshPart]) -> Floats | None:

@@ -40,7 +40,8 @@ from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.triangles import select_rows
 from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
 
-Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+# (h, w, 3) sRGB, row 0 at the top; or (h, w, 4) with opacity, 255 = opaque, for holes
+Texture = npt.NDArray[np.uint8]
 
 # Pillow's readers of other formats decode with programs of the system (EPS) or are rarely used.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
@@ -62,15 +63,19 @@ def load_texture(path: Path, memory: MemoryBudget | None = None) -> Texture:
         return _decode_image(image, where)
 
 
-def decode_texture(data: bytes, where: SourceLocation, memory: MemoryBudget) -> Texture:
+def decode_texture(
+    data: bytes, where: SourceLocation, memory: MemoryBudget, *, has_opacity: bool = False
+) -> Texture:
     """(h, w, 3) uint8 sRGB of an image file's content, counted before it is decoded.
+
+    (h, w, 4) with opacity, where that is wanted.
 
     Raises:
         ConfigError: The bytes are no readable image, or larger than the budget.
     """
     with _open_image(io.BytesIO(data), where) as image:
         _reserve_texels(image.size, memory, where)
-        return _decode_image(image, where)
+        return _decode_image(image, where, has_opacity=has_opacity)
 
 
 def _reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLocation) -> None:
@@ -85,8 +90,8 @@ def _reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLo
     )
 
 
-def _decode_image(image: Any, where: SourceLocation) -> Texture:
-    """(h, w, 3) uint8 sRGB of a Pillow image, read-only."""
+def _decode_image(image: Any, where: SourceLocation, *, has_opacity: bool = False) -> Texture:
+    """(h, w, 3) uint8 sRGB of a Pillow image, or (h, w, 4) with its opacity, read-only."""
     if image.format is not None and image.format not in _FORMATS:
         raise _image_error(where, f"its format {image.format} is not read")
     try:
@@ -95,7 +100,7 @@ def _decode_image(image: Any, where: SourceLocation) -> Texture:
             grey = np.clip(np.rint(np.array(image) / 257.0), 0.0, 255.0).astype(np.uint8)
             texture = np.repeat(grey[..., None], 3, axis=-1)
         else:
-            texture = np.array(image.convert("RGB"))
+            texture = np.array(image.convert("RGBA" if has_opacity else "RGB"))
     except (OSError, SyntaxError, ValueError) as error:  # Pillow reports damage by all of these
         raise _image_error(where, str(error)) from error
     texture.setflags(write=False)
@@ -163,13 +168,15 @@ REPEATED = TextureSampling()
 """Textures of worlds' own materials."""
 
 Levels = tuple[npt.NDArray[np.float32], ...]
-"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel."""
+"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel; (h, w, 4) with
+opacity last."""
 
 
 def build_levels(image: Texture) -> Levels:
     """All levels of an image; each side is half the one before, rounded down, as in OpenGL."""
     # Float32: in float64 a texture of 4096 px would take 400 MB.
     levels = [linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)[image]]
+    levels[0][..., 3:] = image[..., 3:] / np.float32(255.0)
     while max(levels[-1].shape[:2]) > 1:
         levels.append(_halve_rows(_halve_rows(levels[-1]).swapaxes(0, 1)).swapaxes(0, 1))
     return tuple(np.ascontiguousarray(level) for level in levels)
@@ -263,7 +270,7 @@ def sample_levels(
     fraction, exponent = np.frexp(np.maximum(footprint, 1.0))
     level = np.minimum(exponent - 1, len(levels) - 1)
     weight = np.where(level < len(levels) - 1, np.maximum(4.0 * fraction - 3.0, 0.0), 0.0)[:, None]
-    colours = np.zeros((len(uv), 3))
+    colours = np.zeros((len(uv), levels[0].shape[-1]))
     for number, (fine, coarse) in enumerate(zip(levels, (*levels[1:], levels[-1]), strict=True)):
         rays = np.flatnonzero(level == number)
         # Float64 by its coordinates, whatever the texels are.
@@ -301,6 +308,11 @@ class MeshAppearance:
     """(n, 3, 3) unit normals at the corners, by which light is reflected between; None: flat."""
     two_sided: bool = False
     """Whether backs are lit by the opposite normal; else by that of the front."""
+    single_sided: bool = False
+    """Whether backs are not seen; they cast shadows, and sensors meet them."""
+    coverage: Floats | None = None
+    """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
+    texture's opacity: holes are where it is below 1. None without holes."""
 
     def select(self, mask: Bools) -> MeshAppearance:
         """Appearance of the triangles of a (n,) mask."""
@@ -311,6 +323,7 @@ class MeshAppearance:
             albedo=select_rows(self.albedo, mask),
             corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
             corner_normals=None if normals is None else select_rows(normals, mask),
+            coverage=None if self.coverage is None else select_rows(self.coverage, mask),
         )
 
 
@@ -359,6 +372,22 @@ def multiply_texture(image: Texture, factors: npt.NDArray[np.uint8], strength: f
     height, width = (max(image.shape[side], factors.shape[side]) for side in (0, 1))
     sized = [Image.fromarray(one).resize((width, height)) for one in (image, factors)]
     colours, part = (np.array(one) for one in sized)
+    opacity, colours = colours[..., 3:], colours[..., :3]
     scale = 1.0 + float(np.clip(strength, 0.0, 1.0)) * (np.arange(256) / 255.0 - 1.0)
     linear = linear_from_srgb(np.arange(256) / 255.0)[colours] * scale[part][..., None]
-    return np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
+    encoded = np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
+    return np.concatenate((encoded, opacity), axis=-1)
+
+
+def add_opacity(image: Texture | None, opacity: npt.NDArray[np.uint8]) -> Texture:
+    """(h, w, 4) texture of an image, or of white, and a (h2, w2) opacity, 255 = opaque.
+
+    The smaller one is enlarged.
+    """
+    from PIL import Image
+
+    image = np.full((1, 1, 3), 255, dtype=np.uint8) if image is None else image
+    height, width = (max(image.shape[side], opacity.shape[side]) for side in (0, 1))
+    sized = [Image.fromarray(one).resize((width, height)) for one in (image, opacity)]
+    colours, part = (np.array(one) for one in sized)
+    return np.concatenate((colours, part[..., None]), axis=-1)

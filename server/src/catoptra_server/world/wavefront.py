@@ -27,7 +27,7 @@ from catoptra_server.world.mesh_assets import (
     Losses,
     MeshAssets,
 )
-from catoptra_server.world.textures import REPEATED, TextureSampling, linear_light
+from catoptra_server.world.textures import REPEATED, TextureSampling, add_opacity, linear_light
 from catoptra_server.world.world_description import Rgb
 
 _LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
@@ -87,7 +87,7 @@ def read_obj(path: Path, assets: MeshAssets, losses: Losses) -> Iterator[FileMes
             paint.material,
             None if visual is None or visual.uv is None else _place(visual.uv, paint),
             None if colours is None else linear_light(colours),
-            mesh.get("vertex_normals"),
+            normals=mesh.get("vertex_normals"),
         )
 
 
@@ -156,15 +156,32 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
         albedo = _read_colour(given["kd"])
     emission = _read_colour(given["ke"]) if "ke" in given else (0.0, 0.0, 0.0)
     opacity = float(given["d"][-1]) if "d" in given else 1.0 - float(given.get("tr", ["0"])[-1])
-    if opacity < 1.0 or "map_d" in given:
-        losses.add("transparency", "surfaces are drawn opaque")
+    if "map_d" in given:
+        file, options = _parse_map(given["map_d"])
+        holes = assets.get_texture(file, f"material {name}")[..., 0]
+        if texture is None:
+            scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
+        texture = add_opacity(texture, holes)
+    cutoff = 0.5 if opacity < 1.0 or "map_d" in given else 0.0
+    if cutoff:
+        losses.add("transparency", "drawn opaque, or not below half of the opacity")
     for key in given:
         if key in ("bump", "map_bump", "norm", "disp"):
             losses.add("bump map", "surfaces are shaded without its bumps")
         if key == "map_ke":
             losses.add("texture of emission map_Ke", "drawn without")
     return _Paint(
-        FileMaterial(albedo, texture, sampling=sampling, emission=emission), scale, offset
+        FileMaterial(
+            albedo,
+            texture,
+            sampling=sampling,
+            emission=emission,
+            two_sided=cutoff > 0.0,
+            opacity=opacity,
+            cutoff=cutoff,
+        ),
+        scale,
+        offset,
     )
 
 

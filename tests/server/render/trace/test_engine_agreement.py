@@ -44,7 +44,7 @@ from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, TWO_ROBOTS
 from helpers.long_cases import quick_cases
-from helpers.standing_things import bake_scene, bend_scene
+from helpers.standing_things import bake_scene, bend_scene, pierce_scene
 from helpers.trace_engines import open_engine
 from helpers.worlds import (
     CAMERA_STATE,
@@ -274,3 +274,19 @@ def test_bent_and_shining_surfaces_agree(tmp_path: Path, has_shadows: bool, is_b
     exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
     outlines = MAX_OUTLINES if has_shadows else 0.0
     check_agreement(world, table, exposure, scene=scene, max_outlines=outlines)
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_holes_and_backs_that_are_none_agree(
+    tmp_path: Path, has_shadows: bool, samples: int
+) -> None:
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    scene = pierce_scene(build_scene(world))
+    table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples))
+    exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
+    # The edges of holes are outlines, too.
+    check_agreement(world, table, exposure, scene=scene, max_outlines=5e-3)

@@ -56,6 +56,7 @@ _OCCLUDED: Definitions = (("OCCLUDED", 1),)
 _OCCLUSION_UNIT = 3
 # GL_SRGB8: the sampler turns texels into linear light and filters then.
 _SRGB8 = 0x8C41
+_SRGB8_ALPHA8 = 0x8C43
 _VertexAttribute = tuple[moderngl.Buffer, str]
 """Buffer and its format."""
 
@@ -123,6 +124,9 @@ class SceneBatches:
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
             attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
             attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
+        if is_filtered(scene):
+            attributes["passing"] = facet_filter(scene)
+            attributes["normal"] = _repeat_at_corners(scene.normals)
         if scene.emission is not None:
             attributes["emission"] = _repeat_at_corners(scene.emission)
         if scene.bent is not None:
@@ -152,13 +156,15 @@ class SceneBatches:
             names, definitions = [*names, "ambient", "occlusion_at"], (*definitions, *_OCCLUDED)
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
+        if is_filtered(scene):
+            names, definitions = [*names, "passing", "normal"], (*definitions, *FILTERED)
         if scene.emission is not None:
             names, definitions = [*names, "emission"], (*definitions, ("EMISSIVE", 1))
         if scene.bent is not None:
             names = [*names, "bent_normal", "bend"]
             definitions = (*definitions, ("BENT", 1), ("NUM_SUNS", len(self._suns)))
         if self._lighting.definitions or scene.bent is not None:
-            names = [*names, "normal", "lit_albedo"]
+            names = [*dict.fromkeys((*names, "normal")), "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
         if scene.occlusion is not None:
@@ -261,6 +267,25 @@ class _Batch:
     """Albedo texture, None without one."""
 
 
+FILTERED: Definitions = (("FILTERED", 1),)
+"""Definition of programs that see through holes, and through backs of one-sided facets."""
+
+
+def is_filtered(scene: SceneMesh) -> bool:
+    """Whether rays pass some facets of a scene."""
+    return scene.coverage is not None or scene.single_sided is not None
+
+
+def facet_filter(scene: SceneMesh) -> Floats:
+    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`, and 1 for facets without a back."""
+    values = np.zeros((len(scene), 3, 2))
+    # A number that no opacity reaches, for facets without holes: OpenGL may know no infinity.
+    values[..., 0] = 1e9 if scene.coverage is None else np.minimum(scene.coverage, 1e9)
+    if scene.single_sided is not None:
+        values[..., 1] = scene.single_sided[:, None]
+    return values
+
+
 def upload_values(
     context: moderngl.Context, values: Floats | npt.NDArray[np.float32]
 ) -> moderngl.Buffer:
@@ -293,13 +318,21 @@ def upload_texture(
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
-    height, width = image.shape[:2]
-    texture = context.texture((width, height), 3, image.tobytes(), internal_format=_SRGB8)
+    height, width, channels = image.shape
+    texture = context.texture(
+        (width, height),
+        channels,
+        image.tobytes(),
+        internal_format=_SRGB8 if channels == 3 else _SRGB8_ALPHA8,
+        alignment=1,
+    )
     # The driver's levels take the place of ours, whose means are of linear light and of all texels.
     coarser = build_levels(image)[1:]
     texture.build_mipmaps(0, len(coarser))
     for number, level in enumerate(coarser, start=1):
-        encoded = np.rint(255.0 * srgb_from_linear(level.astype(np.float64))).astype(np.uint8)
+        encoded = srgb_from_linear(level.astype(np.float64))
+        encoded[..., 3:] = level[..., 3:]
+        encoded = np.rint(255.0 * encoded).astype(np.uint8)
         texture.write(encoded.tobytes(), level=number)
     nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)

@@ -52,10 +52,14 @@ class ReferenceRayCaster:
     def __init__(self, scene: SceneMesh) -> None:
         """Sort the triangles: a million in 2 s."""
         # Where the kernel runs nothing of the reference is loaded.
-        from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
+        from catoptra_server.render.trace.reference.meshes import make_search
+        from catoptra_server.world.textures import build_levels
 
         self._normals = scene.normals
-        self._search = TriangleSearch(scene.corners)
+        has_holes = scene.coverage is not None
+        textures = tuple(build_levels(image) for image in scene.textures) if has_holes else ()
+        rows = np.arange(len(scene))
+        self._search = make_search(scene, np.zeros(3), textures, rows, sees_backs=True)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

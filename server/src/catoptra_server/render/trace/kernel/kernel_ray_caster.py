@@ -12,7 +12,12 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
-from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
+from catoptra_server.render.trace.kernel.scene_arrays import (
+    OwningStruct,
+    corner_arrays,
+    hole_arrays,
+    texture_array,
+)
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
@@ -21,13 +26,21 @@ from catoptra_server.world.shapes import hit_normals
 class KernelMeshCaster:
     """Triangles committed for single rays."""
 
-    def __init__(self, corners: Floats, centre: Floats, *, threads: int = 0) -> None:
+    def __init__(
+        self,
+        corners: Floats,
+        centre: Floats,
+        *,
+        threads: int = 0,
+        arrays: OwningStruct | None = None,
+    ) -> None:
         """Commit the triangles.
 
         Args:
             corners: (n, 3, 3) metres.
             centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
             threads: Threads; 0 for one per processor that this process may use.
+            arrays: The triangles as the kernel's structure, with holes; None without any.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
@@ -35,7 +48,7 @@ class KernelMeshCaster:
         self._centre = centre
         self._device = KernelDevice(choose_instruction_set(), threads or count_processors())
         try:
-            self._arrays = corner_arrays(corners, centre)
+            self._arrays = arrays or corner_arrays(corners, centre)
             self._mesh = self._device.commit_mesh(self._arrays.struct)
         except BaseException:
             self._device.close()
@@ -64,7 +77,11 @@ class KernelRayCaster:
     def __init__(self, scene: SceneMesh) -> None:
         """Commit the triangles; arguments and errors as of `KernelMeshCaster`."""
         self._normals = scene.normals
-        self._mesh = KernelMeshCaster(scene.corners, scene.centre)
+        arrays = None
+        if scene.coverage is not None:
+            self._textures = texture_array(scene)
+            arrays = hole_arrays(scene, scene.centre, self._textures.struct)
+        self._mesh = KernelMeshCaster(scene.corners, scene.centre, arrays=arrays)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
-FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED = 16, 32, 64
+FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED, FACET_FILTERED = 16, 32, 64, 128
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 SAMPLE_CLAMP_U, SAMPLE_CLAMP_V, SAMPLE_NEAREST = 1, 2, 4
 
@@ -30,7 +30,7 @@ class MeshArrays(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
-        *_addresses("fine_corners", "emission", "corner_normals"),
+        *_addresses("fine_corners", "emission", "corner_normals", "coverage", "textures"),
     ]
 
 

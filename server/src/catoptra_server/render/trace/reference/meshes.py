@@ -162,7 +162,8 @@ class TracedMesh:
             those = np.flatnonzero(texture == number)
             height, width = levels[0].shape[:2]
             footprint = footprint_texels(steps[those], (width, height))
-            albedo[those] *= sample_levels(levels, uv[those], footprint, self.samplings[number])
+            texels = sample_levels(levels, uv[those], footprint, self.samplings[number])
+            albedo[those] *= texels[:, :3]
         return albedo
 
 
@@ -172,19 +173,72 @@ def _interpolate_corners(at_corners: Floats, weights: Floats) -> Floats:
     return np.asarray(a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _FacetFilter:
+    """What rays pass of some triangles of a scene: holes and, for cameras, backs.
+
+    Twin: src/bvh.c:passes_facet.
+    """
+
+    scene: SceneMesh
+    rows: npt.NDArray[np.intp]
+    """(m,) triangles of the scene."""
+    sees_backs: bool
+    textures: tuple[Levels, ...]
+
+    def __call__(self, triangle: _Indices, weights: Floats, directions: Floats) -> Bools:
+        """(k,) rays that pass the triangles that they meet."""
+        scene, rows = self.scene, self.rows[triangle]
+        passes = np.zeros(len(rows), dtype=bool)
+        if scene.single_sided is not None and not self.sees_backs:
+            facing = np.einsum("ni,ni->n", scene.normals[rows], directions)
+            passes = scene.single_sided[rows] & (facing > 0.0)
+        if scene.coverage is None:
+            return passes
+        holed = np.flatnonzero(np.isfinite(scene.coverage[rows, 0]))
+        opacity = _interpolate_corners(scene.coverage[rows[holed], :, None], weights[holed])[:, 0]
+        uv = _interpolate_corners(scene.uv[rows[holed]], weights[holed])
+        for number, levels in enumerate(self.textures):
+            those = np.flatnonzero(scene.texture_index[rows[holed]] == number)
+            if levels[0].shape[-1] == 4:
+                texels = sample_levels(
+                    levels, uv[those], np.zeros(len(those)), scene.samplings[number]
+                )
+                opacity[those] *= texels[:, 3]
+        passes[holed] |= ~(opacity >= 1.0)
+        return passes
+
+
+def make_search(
+    scene: SceneMesh,
+    centre: Floats,
+    textures: tuple[Levels, ...],
+    rows: npt.NDArray[np.intp],
+    *,
+    sees_backs: bool,
+) -> TriangleSearch:
+    """Search among some triangles of a scene, relative to a centre, whose holes rays pass."""
+    search = TriangleSearch(scene.corners[rows] - centre)
+    if scene.coverage is not None or (scene.single_sided is not None and not sees_backs):
+        search.filter = _FacetFilter(scene, rows, sees_backs, textures)
+    return search
+
+
 def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> TracedMesh:
     """The static scene, relative to its centre, as the rays are."""
-    surface = TriangleSearch(scene.corners - centre)
-    all_cast = bool(scene.casts_shadows.all())
+    textures = tuple(build_levels(texture) for texture in scene.textures)
+    rows, casters = np.arange(len(scene)), np.flatnonzero(scene.casts_shadows)
+    surface = make_search(scene, centre, textures, rows, sees_backs=False)
+    is_same = len(casters) == len(rows) and scene.single_sided is None
     return TracedMesh(
         surface,
-        surface if all_cast else TriangleSearch(scene.corners[scene.casts_shadows] - centre),
+        surface if is_same else make_search(scene, centre, textures, casters, sees_backs=True),
         scene,
         lights,
         scene.corner_albedo,
         scene.texture_index if scene.textures else None,
         scene.uv if scene.textures else None,
-        tuple(build_levels(texture) for texture in scene.textures),
+        textures,
         scene.samplings,
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
         scene.occlusion,

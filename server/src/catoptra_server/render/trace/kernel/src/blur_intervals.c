@@ -34,6 +34,8 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
             continue;
         if (id == CLUSTER || set->count == MAX_MOVING)
             return 0;
+        if (is_filtered(&state->scene->mesh->arrays, id))
+            return 0;
         for (int corner = 0; corner < 3; corner++)
             set->corners[set->count][corner] = candidate_corner(candidates, i, corner);
         set->triangle[set->count++] = id;

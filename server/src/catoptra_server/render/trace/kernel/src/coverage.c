@@ -293,11 +293,14 @@ static int list_part(Search *search, const BeamSides *sides, const Part *part) {
     return is_whole;
 }
 
-/* A surface of two sides is known where its front is seen. */
-static int is_seen_from_behind(const FrameState *state, const BeamSides *sides, int32_t triangle) {
+/* Of a surface of two sides, and of one that is none from behind, the front is known; one with
+ * holes covers nothing. */
+static int is_uncertain(const FrameState *state, const BeamSides *sides, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    if (triangle < 0 || !(mesh->flags[triangle] & FACET_TWO_SIDED))
+    if (triangle < 0 || !(mesh->flags[triangle] & (FACET_TWO_SIDED | FACET_FILTERED)))
         return 0;
+    if (is_filtered(mesh, triangle) && isfinite(mesh->coverage[3 * (size_t)triangle]))
+        return 1;
     Vec3 apex = add(vec3(state->camera.translation), sides->apex);
     return dot(vec3(mesh->normals + 3 * (size_t)triangle),
                subtract(plane_point(state, triangle), apex)) >= 0.0f;
@@ -307,7 +310,7 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     int is_whole = list_part(search, sides, part);
     part->content.triangle = is_whole ? find_cover(search, kept, sides) : SURFACE_UNKNOWN;
-    if (is_seen_from_behind(search->state, sides, part->content.triangle))
+    if (is_uncertain(search->state, sides, part->content.triangle))
         part->content.triangle = SURFACE_UNKNOWN;
     part->content.object = find_object(kept);
     /* Nothing but small things: no quarter of it can be proven. */

@@ -72,6 +72,8 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
         Vec3 *corners = list->corners[list->count];
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = subtract(candidate_corner(candidates, i, corner), sides->centre);
+        if (is_filtered(&state->scene->mesh->arrays, id))
+            return 0;
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = id;
         if (!set_dual(corners, triangle) || !allow_origins(list->radius, triangle))
