@@ -935,7 +935,7 @@ def _objs() -> None:
         lambda f: _obj(_image(f, "textures/q.png"), "map_Kd textures\\q.png\n")
     )
     add("obj absolute path of Windows", QUARTERS)(
-        lambda f: _obj(_image(f), "map_Kd C:\\Users\\me\\q.png\n")
+        lambda f: _obj(_image(f), "map_Kd C:\\art\\q.png\n")
     )
     add("obj name of another case", QUARTERS)(lambda f: _obj(_image(f), "map_Kd Q.PNG\n"))
     add("obj textures of Gazebo's models", QUARTERS)(
@@ -1078,7 +1078,7 @@ def _daes() -> None:
         lambda f: _dae(_image(f, "my q.png"), _DAE_TEXTURE, image="my%20q.png")
     )
     add("dae URI of a file", QUARTERS)(
-        lambda f: _dae(_image(f), _DAE_TEXTURE, image="file:///C:/Users/me/q.png")
+        lambda f: _dae(_image(f), _DAE_TEXTURE, image="file:///C:/art/q.png")
     )
     add("dae textures of Gazebo's models", QUARTERS)(
         lambda f: _dae(_gazebo(f), _DAE_TEXTURE, image="../materials/textures/q.png")

@@ -63,11 +63,11 @@ def read_collada(path: Path, assets: MeshAssets, losses: Losses) -> tuple[str, I
     root = np.diag([1.0 if unit is None else float(unit)] * 3 + [1.0])
     if document.scene is None:
         raise ValueError("it has no scene")
-    return up, _read_nodes(document.scene.nodes, root, _Materials(assets, losses), losses)
+    return up, _read_nodes(document.scene.nodes, root, _EffectMaterials(assets, losses), losses)
 
 
 def _read_nodes(
-    nodes: list[Any], root: Floats, materials: _Materials, losses: Losses
+    nodes: list[Any], root: Floats, materials: _EffectMaterials, losses: Losses
 ) -> Iterator[FileMesh]:
     from collada import scene
 
@@ -90,7 +90,7 @@ def _read_nodes(
             waiting += [(child, inner, depth + 1) for child in reversed(node.children or [])]
 
 
-def _read_geometry(node: Any, matrix: Floats, materials: _Materials) -> Iterator[FileMesh]:
+def _read_geometry(node: Any, matrix: Floats, materials: _EffectMaterials) -> Iterator[FileMesh]:
     from collada import polygons, polylist, triangleset
 
     bound = {one.symbol: one.target for one in node.materials}
@@ -130,7 +130,7 @@ def _read_geometry(node: Any, matrix: Floats, materials: _Materials) -> Iterator
         )
 
 
-class _Materials:
+class _EffectMaterials:
     """Materials of a document, each made once."""
 
     def __init__(self, assets: MeshAssets, losses: Losses) -> None:

@@ -15,7 +15,7 @@ Specification", 1989.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -64,6 +64,8 @@ _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
 # While a file is read: lines of an OBJ or elements of a DAE are objects of Python; of glTF's, JSON.
 _READ_BYTES_PER_FILE_BYTE = 10
 _GLTF_BYTES_PER_FILE_BYTE = 3
+# Normals at corners: 72 bytes in float64, 36 in each renderer's float32.
+_BYTES_PER_SMOOTH_TRIANGLE = 150
 # With more repetitions float32 cannot resolve a position within the texture.
 _MAX_TEXTURE_REPEATS = 1e6
 
@@ -156,7 +158,7 @@ def _load_meshes(shape: MeshFile, memory: MemoryBudget, losses: Losses) -> Itera
     )
     up, meshes = _read_meshes(shape, memory, losses)
     for mesh in meshes:
-        _reserve_triangles(mesh.faces, mesh.name, memory, where)
+        _reserve_triangles(mesh, memory, where)
         yield _convert_mesh(mesh, shape, shape.up or up)
 
 
@@ -225,14 +227,13 @@ class _TextureNames:
     __getitem__ = get
 
 
-def _reserve_triangles(
-    faces: Sized, name: str, memory: MemoryBudget, where: SourceLocation
-) -> None:
+def _reserve_triangles(mesh: FileMesh, memory: MemoryBudget, where: SourceLocation) -> None:
+    num_bytes = BYTES_PER_TRIANGLE + (0 if mesh.normals is None else _BYTES_PER_SMOOTH_TRIANGLE)
     memory.reserve(
-        BYTES_PER_TRIANGLE * len(faces),
+        num_bytes * len(mesh.faces),
         where=where,
         key="File",
-        value=f"mesh {name} of {len(faces)} triangles",
+        value=f"mesh {mesh.name} of {len(mesh.faces)} triangles",
         remedy="fewer triangles",
     )
 

@@ -124,7 +124,7 @@ class SceneBatches:
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
             attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
             attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
-        if is_filtered(scene):
+        if has_filter(scene):
             attributes["passing"] = facet_filter(scene)
             attributes["normal"] = _repeat_at_corners(scene.normals)
         if scene.emission is not None:
@@ -156,7 +156,7 @@ class SceneBatches:
             names, definitions = [*names, "ambient", "occlusion_at"], (*definitions, *_OCCLUDED)
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
-        if is_filtered(scene):
+        if has_filter(scene):
             names, definitions = [*names, "passing", "normal"], (*definitions, *FILTERED)
         if scene.emission is not None:
             names, definitions = [*names, "emission"], (*definitions, ("EMISSIVE", 1))
@@ -271,7 +271,7 @@ FILTERED: Definitions = (("FILTERED", 1),)
 """Definition of programs that see through holes, and through backs of one-sided facets."""
 
 
-def is_filtered(scene: SceneMesh) -> bool:
+def has_filter(scene: SceneMesh) -> bool:
     """Whether rays pass some facets of a scene."""
     return scene.coverage is not None or scene.single_sided is not None
 

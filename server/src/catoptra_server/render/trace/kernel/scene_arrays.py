@@ -168,7 +168,7 @@ def _filter_members(scene: SceneMesh, textures: TextureArray | None) -> dict[str
     members = {"flags": flags, "coverage": np.ascontiguousarray(coverage, dtype=np.float32)}
     if textures is not None:
         # One element, whose address is that of the first structure.
-        members["textures"] = np.frombuffer(textures, dtype=np.uint8)
+        members["textures"] = np.frombuffer(memoryview(textures), dtype=np.uint8)
     return members
 
 
@@ -237,7 +237,7 @@ def _has_corner_colours(scene: SceneMesh) -> Bools:
     return varies
 
 
-def _is_computed(scene: SceneMesh) -> Bools:
+def _has_own_shading(scene: SceneMesh) -> Bools:
     """(n,) triangles whose radiance is computed at each point, or depends on the side."""
     computed = _has_corner_colours(scene)
     if scene.emission is not None:
@@ -402,7 +402,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "texture": scene.texture_index,
         "object": scene.object_index,
         "unlit": scene.unlit,
-        "has_colours": _is_computed(scene),
+        "has_colours": _has_own_shading(scene),
     }
     arrays = {n: None if a is None else np.ascontiguousarray(a) for n, a in arrays.items()}
     addresses = {name: _address(array) for name, array in arrays.items()}

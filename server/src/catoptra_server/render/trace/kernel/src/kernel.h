@@ -46,6 +46,20 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
+/* Linear texels with a border of one texel repeated from the other side. */
+typedef struct {
+    int32_t width, height; /* without border */
+    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, opaque */
+} TextureLevel;
+
+enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
+
+typedef struct {
+    int32_t num_levels;
+    int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
+    const TextureLevel *levels; /* the image, then each of half the sides of the one before */
+} Texture;
+
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
 typedef struct {
     int32_t num_triangles;
@@ -62,22 +76,8 @@ typedef struct {
     /* (n, 3) opacity at corners over that of the emptiest point which is a surface, with
      * FACET_FILTERED; infinite without holes, NULL without such facets. Times the texture's. */
     const float *coverage;
-    const struct Texture *textures; /* of `texture`, for holes; or NULL */
+    const Texture *textures; /* of `texture`, for holes; or NULL */
 } MeshArrays;
-
-/* Linear texels with a border of one texel repeated from the other side. */
-typedef struct {
-    int32_t width, height; /* without border */
-    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, opaque */
-} TextureLevel;
-
-enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
-
-typedef struct Texture {
-    int32_t num_levels;
-    int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
-    const TextureLevel *levels; /* the image, then each of half the sides of the one before */
-} Texture;
 
 typedef struct {
     int32_t kind;
