@@ -23,7 +23,17 @@ from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
-from helpers.mesh_features import FEATURES, SKY, Feature, Point
+from helpers.mesh_features import (
+    FEATURES,
+    SKY,
+    Feature,
+    Gltf,
+    Point,
+    light,
+    pbr,
+    png,
+    quarters_with_alpha,
+)
 
 MAX_LEVELS = 3
 CAMERA = PerspectiveCamera(96, 96, math.radians(70.0))
@@ -58,11 +68,11 @@ def write_world(folder: Path, mesh: Path, row: Feature) -> Path:
     return path
 
 
-def draw(device: GlDevice, path: Path) -> dict[str, Image]:
+def draw(device: GlDevice, path: Path, *, has_shadows: bool = False) -> dict[str, Image]:
     """Picture from above by each renderer."""
     world, _ = read_world(path)
     scene = build_scene(world)
-    state = CameraState(ABOVE)
+    state = CameraState(ABOVE, has_shadows=has_shadows)
     trace = TraceRenderer(scene, world, threads=1)
     raster = RasterRenderer(scene, world, device=device)
     try:
@@ -116,6 +126,25 @@ def test_file_has_the_colours_that_its_format_demands_or_a_message(
         if np.abs(picture[pixel_of(point)] - np.array(colour)).max() > MAX_LEVELS
     }
     assert not wrong
+
+
+def test_light_passes_holes_and_is_stopped_beside_them(device: GlDevice, tmp_path: Path) -> None:
+    image = png(quarters_with_alpha(0))
+    document = Gltf(**pbr(texture=0, alphaMode="MASK")).texture(image).square(0.0, pbr(1, 1, 1))
+    mask, floor = document.json["meshes"][0]["primitives"]
+    document.json["meshes"] = [{"primitives": [mask]}, {"primitives": [floor]}]
+    high = {"mesh": 0, "translation": [0, 0, 0.5], "scale": [0.5, 0.5, 1]}
+    document.json["nodes"] = [high, {"mesh": 1, "scale": [2, 2, 1]}]
+    document.json["scenes"] = [{"nodes": [0, 1]}]
+    # By the slope of the light the shadow is a metre to the right of what casts it.
+    sun = "(Type=Directional,Direction=(X=2,Y=0,Z=1),Colour=(R=255,G=255,B=255))"
+    row = Feature("shadow", document.write, lights=sun)
+    path = write_world(tmp_path, document.write(tmp_path), row)
+    for picture in draw(device, path, has_shadows=True).values():
+        lit, dark, free = (picture[pixel_of((x, 0.1))] for x in (0.8, 1.25, -1.2))
+        assert np.abs(lit - np.array(light(5**-0.5))).max() <= MAX_LEVELS
+        assert dark.tolist() == [0, 0, 0]
+        assert (lit == free).all()
 
 
 def test_features_are_many_and_their_names_differ() -> None:
