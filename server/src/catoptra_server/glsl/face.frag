@@ -64,19 +64,7 @@ in vec2 texture_coordinates;
 #include "include/texture_levels.glsl"
 #endif
 #ifdef FILTERED
-in vec2 facet_filter;                // opacity over that of the emptiest surface; 1: no back
-
-// Whether the camera sees through the facet here. Twin: passes_facet in bvh.c.
-bool is_passed()
-{
-    if (facet_filter.y > 0.5 && dot(facet_normal, offset) > 0.0)
-        return true;
-    float opacity = facet_filter.x;
-#ifdef TEXTURED
-    opacity *= textureLod(albedo_texture, texture_coordinates, 0.0).a;
-#endif
-    return opacity < 1.0;
-}
+#include "include/holes.glsl"
 #endif
 #ifdef OCCLUDED
 centroid in vec2 occlusion_position; // centroid: never beyond the facet's grid

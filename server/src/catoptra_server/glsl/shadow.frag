@@ -1,5 +1,5 @@
 // Provides no colour: OpenGL writes the depth of a shadow map, but in holes.
-// Twin of holes: catoptra_server.render.trace.reference.meshes.
+// Twin: catoptra_server.render.trace.reference.meshes, of holes.
 #ifdef FILTERED
 in vec3 facet_uv_coverage;
 uniform sampler2D albedo_texture;    // opaque where the caster has none

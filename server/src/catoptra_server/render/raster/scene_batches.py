@@ -10,6 +10,8 @@ triangle's light is computed at the object's current pose.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import cached_property
 
 import moderngl
 import numpy as np
@@ -95,6 +97,7 @@ class SceneBatches:
             lighting: Lighting model.
         """
         self._context = context
+        self._programs = programs
         self._clusters = clusters
         self._lighting = lighting
         self._is_bent = scene.bent is not None
@@ -148,7 +151,7 @@ class SceneBatches:
             for name, values in attributes.items()
         }
 
-    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
+    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> Batch:
         """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
@@ -173,7 +176,7 @@ class SceneBatches:
         attributes = [positions, *((*self._owned[name], name) for name in names)]
         # Clusters are sorted by group, so a slice names the batch's.
         members = np.flatnonzero(self._clusters.groups == index)
-        return _Batch(
+        return Batch(
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
             vertices=self._context.vertex_array(program, attributes),
@@ -184,8 +187,28 @@ class SceneBatches:
             ),
         )
 
+    @cached_property
+    def range_batches(self) -> list[Batch]:
+        """Batches whose programs write ranges, except in holes; for scenes that have any."""
+        return [self._make_range_batch(batch) for batch in self._batches]
+
+    def _make_range_batch(self, batch: Batch) -> Batch:
+        names, definitions = ["passing", "normal"], FILTERED
+        if batch.texture is not None:
+            names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
+        program = self._programs.get(ProgramSpec("face", "range", definitions))
+        positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
+        attributes = [positions, *((*self._owned[name], name) for name in names)]
+        return replace(
+            batch, program=program, vertices=self._context.vertex_array(program, attributes)
+        )
+
     def draw(
-        self, clip_from_scene: Floats, visible: Bools, pieces: TrianglePieces
+        self,
+        clip_from_scene: Floats,
+        visible: Bools,
+        pieces: TrianglePieces,
+        batches: list[Batch] | None = None,
     ) -> tuple[int, int]:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w.
 
@@ -193,6 +216,7 @@ class SceneBatches:
             clip_from_scene: Map of offsets from the viewpoint.
             visible: (m,) clusters.
             pieces: What is drawn in place of large triangles; their corners have been uploaded.
+            batches: `range_batches`, for ranges; None for light.
 
         Returns:
             Draw calls and triangles sent.
@@ -202,13 +226,13 @@ class SceneBatches:
         calls = triangles = 0
         if self._occlusion is not None:
             self._occlusion.use(_OCCLUSION_UNIT)
-        for batch in self._batches:
+        for batch in self._batches if batches is None else batches:
             offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
             runs = pieces.runs(visible[batch.clusters], offsets, len(self._clusters.order))
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
-            if self._is_bent:
+            if self._is_bent and batches is None:
                 self._set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use(0)
@@ -245,6 +269,8 @@ class SceneBatches:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
         if self._occlusion is not None:
             self._occlusion.release()
+        for batch in self.__dict__.get("range_batches", ()):
+            batch.vertices.release()
         for batch in self._batches:
             batch.vertices.release()
             if batch.texture is not None:
@@ -254,7 +280,7 @@ class SceneBatches:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
+class Batch:
     """The triangles of one texture."""
 
     clusters: slice

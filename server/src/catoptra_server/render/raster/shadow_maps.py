@@ -210,11 +210,11 @@ class ShadowMaps:
         context = self._context
         buffers = [upload_values(context, values) for values in (corners, *(v for v, _ in holed))]
         solid = context.vertex_array(self._program, [(buffers[0], "3f", "position")])
-        draws = [(solid, None)]
-        for buffer, (_, texture) in zip(buffers[1:], holed, strict=True):
+        draws: list[tuple[moderngl.VertexArray, moderngl.Texture | None]] = [(solid, None)]
+        for buffer, (_, albedo) in zip(buffers[1:], holed, strict=True):
             program = self._programs.get(ProgramSpec("shadow", "shadow", FILTERED))
             layout = (buffer, "3f 3f", "position", "uv_coverage")
-            draws.append((context.vertex_array(program, [layout]), texture))
+            draws.append((context.vertex_array(program, [layout]), albedo))
         target = context.framebuffer(depth_attachment=maps)
         side = maps.width // self._columns
         context.enable_only(moderngl.DEPTH_TEST)
@@ -235,9 +235,13 @@ class ShadowMaps:
         context.polygon_offset = 0.0, 0.0
         # The static scene is drawn once, and objects change in every frame: no buffer is worth
         # keeping.
-        textures = [texture for _, texture in holed]
-        for resource in (*(vertices for vertices, _ in draws), *buffers, *textures, target):
-            resource.release()
+        for vertices, texture in draws:
+            vertices.release()
+            if texture is not None:
+                texture.release()
+        for buffer in buffers:
+            buffer.release()
+        target.release()
 
     def apply_to(self, program: moderngl.Program, viewpoint: Floats) -> None:
         """Write the lights and their maps to a program; viewpoint: (3,) in the scene's frame."""
