@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import load_mesh_file
+from catoptra_server.world.mesh_files import load_mesh_file, load_mesh_lights
 from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_features import Gltf, pbr
 from helpers.mesh_file_samples import make_announcing_png
@@ -184,6 +184,26 @@ def test_instances_count_each(tmp_path: Path) -> None:
     assert len(load_mesh_file(MeshFile(path))) == 2000
     with pytest.raises(ConfigError, match=r"'mesh 0 of 2 triangles'.*fewer triangles"):
         load_mesh_file(MeshFile(path), MemoryBudget(2 * MIB))
+
+
+def test_numbers_of_a_material_that_are_none_are_left_out(tmp_path: Path) -> None:
+    material = pbr(float("nan"), 2.0, -1.0, emissiveFactor=[float("nan"), 1e30, -1.0])
+    document = Gltf(**material)
+    normals = np.full((4, 3), float("nan"), dtype=np.float32)
+    document.attributes["NORMAL"] = document.add(normals)
+    (mesh,) = load_mesh_file(MeshFile(document.write(tmp_path)))
+    assert mesh.appearance.albedo[0].tolist() == [0.0, 1.0, 0.0]
+    assert mesh.appearance.emission == (0.0, 1e3, 0.0)
+    assert mesh.appearance.corner_normals is None
+
+
+def test_lights_that_are_none_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    document = Gltf()
+    lamp = {"type": "point", "intensity": float("nan")}
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": [lamp]}}
+    document.json["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+    assert load_mesh_lights(MeshFile(document.write(tmp_path))) == []
+    assert "it is drawn without its lights" in caplog.text
 
 
 def test_nodes_of_one_name_are_several_objects_of_one_class(tmp_path: Path) -> None:

@@ -60,6 +60,8 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _CLAMP, _MIRROR, _NEAREST = 33071, 33648, 9728
 # Each is an object of Python with its arrays; the file itself may name as many as it has bytes.
 _MAX_MATERIALS, _MAX_NODES = 10_000, 200_000
+# A thousand times white is a lamp that blinds; the squares of sums are float32 numbers.
+_MAX_EMISSION = 1e3
 
 _DRAWN = frozenset(
     (
@@ -474,9 +476,9 @@ class _Materials:
         strength = extensions.get("KHR_materials_emissive_strength", {}).get(
             "emissiveStrength", 1.0
         )
-        r, g, b = (
-            float(strength) * float(value) for value in entry.get("emissiveFactor", (0, 0, 0))
-        )
+        factor = np.array(entry.get("emissiveFactor", (0, 0, 0)), dtype=np.float64)
+        # What is no number does not shine.
+        r, g, b = np.clip(np.nan_to_num(float(strength) * factor), 0.0, _MAX_EMISSION).tolist()
         return (r, g, b)
 
     def _report(self, entry: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.elementary import einsum, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
@@ -121,6 +121,9 @@ def load_mesh_lights(shape: MeshFile) -> list[Light]:
         found = read_lights(shape.path)
         order, signs = _SAE_FROM_UP[shape.up or "y"]
         return [_convert_light(light, shape.scale, order, np.array(signs)) for light in found]
+    except DomainError as error:
+        log.warning("%s: it is drawn without its lights: %s", shape.path, error)
+        return []
     except Exception:  # as above
         return []
 
