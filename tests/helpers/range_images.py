@@ -9,7 +9,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import ImageEffect
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.worlds import make_plan
@@ -38,8 +38,8 @@ class RangeRecorder:
         return light
 
 
-def trace_ranges(world: World, camera_state: CameraState) -> Ranges:
-    renderer = TraceRenderer(build_scene(world), world, threads=2)
+def trace_ranges(world: World, camera_state: CameraState, mesh: SceneMesh | None = None) -> Ranges:
+    renderer = TraceRenderer(mesh or build_scene(world), world, threads=2)
     recorder = RangeRecorder(make_effect("Vignetting"))
     renderer.prepare(CAMERA, make_plan(CAMERA)).render(camera_state, (recorder,))  # type: ignore[arg-type]
     renderer.close()

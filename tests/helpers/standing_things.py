@@ -41,6 +41,49 @@ def bake_scene(world: World, *, threads: int = 1) -> SceneMesh:
     return replace(scene, occlusion=bake_occlusion(scene, caster, threads=threads))
 
 
+def bend_scene(scene: SceneMesh) -> SceneMesh:
+    """Scene with smooth, two-sided and shining triangles: two thirds of them are each."""
+    rng = np.random.default_rng(5)
+    normals = scene.normals[:, None] + rng.normal(0.0, 0.3, scene.corners.shape)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    third = np.arange(len(scene)) % 3
+    # Every second triangle is seen from behind.
+    turned = (np.arange(len(scene)) % 2 == 1)[:, None]
+    corners = np.where(turned[..., None], scene.corners[:, ::-1], scene.corners)
+    return replace(
+        scene,
+        corners=corners,
+        normals=np.where(turned, -scene.normals, scene.normals),
+        uv=np.where(turned[..., None], scene.uv[:, ::-1], scene.uv),
+        corner_normals=np.where((third == 0)[:, None, None], scene.normals[:, None], normals),
+        two_sided=third != 1,
+        emission=np.where((third == 2)[:, None], 0.0, rng.uniform(0.0, 0.2, scene.normals.shape)),
+    )
+
+
+def pierce_scene(scene: SceneMesh) -> SceneMesh:
+    """Scene with holes in half of its triangles, by textures too, and with backs that are none."""
+    rng = np.random.default_rng(6)
+    count = np.arange(len(scene))
+    coverage = np.where((count % 2 == 0)[:, None], rng.uniform(0.5, 2.0, (len(scene), 3)), np.inf)
+    images = []
+    for image in scene.textures:
+        opacity = np.zeros((*image.shape[:2], 1), dtype=np.uint8)
+        opacity[image.shape[0] // 3 :, image.shape[1] // 4 :] = 255
+        images.append(np.concatenate((image, opacity), axis=-1))
+    one_sided = count % 3 == 0
+    turned = (count % 6 == 0)[:, None]
+    return replace(
+        scene,
+        corners=np.where(turned[..., None], scene.corners[:, ::-1], scene.corners),
+        normals=np.where(turned, -scene.normals, scene.normals),
+        uv=np.where(turned[..., None], scene.uv[:, ::-1], scene.uv),
+        coverage=coverage,
+        single_sided=one_sided,
+        textures=tuple(images),
+    )
+
+
 def integrate_factor(scene: SceneMesh, point: Floats, normal: Floats, *, count: int = 200) -> float:
     """Factor of a point by brute force: count x count directions, all triangles, float64."""
     across = (np.arange(count) + 0.5) / count

@@ -164,8 +164,8 @@ WORLD_CASES = [
     ("Meshes=(File=box.glb,Scale=(X=0))", "Scale.X='0': expected a factor of at least"),
     ("Boxes=(Size=(X=1,Y=1,Z=1),Scale=2)", "a struct such as (X=1,Y=-1,Z=2)"),
     ("Meshes=(File=part.step)", ".glb, .gltf, .obj, .ply, .stl, .dae"),
-    ("Meshes=(File=bare.gltf)", "it refers to none.bin, and there is no such file beside it"),
-    ("Meshes=(File=box.glb,Up=x)", "one of y, z"),
+    ("Meshes=(File=bare.gltf)", "its buffer none.bin is not a file inside"),
+    ("Meshes=(File=box.glb,Up=w)", "one of x, y, z"),
     ("Meshes=(File=box.glb,Scale=0)", "from 1e-09"),
     ("Lights=(Type=Spot)", "one of Hemisphere, Directional, Point"),
     ("Lights=(Type=Point)", "Lights.Position='': expected a struct such as (X=0,Y=0,Z=0)"),
@@ -203,7 +203,10 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "nan.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     (tmp_path / "bare.gltf").write_text(
-        '{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":12}]}'
+        '{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":36}],'
+        '"nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],'
+        '"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],'
+        '"bufferViews":[{"buffer":0,"byteLength":36}]}'
     )
     (tmp_path / "cut.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     return tmp_path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ import trimesh
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
 from catoptra_server.world.mesh_files import MeshPart, load_mesh_file, read_triangle_file
+from catoptra_server.world.textures import linear_light
 from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_file_samples import (
     export_mesh,
@@ -67,13 +67,15 @@ def test_square_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending:
     ],
     ids=["glb", "obj", "gltf", "dae"],
 )
-def test_texture_of_a_file_is_at_full_light_and_unmirrored(
+def test_texture_of_a_file_is_unmirrored_and_times_its_colour(
     tmp_path: Path, write: Callable[[Path], Path]
 ) -> None:
-    mesh = load(write(tmp_path))
+    mesh = load(path := write(tmp_path))
     assert mesh.appearance.texture is not None
     assert mesh.appearance.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
-    np.testing.assert_array_equal(mesh.appearance.albedo, 1.0)
+    # trimesh writes Kd 0.4 to MTL files.
+    albedo = linear_light(np.array([0.4] * 3))[0] if path.suffix == ".obj" else 1.0
+    np.testing.assert_array_equal(mesh.appearance.albedo, albedo)
     # The image's bottom left corner, (0, 1), is the square's (-1, -1), which is (-1, 1) in SAE.
     corner = (mesh.corners[..., :2] == (-1.0, 1.0)).all(axis=-1)
     np.testing.assert_array_equal(
@@ -138,7 +140,7 @@ def test_node_transforms_of_a_scene_apply(tmp_path: Path) -> None:
         scene.add_geometry(
             make_plain_square(), transform=trimesh.transformations.translation_matrix((x, 0, 0))
         )
-    meshes = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb")))
+    meshes = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb"), up="z"))
     assert sorted(mesh.corners[..., 0].mean().round(6) for mesh in meshes) == pytest.approx(
         [-1 / 3, 10 - 1 / 3], abs=0.4
     )
@@ -198,20 +200,24 @@ def test_triangles_without_a_finite_position_are_dropped_and_logged(
 
 
 @pytest.mark.parametrize("form", ["gltf", "obj"])
-def test_image_of_a_mesh_that_is_missing_is_named_in_a_warning(
+def test_missing_image_of_a_mesh_is_an_error_or_a_message(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, form: str
 ) -> None:
     if form == "gltf":
         path = write_gltf_with_image_file(tmp_path, "paint.png")
     else:
         path = tmp_path / "m.obj"
-        (tmp_path / "m.mtl").write_text("newmtl x\nmap_Kd paint.png\n")
+        (tmp_path / "m.mtl").write_text("newmtl 0\nmap_Kd paint.png\n")
         vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
-        path.write_text(f"mtllib m.mtl\nusemtl x\n{vertices}f 1/1 2/2 3/3\n")
-    with caplog.at_level(logging.WARNING):
-        assert load(path).appearance.texture is None
+        path.write_text(f"mtllib m.mtl\nusemtl 0\n{vertices}f 1/1 2/2 3/3\n")
+    reason = rf"material 0='paint\.png': expected a file inside {tmp_path}; MissingTextures=grey"
+    with pytest.raises(ConfigError, match=reason):
+        load_mesh_file(MeshFile(path))
+    (mesh,) = load_mesh_file(MeshFile(path, has_optional_textures=True))
+    assert mesh.appearance.texture is not None
+    assert mesh.appearance.texture.tolist() == [[[188, 188, 188]]]
     assert [r.getMessage() for r in caplog.records if r.name.startswith("catoptra")] == [
-        f"{path}: it is drawn without paint.png: there is no such file beside it"
+        f"{path}: missing paint.png: material 0 is drawn without (once)"
     ]
 
 
@@ -360,11 +366,9 @@ def test_ply_has_the_triangles_and_colours_that_trimesh_reads(
     assert mesh is not None
     np.testing.assert_array_equal(mesh.vertices, expected.vertices)
     np.testing.assert_array_equal(mesh.faces, expected.faces)
-    assert mesh.visual.kind == expected.visual.kind
-    if mesh.visual.vertex_colors is not None:
-        np.testing.assert_array_equal(
-            mesh.visual.vertex_colors, expected.visual.vertex_colors[:, :3]
-        )
+    assert (mesh.colours is not None) == (expected.visual.kind == "vertex")
+    if mesh.colours is not None:
+        np.testing.assert_array_equal(mesh.colours, linear_light(expected.visual.vertex_colors))
 
 
 def test_stl_has_the_triangles_that_trimesh_reads(tmp_path: Path) -> None:
@@ -372,7 +376,7 @@ def test_stl_has_the_triangles_that_trimesh_reads(tmp_path: Path) -> None:
     mesh, expected = read_triangle_file(path), trimesh.load_mesh(path, process=False)
     assert mesh is not None
     np.testing.assert_array_equal(mesh.vertices[mesh.faces], expected.vertices[expected.faces])
-    assert mesh.visual.kind is None
+    assert mesh.colours is mesh.face_colours is None
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,20 +12,18 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
 from catoptra_server.world.mesh_files import load_mesh_file
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.textures import (
     MAX_STRETCH,
     MeshAppearance,
-    Texture,
     build_levels,
     footprint_texels,
+    linear_light,
     load_texture,
     no_texture_coordinates,
-    read_appearance,
-    read_image_size,
     sample_levels,
     uv_gradients,
     uv_steps,
@@ -186,10 +183,6 @@ def test_texture_of_a_format_that_needs_another_program_is_rejected(tmp_path: Pa
         load_texture(path)
 
 
-def test_size_of_an_image_is_read_from_its_first_bytes() -> None:
-    assert read_image_size(make_announcing_png(70, 50), SourceLocation("q.png")) == (70, 50)
-
-
 # Red, green, blue and dark grey at the square's corners.
 COLOURS = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [51, 51, 51, 255]])
 DARK = 51 / 255
@@ -199,10 +192,6 @@ def read(path: Path) -> MeshAppearance:
     """Appearance of the only mesh of a file."""
     (mesh,) = load_mesh_file(MeshFile(path))
     return mesh.appearance
-
-
-def decode_image(image: object) -> Texture:
-    raise AssertionError(f"no mesh here has an image, such as {image}")
 
 
 def make_colourful_square() -> trimesh.Trimesh:
@@ -233,7 +222,7 @@ def test_one_colour_at_all_vertices_makes_no_corner_colours(tmp_path: Path) -> N
 def test_corner_colours_follow_the_winding_of_a_mirrored_copy(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     scene.add_geometry(make_colourful_square(), transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
-    (mesh,) = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb")))
+    (mesh,) = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb"), up="z"))
     assert mesh.appearance.corner_albedo is not None
     # The red vertex, (-1, -1), is at (1, -1) in the copy, which is (1, 1) in SAE.
     is_red = (mesh.appearance.corner_albedo == (1.0, 0.0, 0.0)).all(axis=-1)
@@ -258,21 +247,17 @@ def test_colours_at_vertices_multiply_the_material(tmp_path: Path, has_image: bo
 @pytest.mark.parametrize(
     ("colours", "linear"),
     [
-        (np.array([[0.25, 0.5, 1.0, 1.0]] * 3, dtype=np.float32), (0.25, 0.5, 1.0)),
-        (np.array([[np.nan, -1.0, np.inf, 1.0]] * 3, dtype=np.float32), (0.0, 0.0, 1.0)),
-        (np.array([[0, 13107, 65535]] * 3, dtype=np.uint16), (0.0, 0.2, 1.0)),
+        (np.array([0.5, 0.0, 1.0, 1.0], dtype=np.float32), (0.21404, 0.0, 1.0)),
+        (np.array([np.nan, -1.0, np.inf], dtype=np.float32), (0.0, 0.0, 1.0)),
+        (np.array([0, 32768, 65535], dtype=np.uint16), (0.0, 0.21404, 1.0)),
+        (np.array([0, 188, 255, 3], dtype=np.uint8), (0.0, 0.50289, 1.0)),
     ],
-    ids=["fractions", "no fractions", "16 bits"],
+    ids=["fractions", "no fractions", "16 bits", "bytes"],
 )
 def test_colours_of_any_type_are_fractions(
     colours: np.ndarray, linear: tuple[float, float, float]
 ) -> None:
-    visual = SimpleNamespace(kind="texture", vertex_attributes={"color": colours})
-    visual.material = PBRMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0])
-    look = read_appearance(
-        SimpleNamespace(visual=visual), np.array([[0, 1, 2]]), decode_image, is_gltf=True
-    )
-    np.testing.assert_allclose(look.albedo, [linear], atol=1e-7)
+    np.testing.assert_allclose(linear_light(colours), linear, atol=2e-5)
 
 
 @pytest.mark.parametrize("write", [write_unlit_glb, write_unlit_gltf], ids=["glb", "gltf"])

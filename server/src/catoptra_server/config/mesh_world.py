@@ -16,6 +16,7 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan
+from catoptra_server.world.mesh_files import load_mesh_lights
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Item, MeshFile, World
 
@@ -61,7 +62,8 @@ def describe_mesh_world(path: Path) -> str:
         log.info("%s: %s", path, note)
     name = path.stem.translate(str.maketrans("{}", "__"))
     member = up and f",Up={up}"
-    lines = [f'Name="{name}"', "Background=(R=175,G=195,B=215)", _LIGHTS]
+    lines = [f'Name="{name}"', "Background=(R=175,G=195,B=215)"]
+    lines += [] if load_mesh_lights(shape) else [_LIGHTS]
     lines.append(f'Meshes=(Name="{name}",File="{path.name}"{member},Position=(Z={-floor_z!r}))')
     if start is not None:
         lines.append(f"PlayerStarts=(Tag=Start,Location=(X={start[0]!r},Y={start[1]!r},Z=0))")

@@ -96,11 +96,13 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     _require_sendable(section, "Name", Greeting("", name))
     _require_sendable(section, "PlayerStarts", StartPoses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
+    items = tuple(_read_items(section, path.parent))
+    lights = (_read_light(light) for light in section.get_structs("Lights"))
     world = World(
         name=name,
-        items=tuple(_read_items(section, path.parent)),
+        items=items,
         landmarks=_load_landmarks(section, path.parent),
-        lights=tuple(_read_light(light) for light in section.get_structs("Lights")),
+        lights=(*lights, *_load_mesh_lights(items)),
         starts=starts,
         background=_read_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_read_landmark_albedos(file.get_section(_LANDMARK_COLOURS)),
@@ -138,6 +140,29 @@ def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...
     if not file_name:
         return ()
     return read_landmarks(section.get_path("Landmarks", folder, bundled="landmarks"))
+
+
+def _load_mesh_lights(items: Sequence[Item]) -> Iterator[Light]:
+    """Yield the lights of mesh files, in the world."""
+    for item in items:
+        if not isinstance(item.shape, MeshFile):
+            continue
+        # Imported on demand: many worlds have no mesh file.
+        from catoptra_server.world.mesh_files import load_mesh_lights
+
+        for light in load_mesh_lights(item.shape):
+            yield _move_light(light, item.world_from_item)
+
+
+def _move_light(light: Light, world_from_item: Pose) -> Light:
+    match light:
+        case DirectionalLight(direction, irradiance):
+            x, y, z = world_from_item.rotate_directions(np.array(direction)).tolist()
+            return DirectionalLight((x, y, z), irradiance)
+        case PointLight(position, intensity):
+            x, y, z = world_from_item.transform_points(np.array(position)).tolist()
+            return PointLight((x, y, z), intensity)
+    return light
 
 
 def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
@@ -261,7 +286,9 @@ def _read_mesh(item: SectionReader, folder: Path) -> Shape:
         scale=1.0
         if _has_scale_by_axis(item)
         else item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
-        up=item.get_choice("Up", ["y", "z"], "z"),
+        up=item.get_choice("Up", ["x", "y", "z"], ""),
+        has_optional_textures=item.get_choice("MissingTextures", ["error", "grey"], "error")
+        == "grey",
     )
 
 

@@ -28,10 +28,26 @@ in vec2 uv;
 out vec2 texture_coordinates;
 #endif
 out vec3 offset;
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
+#ifdef EMISSIVE
+in vec3 emission;
+flat out vec3 facet_emission;
+#endif
+#ifdef BENT
+in vec3 bent_normal;
+in float bend;                       // 0: the facet's own normal, 2: backs have the opposite one
+out vec3 shading_normal;
+flat out float facet_bend;
+#endif
+#ifdef FILTERED
+in vec2 passing;                     // coverage at the corner; 1: no back
+out vec2 facet_filter;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT) || defined(FILTERED)
 in vec3 normal;
-in vec3 lit_albedo;                  // zero for unlit materials
 flat out vec3 facet_normal;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
+in vec3 lit_albedo;                  // zero for unlit materials
 COLOUR out vec3 facet_albedo;
 #endif
 
@@ -49,8 +65,20 @@ void main()
     texture_coordinates = uv;
 #endif
     offset = from_viewpoint;
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
+#ifdef EMISSIVE
+    facet_emission = emission;
+#endif
+#ifdef BENT
+    shading_normal = bent_normal;
+    facet_bend = bend;
+#endif
+#ifdef FILTERED
+    facet_filter = passing;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT) || defined(FILTERED)
     facet_normal = normal;
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(BENT)
     facet_albedo = lit_albedo;
 #endif
 }

@@ -1,5 +1,14 @@
-// Provides no colour: OpenGL writes the depth of a shadow map without a fragment shader.
-// Twin: none, there is no colour.
+// Provides no colour: OpenGL writes the depth of a shadow map, but in holes.
+// Twin: catoptra_server.render.trace.reference.meshes, of holes.
+#ifdef FILTERED
+in vec3 facet_uv_coverage;
+uniform sampler2D albedo_texture;    // opaque where the caster has none
+#endif
+
 void main()
 {
+#ifdef FILTERED
+    if (facet_uv_coverage.z * textureLod(albedo_texture, facet_uv_coverage.xy, 0.0).a < 1.0)
+        discard;
+#endif
 }

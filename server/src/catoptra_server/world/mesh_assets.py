@@ -1,157 +1,210 @@
-"""What a mesh file names or contains beside its triangles, counted before memory is taken for it.
+"""What readers of mesh files share: files beside a mesh file, its parts, and what is not drawn.
 
 `MeshAssets` reads the files that a mesh file refers to: materials, buffers and images inside its
-folder. `reserve_gltf` counts what a glTF file announces, since a few bytes of JSON can name arrays
-of gigabytes: an accessor without a buffer view is zeros of any length, buffer views may overlap,
-and an image may be of any size. Source: glTF 2.0, 3.6 and 4.4.3.
+folder, or inside its model's where the folder is called `meshes`, as in Gazebo's models. Names are
+those of another machine at times: percent-encoded, with backslashes, in another case, with paths
+that exist nowhere else.
+
+`FileMesh` is a mesh as a file has it, in the file's frame; `Losses` collects what the format
+says and no renderer draws.
 """
 
 from __future__ import annotations
 
-import base64
-import json
-import struct
-from collections.abc import Callable, Iterator
+import logging
+from collections import Counter
+from dataclasses import field
 from pathlib import Path
-from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.world.textures import read_image_size, reserve_texels
+from catoptra_server.world.textures import REPEATED, Texture, TextureSampling, decode_texture
+from catoptra_server.world.world_description import MeshFile, Rgb
 
-_IMAGE_SUFFIXES = frozenset(
-    (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".ppm", ".tga", ".tif", ".tiff", ".webp")
-)
+log = logging.getLogger(__name__)
+WHITE: Rgb = (1.0, 1.0, 1.0)
+# Without a texture and without a colour, in formats that define none.
+MID_GREY: Rgb = (0.5, 0.5, 0.5)
+# Byte 188 of sRGB is half the light.
+_GREY: Texture = np.full((1, 1, 3), 188, dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileMaterial:
+    """Material of a mesh file, as far as the shading model goes."""
+
+    albedo: Rgb = MID_GREY
+    """Linear; a texture and colours at vertices multiply it."""
+    texture: Texture | None = None
+    unlit: bool = False
+    """Whether the surface is shown at its albedo, whatever the lights."""
+    sampling: TextureSampling = REPEATED
+    emission: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of its own."""
+    two_sided: bool = False
+    """Whether the file says that backs are lit by the opposite normal."""
+    single_sided: bool = False
+    """Whether the file says that backs are not seen."""
+    opacity: float = 1.0
+    """Times that of texture and vertices."""
+    cutoff: float = 0.0
+    """Opacity below which a point is no surface; 0 for surfaces without holes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileMesh:
+    """Triangles of one material, as a mesh file has them."""
+
+    name: str
+    """Name for messages."""
+    vertices: npt.NDArray[np.floating]
+    """(v, 3) in the file's frame and unit."""
+    faces: npt.NDArray[np.integer]
+    """(n, 3) vertices of each triangle, counter-clockwise from outside."""
+    material: FileMaterial = FileMaterial()
+    uv: Floats | None = None
+    """(v, 2) texture coordinates, (0, 0) at the image's top left; None without a texture."""
+    colours: Floats | None = None
+    """(v, 3) linear colours at vertices."""
+    opacities: Floats | None = None
+    """(v,) opacities at vertices."""
+    normals: npt.NDArray[np.floating] | None = None
+    """(v, 3) normals at vertices, of any length, by which light is reflected; None: flat."""
+    face_colours: Floats | None = None
+    """(n, 3) linear colours of triangles."""
+    file_from_mesh: Floats = field(default_factory=lambda: np.eye(4))
+    """(4, 4) position in the file."""
+    node: str = ""
+    """Node of a glTF file; empty in other formats."""
+
+
+class Losses:
+    """What a file says and no renderer draws: each feature once, with its effect on the picture."""
+
+    def __init__(self, path: Path) -> None:
+        """Collect for a file."""
+        self._path = path
+        self._counts: Counter[tuple[str, str]] = Counter()
+
+    def add(self, feature: str, effect: str) -> None:
+        """Count a feature once more."""
+        self._counts[feature, effect] += 1
+
+    def log(self) -> None:
+        """Log a warning for each feature."""
+        for (feature, effect), count in self._counts.items():
+            times = "once" if count == 1 else f"{count} times"
+            log.warning("%s: %s: %s (%s)", self._path, feature, effect, times)
 
 
 class MeshAssets:
-    """Reader of the files beside a mesh file, in the form that trimesh calls a resolver."""
+    """Reader of the files beside a mesh file."""
 
-    def __init__(self, folder: Path, memory: MemoryBudget) -> None:
-        """Read files inside a folder.
+    def __init__(self, shape: MeshFile, memory: MemoryBudget, losses: Losses) -> None:
+        """Read files inside the folder of a mesh file.
 
         Args:
-            folder: folder of the mesh file; files outside are not read.
-            memory: budget for reading one mesh file.
+            shape: the mesh file.
+            memory: budget of the scene, for textures.
+            losses: missing textures, where the world goes on without.
         """
-        self._folder = folder.resolve()
+        self._shape = shape
         self._memory = memory
-        self.rejection: ConfigError | None = None
-        """Error of the first file that was rejected: trimesh loads a mesh without its images."""
-        self.missing: list[str] = []
-        """Names that no file inside the folder has."""
+        self._reading = memory.for_reading()
+        self._losses = losses
+        folder = shape.path.resolve().parent
+        self._folder = folder
+        self._root = folder.parent if folder.name == "meshes" else folder
+        self._textures: dict[tuple[Path, bool], Texture] = {}
 
     def get(self, name: str) -> bytes:
         """Content of a file.
 
         Raises:
             FileNotFoundError: There is no such file inside the folder.
-            ConfigError: The file, or the image in it, exceeds the budget.
+            ConfigError: The file exceeds the budget.
         """
         path = self._find(name)
-        try:
-            return self._read(path)
-        except ConfigError as error:
-            self.rejection = self.rejection or error
-            raise
+        size = path.stat().st_size
+        self._reading.reserve(
+            size,
+            where=SourceLocation(str(path)),
+            key="File",
+            value=f"{size} bytes",
+            remedy="a smaller file",
+        )
+        return path.read_bytes()
 
     __getitem__ = get
 
+    def get_texture(self, name: str, user: str, *, has_opacity: bool = False) -> Texture:
+        """Texture of a file; grey where it is missing, and the world goes on without.
+
+        Args:
+            name: the file as the mesh file names it.
+            user: the material, for messages.
+            has_opacity: whether holes are cut by the image's opacity.
+
+        Raises:
+            ConfigError: The file is missing, no image, or exceeds the budget.
+        """
+        try:
+            path = self._find(name)
+        except FileNotFoundError as error:
+            self.report_missing(name, user, error)
+            return _GREY
+        key = path, has_opacity
+        if key not in self._textures:
+            where = SourceLocation(str(path))
+            data = self.get(name)
+            self._textures[key] = decode_texture(data, where, self._memory, has_opacity=has_opacity)
+        return self._textures[key]
+
+    def report_missing(self, name: str, user: str, error: FileNotFoundError) -> None:
+        """Count a missing file among the losses, where the world goes on without.
+
+        Raises:
+            ConfigError: The world does not.
+        """
+        if self._shape.has_optional_textures:
+            self._losses.add(f"missing {name}", f"{user} is drawn without")
+            return
+        raise ConfigError(
+            SourceLocation(str(self._shape.path)),
+            key=user,
+            value=name,
+            expected=f"{error}; MissingTextures=grey draws the mesh without",
+        ) from error
+
     def _find(self, name: str) -> Path:
-        # Files are often written on another machine: the bare name is tried last.
-        for candidate in (name.strip(), name.strip().lstrip("/"), Path(name.strip()).name):
-            path = (self._folder / candidate).resolve()
-            if path.is_relative_to(self._folder) and path.is_file():
+        plain = name.strip().replace("\\", "/").removeprefix("file://").lstrip("/")
+        for text in dict.fromkeys((plain, unquote(plain))):
+            last = text.rsplit("/", 1)[-1]
+            # Gazebo has textures of bare names beside the folder of meshes.
+            for candidate in (text, last, f"../materials/textures/{last}"):
+                path = self._find_inside(candidate)
+                if path is not None:
+                    return path
+        raise FileNotFoundError(f"a file inside {self._root}")
+
+    def _find_inside(self, name: str) -> Path | None:
+        """A file inside the root, links followed, or the only one of a name in another case."""
+        try:
+            path = (self._folder / name).resolve()
+            if not path.is_relative_to(self._root):
+                return None
+            if path.is_file():
                 return path
-        self.missing.append(name)
-        raise FileNotFoundError(f"it refers to {name}, and there is no such file beside it")
-
-    def _read(self, path: Path) -> bytes:
-        where = SourceLocation(str(path))
-        self._memory.reserve(
-            path.stat().st_size,
-            where=where,
-            key="File",
-            value=f"{path.stat().st_size} bytes",
-            remedy="a smaller file",
-        )
-        data = path.read_bytes()
-        if path.suffix.lower() in _IMAGE_SUFFIXES:
-            reserve_texels(read_image_size(data, where), self._memory, where)
-        return data
-
-
-_MAGIC = b"glTF"
-_DATA_URI = "data:"
-_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-
-
-def reserve_gltf(
-    data: bytes, memory: MemoryBudget, where: SourceLocation, read_asset: Callable[[str], bytes]
-) -> None:
-    """Count the arrays and embedded images that a GLB or glTF file announces.
-
-    Args:
-        data: the file.
-        memory: budget for reading the file.
-        where: the file's name.
-        read_asset: content of a file that this one names.
-
-    Raises:
-        ConfigError: The budget is exceeded, or an embedded image is none.
-        ValueError, KeyError, TypeError, IndexError, AttributeError, struct.error: The file is no
-            glTF.
-    """
-    header, binary = _split_glb(data) if data[:4] == _MAGIC else (json.loads(data), b"")
-    arrays = sum(_accessor_bytes(accessor) for accessor in header.get("accessors", []))
-    arrays += sum(_non_negative(view["byteLength"]) for view in header.get("bufferViews", []))
-    memory.reserve(
-        arrays,
-        where=where,
-        key="File",
-        value=f"{len(header.get('accessors', []))} accessors",
-        remedy="a mesh file with fewer or smaller accessors and buffer views",
-    )
-    for image in _embedded_images(header, binary, read_asset):
-        reserve_texels(read_image_size(image, where), memory, where)
-
-
-def _split_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """JSON and binary chunk of a GLB file."""
-    (json_length,) = struct.unpack_from("<I", data, 12)
-    end = 20 + json_length
-    return json.loads(data[20:end]), data[end + 8 :]
-
-
-def _accessor_bytes(accessor: dict[str, Any]) -> int:
-    size = _COMPONENTS[accessor["type"]] * _COMPONENT_BYTES[accessor["componentType"]]
-    return _non_negative(accessor["count"]) * size
-
-
-def _non_negative(number: object) -> int:
-    # A negative count would hide others in the sum.
-    if not isinstance(number, int) or number < 0:
-        raise ValueError(f"a size is a whole number of at least 0, not {number!r}")
-    return number
-
-
-def _embedded_images(
-    header: dict[str, Any], binary: bytes, read_asset: Callable[[str], bytes]
-) -> Iterator[bytes]:
-    """Yield the images inside the file; those in files of their own are counted when read."""
-    for image in header.get("images", []):
-        if "bufferView" in image:
-            view = header["bufferViews"][image["bufferView"]]
-            uri = header["buffers"][view["buffer"]].get("uri")
-            buffer = binary if uri is None else _read_uri(uri, read_asset)
-            start = view.get("byteOffset", 0)
-            yield buffer[start : start + view["byteLength"]]
-        elif image["uri"].startswith(_DATA_URI):
-            yield _read_uri(image["uri"], read_asset)
-
-
-def _read_uri(uri: str, read_asset: Callable[[str], bytes]) -> bytes:
-    if not uri.startswith(_DATA_URI):
-        return read_asset(uri)
-    return base64.b64decode(uri.partition(",")[2])
+            if not path.parent.is_dir():
+                return None
+            same = [one for one in path.parent.iterdir() if one.name.lower() == path.name.lower()]
+        except (OSError, ValueError):  # names that no file system has
+            return None
+        inside = [one.resolve() for one in same if one.resolve().is_relative_to(self._root)]
+        return inside[0] if len(inside) == 1 and inside[0].is_file() else None

@@ -1,4 +1,4 @@
-"""Mesh files (GLB, glTF, OBJ, PLY, STL, DAE) as triangles in SAE; no other module imports trimesh.
+"""Mesh files (GLB, glTF, OBJ, PLY, STL, DAE) as triangles in SAE, by the reader of each format.
 
 A million triangles are read in some 0.3 s: vertices are scaled and rotated before their triangles
 are formed, and no array is copied to leave out triangles where all can be rendered.
@@ -15,32 +15,45 @@ Specification", 1989.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sized
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_protocol.optics.elementary import matmul
+from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.optics.elementary import einsum, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world.mesh_assets import MeshAssets, reserve_gltf
+from catoptra_server.world.collada_file import read_collada
+from catoptra_server.world.gltf import FileLight, read_gltf, read_lights
+from catoptra_server.world.mesh_assets import (
+    MID_GREY,
+    WHITE,
+    FileMaterial,
+    FileMesh,
+    Losses,
+    MeshAssets,
+)
 from catoptra_server.world.scene_mesh import MeshPart
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.textures import (
-    Texture,
-    UnlitName,
-    decode_image,
-    read_appearance,
-    reserve_texels,
+    MeshAppearance,
+    corner_albedos,
+    linear_light,
+    no_texture_coordinates,
 )
 from catoptra_server.world.triangles import gather_rows, row_blocks, select_rows
-from catoptra_server.world.world_description import MeshFile
+from catoptra_server.world.wavefront import read_obj
+from catoptra_server.world.world_description import (
+    DirectionalLight,
+    Light,
+    MeshFile,
+    PointLight,
+)
 
 log = logging.getLogger(__name__)
 # Ten times the largest coordinate of a world's file. A float32 has steps of 6 cm there.
@@ -48,14 +61,19 @@ _MAX_COORDINATE_M = 1e6
 # Readers of further formats (archives, CAD files) exist in trimesh; their memory has no bound.
 _GLTF_SUFFIXES = (".glb", ".gltf")
 _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
-# While a file is read: lines of an OBJ or elements of a DAE are objects of Python.
+# While a file is read: lines of an OBJ or elements of a DAE are objects of Python; of glTF's, JSON.
 _READ_BYTES_PER_FILE_BYTE = 10
+_GLTF_BYTES_PER_FILE_BYTE = 3
+# Normals at corners: 72 bytes in float64, 36 in each renderer's float32.
+_BYTES_PER_SMOOTH_TRIANGLE = 150
 # With more repetitions float32 cannot resolve a position within the texture.
 _MAX_TEXTURE_REPEATS = 1e6
 
-# SAE from the two usual conventions: z up (x forward, y left), and y up (glTF: x right, z
-# backwards). Which coordinate of the file is x, y and z, and its sign.
+# SAE from three conventions: z up (x forward, y left), y up (glTF and COLLADA: x right, z
+# backwards) and COLLADA's x up (-y right, z backwards). Which coordinate of the file is x, y and z,
+# and its sign.
 _SAE_FROM_UP: dict[str, tuple[slice | list[int], tuple[float, float, float]]] = {
+    "x": ([2, 1, 0], (-1.0, -1.0, -1.0)),
     "z": (slice(None), (1.0, -1.0, -1.0)),
     "y": ([2, 0, 1], (-1.0, 1.0, -1.0)),
 }
@@ -71,17 +89,17 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
     Raises:
         ConfigError: The file is missing, unreadable, without a triangle, or larger than the budget.
     """
-    if not shape.path.is_file():
-        raise _mesh_file_error(shape, "a mesh file that exists")
-    if shape.path.suffix.lower() not in _SUFFIXES:
-        raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
+    _check_name(shape)
+    losses = Losses(shape.path)
     memory = memory or MemoryBudget()
     try:
-        meshes = list(_load_meshes(shape, memory))
+        meshes = list(_load_meshes(shape, memory, losses))
     except ConfigError:
         raise
     except Exception as error:  # readers of six formats raise many types
-        raise _mesh_file_error(shape, f"a readable mesh file ({error})") from error
+        reason = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
+        raise _mesh_file_error(shape, f"a readable mesh file ({reason})") from error
+    losses.log()
     if not any(len(mesh.corners) for mesh in meshes):
         raise _mesh_file_error(
             shape,
@@ -91,100 +109,134 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
     return meshes
 
 
-def _load_meshes(shape: MeshFile, memory: MemoryBudget) -> Iterator[MeshPart]:
+def load_mesh_lights(shape: MeshFile) -> list[Light]:
+    """Load the lights of a glTF file, scaled and rotated into SAE; none of a file that is none.
+
+    `load_mesh_file` reports what is wrong with a file.
+    """
+    if shape.path.suffix.lower() not in _GLTF_SUFFIXES:
+        return []
+    try:
+        _check_name(shape)
+        found = read_lights(shape.path)
+        order, signs = _SAE_FROM_UP[shape.up or "y"]
+        return [_convert_light(light, shape.scale, order, np.array(signs)) for light in found]
+    except DomainError as error:
+        log.warning("%s: it is drawn without its lights: %s", shape.path, error)
+        return []
+    except Exception:  # as above
+        return []
+
+
+def _convert_light(
+    light: FileLight, scale: float, order: slice | list[int], signs: Floats
+) -> Light:
+    if light.kind == "directional":
+        x, y, z = (light.direction[order] * signs).tolist()
+        return DirectionalLight((x, y, z), light.colour)
+    x, y, z = (light.position[order] * (scale * signs)).tolist()
+    # A light of a file's unit is as bright at one unit; ours at one metre.
+    r, g, b = (scale * scale * value for value in light.colour)
+    return PointLight((x, y, z), (r, g, b))
+
+
+def _check_name(shape: MeshFile) -> None:
+    if not shape.path.is_file():
+        raise _mesh_file_error(shape, "a mesh file that exists")
+    if shape.path.suffix.lower() not in _SUFFIXES:
+        raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
+
+
+def _load_meshes(shape: MeshFile, memory: MemoryBudget, losses: Losses) -> Iterator[MeshPart]:
     """Yield the meshes of a file; sizes that the file announces are checked first."""
     path, where = shape.path, SourceLocation(str(shape.path))
     num_bytes = path.stat().st_size
-    reading = memory.for_reading()
-    reading.reserve(
-        _READ_BYTES_PER_FILE_BYTE * num_bytes,
+    per_byte = _GLTF_BYTES_PER_FILE_BYTE if _is_gltf(path) else _READ_BYTES_PER_FILE_BYTE
+    memory.for_reading().reserve(
+        per_byte * num_bytes,
         where=where,
         key="File",
         value=f"{num_bytes} bytes",
         remedy="a smaller mesh file",
     )
+    up, meshes = _read_meshes(shape, memory, losses)
+    for mesh in meshes:
+        _reserve_triangles(mesh, memory, where)
+        yield _convert_mesh(mesh, shape, shape.up or up)
+
+
+def _is_gltf(path: Path) -> bool:
+    return path.suffix.lower() in _GLTF_SUFFIXES
+
+
+def _read_meshes(
+    shape: MeshFile, memory: MemoryBudget, losses: Losses
+) -> tuple[str, Iterable[FileMesh]]:
+    """Upward axis and meshes of a file."""
+    path = shape.path
+    assets = MeshAssets(shape, memory, losses)
+    match path.suffix.lower():
+        case ".glb" | ".gltf":
+            return "y", read_gltf(path, assets, memory, losses)
+        case ".obj":
+            return "z", read_obj(path, assets, losses)
+        case ".dae":
+            return read_collada(path, assets, losses)
     mesh = read_triangle_file(path)
-    if mesh is None:
-        yield from _convert_scene(_read_scene(path, reading), shape, memory)
-        return
-    _reserve_triangles(mesh.faces, path.stem, memory, where)
-    yield _convert_mesh(mesh, shape, np.eye(4), _reject_image)
+    return "z", _read_scene(path, assets) if mesh is None else [mesh]
 
 
-def _reject_image(image: Any) -> Texture:
-    raise AssertionError(f"a file of nothing but triangles has no image such as {image}")
-
-
-def _read_scene(path: Path, memory: MemoryBudget) -> Any:
-    """trimesh's scene of a file; arrays and images that the file announces are checked first."""
+def _read_scene(path: Path, assets: MeshAssets) -> Iterator[FileMesh]:
+    """Yield the meshes of a PLY or STL file as trimesh reads it."""
     # Imported on demand: loading trimesh takes longer than most files.
     import trimesh
-    from trimesh.exchange.gltf.extensions import register_handler
 
-    # trimesh drops unknown extensions of a material, and keeps its name, which nothing else needs.
-    register_handler("KHR_materials_unlit", scope="material")(
-        lambda _: {"name": UnlitName("unlit")}
-    )
-
-    where = SourceLocation(str(path))
-    assets = MeshAssets(path.parent, memory)
-    if path.suffix.lower() in _GLTF_SUFFIXES:
-        data = path.read_bytes()
-        _require_whole(data)
-        reserve_gltf(data, memory, where, assets.get)
-    try:
-        # process=False: no merging of vertices, which would change texture coordinates at seams.
-        scene = trimesh.load_scene(path, resolver=assets, process=False)
-    finally:
-        # trimesh goes on without an image that it cannot read.
-        if assets.rejection is not None:
-            raise assets.rejection
-    for name in dict.fromkeys(assets.missing):
-        log.warning("%s: it is drawn without %s: there is no such file beside it", path, name)
-    return scene
-
-
-def _require_whole(data: bytes) -> None:
-    """Raise ValueError for a GLB file that is shorter than it states."""
-    if not data:
-        raise ValueError("it is empty")
-    stated = int.from_bytes(data[8:12], "little")
-    if data[:4] == b"glTF" and len(data) < stated:
-        raise ValueError(f"it is cut off: {len(data)} of {stated} bytes")
-
-
-def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterator[MeshPart]:
-    """Yield the meshes of a scene at their positions."""
-    textures: dict[int, Texture] = {}  # by the image's identity: meshes may share an image
-    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
-    where = SourceLocation(str(shape.path))
-
-    def make_texture(image: Any) -> Texture:
-        if id(image) not in textures:
-            reserve_texels(image.size, memory, where)
-            textures[id(image)] = decode_image(image, where)
-        return textures[id(image)]
-
-    # Not scene.dump(), which copies each mesh with its image before its size is known here.
-    for node in scene.graph.nodes_geometry:
-        world_from_mesh, name = scene.graph[node]
-        mesh = scene.geometry[name]
+    names = _TextureNames()
+    # process=False: no merging of vertices, which would change texture coordinates at seams.
+    scene = trimesh.load_scene(path, resolver=names, process=False)
+    texture = assets.get_texture(names.asked[0], path.name) if names.asked else None
+    for name, mesh in scene.geometry.items():
         # A scene may hold point clouds and paths, which have no faces.
         if getattr(mesh, "faces", None) is None:
             continue
-        _reserve_triangles(mesh.faces, name, memory, where)
-        converted = _convert_mesh(mesh, shape, world_from_mesh, make_texture)
-        yield replace(converted, node=str(node)) if is_gltf else converted
+        visual = mesh.visual
+        uv, kind = getattr(visual, "uv", None), getattr(visual, "kind", None)
+        look = FileMaterial(
+            WHITE if texture is not None or kind in ("vertex", "face") else MID_GREY
+        )
+        yield FileMesh(
+            name,
+            mesh.vertices,
+            mesh.faces,
+            replace(look, texture=texture),
+            # trimesh counts v from the bottom, images count rows from the top.
+            None if uv is None else np.asarray(uv) * (1.0, -1.0) + (0.0, 1.0),
+            linear_light(visual.vertex_colors) if kind == "vertex" else None,
+            face_colours=linear_light(visual.face_colors) if kind == "face" else None,
+        )
 
 
-def _reserve_triangles(
-    faces: Sized, name: str, memory: MemoryBudget, where: SourceLocation
-) -> None:
+class _TextureNames:
+    """Names of files that trimesh asks for; none is there for it."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def get(self, name: str) -> bytes:
+        """Remember a name."""
+        self.asked.append(name)
+        raise FileNotFoundError(name)
+
+    __getitem__ = get
+
+
+def _reserve_triangles(mesh: FileMesh, memory: MemoryBudget, where: SourceLocation) -> None:
+    num_bytes = BYTES_PER_TRIANGLE + (0 if mesh.normals is None else _BYTES_PER_SMOOTH_TRIANGLE)
     memory.reserve(
-        BYTES_PER_TRIANGLE * len(faces),
+        num_bytes * len(mesh.faces),
         where=where,
         key="File",
-        value=f"mesh {name} of {len(faces)} triangles",
+        value=f"mesh {mesh.name} of {len(mesh.faces)} triangles",
         remedy="fewer triangles",
     )
 
@@ -194,27 +246,23 @@ def _mesh_file_error(shape: MeshFile, expected: str) -> ConfigError:
     return ConfigError(SourceLocation(path), key="File", value=path, expected=expected)
 
 
-def _convert_mesh(
-    mesh: Any, shape: MeshFile, world_from_mesh: Floats, make_texture: Callable[[Any], Texture]
-) -> MeshPart:
-    """Convert a mesh of trimesh's, without triangles that cannot be rendered.
+def _convert_mesh(mesh: FileMesh, shape: MeshFile, up: str) -> MeshPart:
+    """Convert a mesh, without triangles that cannot be rendered.
 
     Triangles without area show nothing and are dropped silently; triangles without finite positions
     or texture coordinates are a defect of the file and logged.
 
     Args:
-        mesh: a mesh of trimesh's.
-        shape: the file with its scale and its axis.
-        world_from_mesh: (4, 4) position of the mesh in its file.
-        make_texture: texture of an image of Pillow's.
+        mesh: the mesh.
+        shape: the file with its scale.
+        up: upward axis of the file.
     """
-    faces = np.asarray(mesh.faces)
+    faces = mesh.faces
     # A mirrored copy is wound the other way round: its triangles would face inwards.
-    if np.linalg.det(world_from_mesh[:3, :3]) < 0.0:
+    if np.linalg.det(mesh.file_from_mesh[:3, :3]) < 0.0:
         faces = faces[:, ::-1]
-    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
-    appearance = read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
-    corners = gather_rows(_sae_vertices(mesh, shape, world_from_mesh), faces)
+    appearance = _make_appearance(mesh, faces)
+    corners = gather_rows(_sae_vertices(mesh, shape.scale, up), faces)
     valid = _is_within_bound(
         corners, _MAX_COORDINATE_M, f"a corner beyond {_MAX_COORDINATE_M:g} m or no number", shape
     )
@@ -225,25 +273,99 @@ def _convert_mesh(
             "texture coordinates that are no finite numbers",
             shape,
         )
+    if mesh.normals is not None:
+        at_corners = gather_rows(_sae_normals(mesh, up), faces)
+        appearance = replace(appearance, corner_normals=at_corners)
     corners, appearance = select_rows(corners, valid), appearance.select(valid)
     normals, has_area = facet_normals(corners)
+    appearance = _flatten_normals(appearance, normals)
     return MeshPart(
-        select_rows(corners, has_area), select_rows(normals, has_area), appearance.select(has_area)
+        select_rows(corners, has_area),
+        select_rows(normals, has_area),
+        appearance.select(has_area),
+        node=mesh.node,
     )
 
 
-def _sae_vertices(mesh: Any, shape: MeshFile, world_from_mesh: Floats) -> Floats:
+def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppearance:
+    """Appearance of (n, 3) triangles of a mesh."""
+    material, base = mesh.material, np.array(mesh.material.albedo)
+    texture = None if mesh.uv is None else material.texture
+    uv = no_texture_coordinates(len(faces))
+    if texture is not None and mesh.uv is not None:
+        uv = np.asarray(mesh.uv, dtype=np.float64).take(faces, axis=0)
+    albedo, corner_albedo = np.broadcast_to(base, (len(faces), 3)), None
+    if mesh.face_colours is not None:
+        albedo = base * mesh.face_colours
+    elif mesh.colours is not None:
+        albedo, corner_albedo = corner_albedos(base * mesh.colours, faces)
+    return MeshAppearance(
+        uv,
+        albedo,
+        corner_albedo,
+        texture,
+        material.unlit,
+        material.sampling,
+        material.emission,
+        two_sided=material.two_sided,
+        single_sided=material.single_sided,
+        coverage=_find_coverage(mesh, faces),
+    )
+
+
+def _find_coverage(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> Floats | None:
+    """(n, 3) opacity at corners over the cutoff; None for a mesh without holes."""
+    cutoff, opacity = mesh.material.cutoff, mesh.material.opacity
+    if cutoff <= 0.0:
+        return None
+    if mesh.opacities is None:
+        return np.full((len(faces), 3), opacity / cutoff)
+    return mesh.opacities.take(faces) * (opacity / cutoff)
+
+
+def _sae_vertices(mesh: FileMesh, scale: float, up: str) -> Floats:
     """(v, 3) vertices of a mesh, metres, SAE; infinite or no numbers where the file's are."""
-    vertices = np.asarray(mesh.vertices)
+    vertices, file_from_mesh = np.asarray(mesh.vertices), mesh.file_from_mesh
     with np.errstate(invalid="ignore", over="ignore"):
-        if not np.array_equal(world_from_mesh, np.eye(4)):
+        if not np.array_equal(file_from_mesh, np.eye(4)):
             vertices = (
-                matmul(vertices.astype(np.float64), world_from_mesh[:3, :3].T)
-                + world_from_mesh[:3, 3]
+                matmul(vertices.astype(np.float64), file_from_mesh[:3, :3].T)
+                + file_from_mesh[:3, 3]
             )
-        order, signs = _SAE_FROM_UP[shape.up]
-        sae: Floats = vertices[:, order] * (shape.scale * np.array(signs))
+        order, signs = _SAE_FROM_UP[up]
+        sae: Floats = vertices[:, order] * (scale * np.array(signs))
         return sae
+
+
+def _sae_normals(mesh: FileMesh, up: str) -> Floats:
+    """(v, 3) unit normals at a mesh's vertices, SAE; zero where the file has no direction."""
+    order, signs = _SAE_FROM_UP[up]
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        # Normals of a surface take the inverse transposed.
+        inverse = np.linalg.pinv(mesh.file_from_mesh[:3, :3])
+        turned = matmul(np.asarray(mesh.normals, dtype=np.float64), inverse)[:, order]
+        length = np.sqrt(np.square(turned).sum(axis=-1, keepdims=True))
+        unit: Floats = turned * (np.array(signs) / length)
+    return np.nan_to_num(unit, posinf=0.0, neginf=0.0)
+
+
+# A quarter of a degree: 0.3 % of the light of a surface at 45 degrees, less than a grey level.
+_MIN_FLAT_COSINE = 1.0 - 1e-5
+
+
+def _flatten_normals(look: MeshAppearance, normals: Floats) -> MeshAppearance:
+    """Appearance with the normals of (n, 3) facets where those at all corners are the same."""
+    at_corners = look.corner_normals
+    if at_corners is None:
+        return look
+    # Directions that are none are the facet's.
+    has_none: Bools = np.asarray(~at_corners.any(axis=-1))
+    cosines = einsum("nki,ni->nk", at_corners, normals)
+    is_flat: Bools = np.asarray(((cosines >= _MIN_FLAT_COSINE) | has_none).all(axis=-1))
+    if is_flat.all():
+        return replace(look, corner_normals=None)
+    flat = (has_none | is_flat[:, None])[..., None]
+    return replace(look, corner_normals=np.where(flat, normals[:, None], at_corners))
 
 
 def _is_within_bound(values: Floats, max_value: float, defect: str, shape: MeshFile) -> Bools:
@@ -267,28 +389,7 @@ def _is_within_bound(values: Floats, max_value: float, defect: str, shape: MeshF
     return within
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _VertexColours:
-    """Appearance in the form that trimesh gives it: colours at vertices, or none."""
-
-    kind: str | None
-    """`vertex`, or None without colours."""
-    vertex_colors: npt.NDArray[np.uint8] | None
-    """(v, 3) sRGB."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TriangleMesh:
-    """Mesh in the form that trimesh gives it."""
-
-    vertices: npt.NDArray[np.floating]
-    """(v, 3) in the file's frame and unit."""
-    faces: npt.NDArray[np.integer]
-    """(n, 3) vertices of each triangle."""
-    visual: _VertexColours
-
-
-def read_triangle_file(path: Path) -> _TriangleMesh | None:
+def read_triangle_file(path: Path) -> FileMesh | None:
     """Mesh of a binary PLY or STL file; None for a file that the general reader has to read."""
     reader = {".ply": _read_ply, ".stl": _read_stl}.get(path.suffix.lower())
     if reader is None:
@@ -299,16 +400,41 @@ def read_triangle_file(path: Path) -> _TriangleMesh | None:
 
 _STL_HEADER_BYTES = 84
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_FACET_BIT, _CHANNEL_MAX = 1 << 15, 31
 
 
-def _read_stl(file: BinaryIO, num_bytes: int) -> _TriangleMesh | None:
-    count = int.from_bytes(file.read(_STL_HEADER_BYTES)[-4:], "little")
+def _read_stl(file: BinaryIO, num_bytes: int) -> FileMesh | None:
+    header = file.read(_STL_HEADER_BYTES)
+    count = int.from_bytes(header[-4:], "little")
     # A text file whose 80th byte happens to fit its length is none.
     if not count or num_bytes != _STL_HEADER_BYTES + count * _STL_FACET.itemsize:
         return None
-    corners = np.fromfile(file, _STL_FACET, count)["corners"]
+    facets = np.fromfile(file, _STL_FACET, count)
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    return _TriangleMesh(corners.reshape(-1, 3), faces, _VertexColours(None, None))
+    colours = _stl_colours(header, facets["attribute"])
+    material = FileMaterial(MID_GREY if colours is None else WHITE)
+    vertices = facets["corners"].reshape(-1, 3)
+    return FileMesh("stl", vertices, faces, material, face_colours=colours)
+
+
+def _stl_colours(header: bytes, attributes: npt.NDArray[np.uint16]) -> Floats | None:
+    """(n, 3) linear colours of facets; None for a file without.
+
+    Five bits a channel. Materialise Magics writes the whole's colour behind `COLOR=`, and red
+    lowest in facets whose highest bit is not set; VisCAM has red highest where that bit is set.
+    """
+    is_set = (attributes & _FACET_BIT) != 0
+    shifts = np.array((10, 5, 0))
+    start = header.find(b"COLOR=")
+    if start >= 0 and start + 9 <= _STL_HEADER_BYTES - 4:
+        whole = linear_light(np.frombuffer(header, np.uint8, 3, start + 6))
+        has_own, shifts = ~is_set, shifts[::-1]
+    elif is_set.any():
+        whole, has_own = np.array(MID_GREY), is_set
+    else:
+        return None
+    channels = (attributes[:, None] >> shifts) & _CHANNEL_MAX
+    return np.where(has_own[:, None], linear_light(channels / _CHANNEL_MAX), whole)
 
 
 _PLY_TYPES = {
@@ -325,7 +451,7 @@ _MAX_HEADER_LINES = 64
 _MAX_LINE_BYTES = 256
 
 
-def _read_ply(file: BinaryIO, num_bytes: int) -> _TriangleMesh | None:
+def _read_ply(file: BinaryIO, num_bytes: int) -> FileMesh | None:
     header = _read_ply_header(file)
     if header is None:
         return None
@@ -340,7 +466,9 @@ def _read_ply(file: BinaryIO, num_bytes: int) -> _TriangleMesh | None:
     # A negative index would be counted from the end.
     if indices.min() < 0 or indices.max() >= num_vertices:
         return None
-    return _TriangleMesh(_columns(vertices, ("x", "y", "z")), indices, _ply_colours(vertices))
+    colours = _ply_colours(vertices)
+    material = FileMaterial(MID_GREY if colours is None else WHITE)
+    return FileMesh("ply", _columns(vertices, ("x", "y", "z")), indices, material, colours=colours)
 
 
 def _columns(records: npt.NDArray[np.void], names: tuple[str, ...]) -> npt.NDArray[np.floating]:
@@ -348,11 +476,10 @@ def _columns(records: npt.NDArray[np.void], names: tuple[str, ...]) -> npt.NDArr
     return np.stack([records[name] for name in names], axis=-1)
 
 
-def _ply_colours(vertices: npt.NDArray[np.void]) -> _VertexColours:
+def _ply_colours(vertices: npt.NDArray[np.void]) -> Floats | None:
+    """(v, 3) linear colours at vertices."""
     assert vertices.dtype.names is not None, "a vertex has properties"
-    if "red" not in vertices.dtype.names:
-        return _VertexColours(None, None)
-    return _VertexColours("vertex", _columns(vertices, _COLOURS).astype(np.uint8, copy=False))
+    return linear_light(_columns(vertices, _COLOURS)) if "red" in vertices.dtype.names else None
 
 
 _Element = tuple[int, np.dtype[np.void]]  # number of records, and their type

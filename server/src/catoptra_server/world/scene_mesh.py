@@ -34,6 +34,7 @@ from catoptra_server.world.shapes import bounding_box, build_shape, facet_normal
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
+    TextureSampling,
     load_texture,
     no_texture_coordinates,
 )
@@ -72,6 +73,8 @@ class SceneMesh:
     """(n,) index into `textures`; -1 for none."""
     textures: tuple[Texture, ...]
     """(h, w, 3) uint8 sRGB each."""
+    samplings: tuple[TextureSampling, ...]
+    """How each texture is sampled."""
     item_index: npt.NDArray[np.int32]
     """(n,) index into `item_names`."""
     item_names: tuple[str, ...]
@@ -85,8 +88,24 @@ class SceneMesh:
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
+    emission: Floats | None = None
+    """(n, 3) linear radiance of their own; None in a scene whose triangles only reflect."""
+    corner_normals: Floats | None = None
+    """(n, 3, 3) unit normals at corners, by which light is reflected between, geometry left as it
+    is; None in a scene of flat triangles."""
+    two_sided: Bools | None = None
+    """(n,) triangles whose backs are lit by the opposite normal; None: all by that of the front."""
+    single_sided: Bools | None = None
+    """(n,) triangles whose backs no camera sees; None: no triangle."""
+    coverage: Floats | None = None
+    """(n, 3) opacity at corners over that of the emptiest point which is a surface, inf for
+    triangles without holes; times the texture's. None in a scene without holes."""
     occlusion: OcclusionMap | None = None
     """How much of the sky's light reaches each point; None: all of it, everywhere."""
+    is_smooth: Bools = field(init=False)
+    """(n,) triangles with other normals at their corners than their own; empty for flat scenes."""
+    bent: Bools | None = field(init=False)
+    """(n,) lit triangles that may be lit by other normals than their own; None: no triangle."""
     box_min: Floats = field(init=False)
     """(3,) smallest coordinates; inf in a scene without triangles."""
     box_max: Floats = field(init=False)
@@ -101,6 +120,7 @@ class SceneMesh:
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
+        self._find_bent()
         low, high = bounding_box(self.corners)
         object.__setattr__(self, "box_min", low)
         object.__setattr__(self, "box_max", high)
@@ -113,6 +133,14 @@ class SceneMesh:
             array.setflags(write=False)
         for array in (low, high, centre):
             array.setflags(write=False)
+
+    def _find_bent(self) -> None:
+        smooth, bent = np.zeros(0, dtype=bool), self.two_sided
+        if self.corner_normals is not None:
+            smooth = (self.corner_normals != self.normals[:, None]).any(axis=(1, 2))
+            bent = smooth if bent is None else smooth | bent
+        object.__setattr__(self, "is_smooth", smooth)
+        object.__setattr__(self, "bent", None if bent is None else bent & ~self.unlit)
 
     def __len__(self) -> int:
         """Number of triangles."""
@@ -190,7 +218,11 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
     ]
     objects = tuple(dict.fromkeys(owners))
     numbers = {one: index for index, one in enumerate(objects)}
-    textures = _distinct_textures(looks)
+    # By identity, not by content: each file is loaded once.
+    distinct = {_texture_key(look): (look.texture, look.sampling) for look in looks}
+    textures = [(image, way) for image, way in distinct.values() if image is not None]
+    numbers_of_textures = {(id(image), way): n for n, (image, way) in enumerate(textures)}
+    numbers_of_textures |= {key: -1 for key, (image, _) in distinct.items() if image is None}
     casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
     return SceneMesh(
         corners=_concatenate([part.corners for part in parts]),
@@ -200,9 +232,15 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         else no_texture_coordinates(sum(counts)),
         albedo=_concatenate([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
+        emission=_repeat_rows([look.emission for look in looks], counts),
+        corner_normals=_concatenate_corner_normals(parts),
+        two_sided=_repeat_flags([look.two_sided for look in looks], counts),
+        single_sided=_repeat_flags([look.single_sided for look in looks], counts),
+        coverage=_concatenate_coverage(looks, counts),
         unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
-        texture_index=_repeat([_find_texture(textures, look.texture) for look in looks], counts),
-        textures=tuple(textures),
+        texture_index=_repeat([numbers_of_textures[_texture_key(look)] for look in looks], counts),
+        textures=tuple(texture for texture, _ in textures),
+        samplings=tuple(sampling for _, sampling in textures),
         item_index=_repeat([part.item for part in parts], counts),
         item_names=tuple(item.name for item in items),
         casts_shadows=np.repeat(np.array(casts_shadows), counts),
@@ -211,15 +249,8 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
     )
 
 
-def _distinct_textures(looks: list[MeshAppearance]) -> list[Texture]:
-    """Textures of all parts, by identity, not by content: each file is loaded once."""
-    by_identity = {id(look.texture): look.texture for look in looks}
-    return [texture for texture in by_identity.values() if texture is not None]
-
-
-def _find_texture(textures: list[Texture], texture: Texture | None) -> int:
-    """Index of a texture; -1 for none."""
-    return next((index for index, other in enumerate(textures) if other is texture), -1)
+def _texture_key(look: MeshAppearance) -> tuple[int, TextureSampling]:
+    return id(look.texture), look.sampling
 
 
 def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:
@@ -242,6 +273,40 @@ def _albedos_at_corners(look: MeshAppearance) -> Floats:
     if look.corner_albedo is not None:
         return look.corner_albedo
     return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))
+
+
+def _repeat_rows(rows: list[Rgb], counts: Sequence[int]) -> Floats | None:
+    """(n, 3) rows by the number of each; None where all are zero."""
+    return np.repeat(np.array(rows), counts, axis=0) if any(map(any, rows)) else None
+
+
+def _repeat_flags(flags: list[bool], counts: Sequence[int]) -> Bools | None:
+    """(n,) flags by the number of each; None where none is set."""
+    return np.repeat(np.array(flags), counts) if any(flags) else None
+
+
+def _concatenate_coverage(looks: list[MeshAppearance], counts: Sequence[int]) -> Floats | None:
+    """(n, 3) coverage at corners; None where no triangle has holes."""
+    if all(look.coverage is None for look in looks):
+        return None
+    whole = (np.broadcast_to(np.inf, (count, 3)) for count in counts)
+    parts = zip(looks, whole, strict=True)
+    return np.concatenate(
+        [full if look.coverage is None else look.coverage for look, full in parts]
+    )
+
+
+def _concatenate_corner_normals(parts: list[MeshPart]) -> Floats | None:
+    """(n, 3, 3) normals at the corners; None where all triangles are flat."""
+    normals = [(part.appearance.corner_normals, part.normals) for part in parts]
+    if all(at_corners is None for at_corners, _ in normals):
+        return None
+    return _concatenate(
+        [
+            np.broadcast_to(flat[:, None], (len(flat), 3, 3)) if at_corners is None else at_corners
+            for at_corners, flat in normals
+        ]
+    )
 
 
 def _make_empty_part() -> MeshPart:
@@ -318,6 +383,11 @@ class _ItemLoader:
                 corners, appearance = _stretch(corners, appearance, item.scale)
                 normals, _ = facet_normals(corners)
             _transform_to_world(corners, normals, item.world_from_item)
+            if appearance.corner_normals is not None:
+                turned = item.world_from_item.rotate_directions(
+                    appearance.corner_normals.reshape(-1, 3)
+                )
+                appearance = replace(appearance, corner_normals=turned.reshape(-1, 3, 3))
             yield replace(mesh, corners=corners, normals=normals, appearance=appearance, item=index)
 
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
@@ -340,17 +410,19 @@ def _stretch(
     corners: Floats, look: MeshAppearance, scale: Vector3
 ) -> tuple[Floats, MeshAppearance]:
     """(n, 3, 3) corners scaled along their axes, with their appearance."""
+    normals = look.corner_normals
+    if normals is not None:
+        normals = normals / scale
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        look = replace(look, corner_normals=normals / np.where(length == 0.0, 1.0, length))
     corners = corners * scale
     if math.prod(scale) > 0.0:
         return corners, look
     # A mirrored triangle is wound the other way round: its front would be the back.
-    at_corners = look.corner_albedo
-    look = replace(
-        look,
-        uv=look.uv[:, ::-1],
-        corner_albedo=None if at_corners is None else at_corners[:, ::-1],
-    )
-    return np.ascontiguousarray(corners[:, ::-1]), look
+    names = ("uv", "corner_albedo", "corner_normals", "coverage")
+    arrays = {name: getattr(look, name) for name in names}
+    backwards = {name: array[:, ::-1] for name, array in arrays.items() if array is not None}
+    return np.ascontiguousarray(corners[:, ::-1]), replace(look, **backwards)
 
 
 def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose) -> None:

@@ -15,16 +15,15 @@ level of the shorter one would leave it aliased. As a compromise the longer axis
 surface, Heckbert 1989 for the ellipse. Twins: render/trace/kernel/src/texture_levels.h,
 glsl/include/texture_levels.glsl.
 
-Appearance of a mesh as trimesh reads it: colours of corners, faces or material, texture, unlit, as
-far as the shading model goes. Colours between the corners of a triangle are interpolated in linear
-light, as glTF defines; a mesh whose triangles have one colour each has no corner colours.
+Appearance of a mesh: colours of corners, faces or material, texture, unlit, as far as the shading
+model goes. Colours between the corners of a triangle are interpolated in linear light, as glTF
+defines; a mesh whose triangles have one colour each has no corner colours.
 """
 
 from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, cast
@@ -39,9 +38,10 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.triangles import select_rows
-from catoptra_server.world.world_description import linear_from_srgb
+from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
 
-Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+# (h, w, 3) sRGB, row 0 at the top; or (h, w, 4) with opacity, 255 = opaque, for holes
+Texture = npt.NDArray[np.uint8]
 
 # Pillow's readers of other formats decode with programs of the system (EPS) or are rarely used.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
@@ -59,16 +59,27 @@ def load_texture(path: Path, memory: MemoryBudget | None = None) -> Texture:
     """
     where = SourceLocation(str(path))
     with _open_image(path, where) as image:
-        reserve_texels(image.size, memory or MemoryBudget(), where)
-        return decode_image(image, where)
+        _reserve_texels(image.size, memory or MemoryBudget(), where)
+        return _decode_image(image, where)
 
 
-def reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLocation) -> None:
-    """Count the memory of a texture of (width, height) texels.
+def decode_texture(
+    data: bytes, where: SourceLocation, memory: MemoryBudget, *, has_opacity: bool = False
+) -> Texture:
+    """(h, w, 3) uint8 sRGB of an image file's content, counted before it is decoded.
+
+    (h, w, 4) with opacity, where that is wanted.
 
     Raises:
-        ConfigError: The budget is exceeded.
+        ConfigError: The bytes are no readable image, or larger than the budget.
     """
+    with _open_image(io.BytesIO(data), where) as image:
+        _reserve_texels(image.size, memory, where)
+        return _decode_image(image, where, has_opacity=has_opacity)
+
+
+def _reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLocation) -> None:
+    """Count the memory of a texture of (width, height) texels."""
     width, height = size
     memory.reserve(
         BYTES_PER_TEXEL * width * height,
@@ -79,27 +90,17 @@ def reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLoc
     )
 
 
-def read_image_size(data: bytes, where: SourceLocation) -> tuple[int, int]:
-    """Width and height that the first bytes of an image file state.
-
-    Raises:
-        ConfigError: The bytes are no image.
-    """
-    with _open_image(io.BytesIO(data), where) as image:
-        width, height = image.size
-        return int(width), int(height)
-
-
-def decode_image(image: Any, where: SourceLocation) -> Texture:
-    """(h, w, 3) uint8 sRGB of a Pillow image, read-only.
-
-    Raises:
-        ConfigError: The image is damaged, or of a format that is not read.
-    """
+def _decode_image(image: Any, where: SourceLocation, *, has_opacity: bool = False) -> Texture:
+    """(h, w, 3) uint8 sRGB of a Pillow image, or (h, w, 4) with its opacity, read-only."""
     if image.format is not None and image.format not in _FORMATS:
         raise _image_error(where, f"its format {image.format} is not read")
     try:
-        texture = np.array(image.convert("RGB"))
+        if image.mode.startswith("I"):
+            # Grey of 16 bits, of which Pillow's own conversion keeps the lower eight.
+            grey = np.clip(np.rint(np.array(image) / 257.0), 0.0, 255.0).astype(np.uint8)
+            texture = np.repeat(grey[..., None], 3, axis=-1)
+        else:
+            texture = np.array(image.convert("RGBA" if has_opacity else "RGB"))
     except (OSError, SyntaxError, ValueError) as error:  # Pillow reports damage by all of these
         raise _image_error(where, str(error)) from error
     texture.setflags(write=False)
@@ -133,14 +134,49 @@ MAX_STRETCH = 3.0
 
 Chosen in tests/measurements/texture_aliasing.py."""
 
+
+@dataclass(frozen=True, slots=True)
+class TextureSampling:
+    """How a texture continues beyond its edges, and what is between its texels."""
+
+    clamps_u: bool = False
+    """Whether the edge's texels continue to the left and right; else the texture repeats."""
+    clamps_v: bool = False
+    """Likewise above and below."""
+    has_filter: bool = True
+    """Whether texels are interpolated where they are larger than samples."""
+
+    def place(self, uv: Floats, size: tuple[int, int], *, is_image: Bools) -> Floats:
+        """(n, 2) coordinates at which a look-up that repeats and interpolates gives this one's.
+
+        Args:
+            uv: (n, 2) coordinates.
+            size: (width, height) of the level.
+            is_image: (n,) look-ups in the image itself, alone.
+        """
+        placed, sides = uv.copy(), np.asarray(size, dtype=np.float64)
+        if not self.has_filter:
+            placed[is_image] = (np.floor(uv[is_image] * sides) + 0.5) / sides
+        for axis, clamps in enumerate((self.clamps_u, self.clamps_v)):
+            if clamps:
+                half = 0.5 / sides[axis]
+                placed[:, axis] = np.clip(placed[:, axis], half, 1.0 - half)
+        return placed
+
+
+REPEATED = TextureSampling()
+"""Textures of worlds' own materials."""
+
 Levels = tuple[npt.NDArray[np.float32], ...]
-"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel."""
+"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel; (h, w, 4) with
+opacity last."""
 
 
 def build_levels(image: Texture) -> Levels:
     """All levels of an image; each side is half the one before, rounded down, as in OpenGL."""
     # Float32: in float64 a texture of 4096 px would take 400 MB.
     levels = [linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)[image]]
+    levels[0][..., 3:] = image[..., 3:] / np.float32(255.0)
     while max(levels[-1].shape[:2]) > 1:
         levels.append(_halve_rows(_halve_rows(levels[-1]).swapaxes(0, 1)).swapaxes(0, 1))
     return tuple(np.ascontiguousarray(level) for level in levels)
@@ -222,7 +258,9 @@ def footprint_texels(steps: Floats, size: tuple[int, int]) -> Floats:
     return result
 
 
-def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
+def sample_levels(
+    levels: Levels, uv: Floats, footprint: Floats, sampling: TextureSampling = REPEATED
+) -> Floats:
     """(n, 3) linear colours at (n, 2) coordinates, averaged over (n,) footprints in texels.
 
     A footprint of up to one texel reads the image itself, as `sample_texture` does; one from 2^k to
@@ -232,28 +270,20 @@ def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
     fraction, exponent = np.frexp(np.maximum(footprint, 1.0))
     level = np.minimum(exponent - 1, len(levels) - 1)
     weight = np.where(level < len(levels) - 1, np.maximum(4.0 * fraction - 3.0, 0.0), 0.0)[:, None]
-    colours = np.zeros((len(uv), 3))
+    colours = np.zeros((len(uv), levels[0].shape[-1]))
     for number, (fine, coarse) in enumerate(zip(levels, (*levels[1:], levels[-1]), strict=True)):
         rays = np.flatnonzero(level == number)
         # Float64 by its coordinates, whatever the texels are.
-        one, other = (sample_texture(cast(Floats, each), uv[rays]) for each in (fine, coarse))
+        is_image = (weight[rays, 0] == 0.0) & (number == 0)
+        one, other = (
+            sample_texture(
+                cast(Floats, each),
+                sampling.place(uv[rays], (each.shape[1], each.shape[0]), is_image=is_image),
+            )
+            for each in (fine, coarse)
+        )
         colours[rays] = (1.0 - weight[rays]) * one + weight[rays] * other
     return colours
-
-
-_Faces = npt.NDArray[np.int64]
-
-# Colour of a surface whose file gives none: without a texture, and under one.
-_MID_GREY = np.full(3, 0.5)
-_WHITE = np.ones(3)
-# trimesh's placeholder for a colour that an MTL file does not give.
-_TRIMESH_DEFAULT_COLOUR = (102, 102, 102, 255)
-
-
-class UnlitName(str):
-    """Name that the reader of mesh files gives to a material that is shown whatever the lights."""
-
-    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,44 +300,31 @@ class MeshAppearance:
     """None for a mesh of plain colours."""
     unlit: bool
     """Whether the file shows the mesh at its albedo, whatever the lights."""
+    sampling: TextureSampling = REPEATED
+    """How the texture is sampled."""
+    emission: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of its own, that is added to reflected light."""
+    corner_normals: Floats | None = None
+    """(n, 3, 3) unit normals at the corners, by which light is reflected between; None: flat."""
+    two_sided: bool = False
+    """Whether backs are lit by the opposite normal; else by that of the front."""
+    single_sided: bool = False
+    """Whether backs are not seen; they cast shadows, and sensors meet them."""
+    coverage: Floats | None = None
+    """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
+    texture's opacity: holes are where it is below 1. None without holes."""
 
     def select(self, mask: Bools) -> MeshAppearance:
         """Appearance of the triangles of a (n,) mask."""
-        at_corners = self.corner_albedo
+        at_corners, normals = self.corner_albedo, self.corner_normals
         return replace(
             self,
             uv=select_rows(self.uv, mask),
             albedo=select_rows(self.albedo, mask),
             corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
+            corner_normals=None if normals is None else select_rows(normals, mask),
+            coverage=None if self.coverage is None else select_rows(self.coverage, mask),
         )
-
-
-def read_appearance(
-    mesh: Any, faces: _Faces, make_texture: Callable[[Any], Texture], *, is_gltf: bool
-) -> MeshAppearance:
-    """Appearance of a mesh of trimesh's.
-
-    Args:
-        mesh: the mesh.
-        faces: (n, 3) vertices of the triangles, in the order of the corners.
-        make_texture: texture of an image of Pillow's.
-        is_gltf: whether colours are linear; in other files they are sRGB.
-    """
-    visual = mesh.visual
-    material = getattr(visual, "material", None)
-    unlit = isinstance(getattr(material, "name", None), UnlitName)
-    uv, image = getattr(visual, "uv", None), _texture_image(material)
-    if uv is None or image is None:
-        albedo, corner_albedo = _plain_albedo(visual, material, faces, is_gltf=is_gltf)
-        return MeshAppearance(
-            no_texture_coordinates(len(faces)), albedo, corner_albedo, None, unlit
-        )
-    base = _base_colour(material, _WHITE, is_gltf=is_gltf)
-    albedo, corner_albedo = _tinted_albedo(base, visual, faces, is_gltf=is_gltf)
-    # trimesh counts v from the bottom, images count rows from the top.
-    flipped = np.asarray(uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0)
-    corner_uv = flipped.take(faces, axis=0)
-    return MeshAppearance(corner_uv, albedo, corner_albedo, make_texture(image), unlit)
 
 
 def no_texture_coordinates(num_triangles: int) -> Floats:
@@ -315,32 +332,9 @@ def no_texture_coordinates(num_triangles: int) -> Floats:
     return np.broadcast_to(0.0, (num_triangles, 3, 2))
 
 
-def _plain_albedo(
-    visual: Any, material: Any, faces: _Faces, *, is_gltf: bool
+def corner_albedos(
+    vertex_albedo: Floats, faces: npt.NDArray[np.integer]
 ) -> tuple[Floats, Floats | None]:
-    """(n, 3) albedos of triangles without a texture, and those at their corners."""
-    if material is not None or visual.kind is None:
-        base = _base_colour(material, _MID_GREY, is_gltf=is_gltf)
-        return _tinted_albedo(base, visual, faces, is_gltf=is_gltf)
-    if visual.kind == "vertex":
-        return _corner_albedos(_linear_light(visual.vertex_colors, is_gltf=is_gltf), faces)
-    return _linear_light(visual.face_colors, is_gltf=is_gltf), None
-
-
-def _tinted_albedo(
-    base: Floats, visual: Any, faces: _Faces, *, is_gltf: bool
-) -> tuple[Floats, Floats | None]:
-    """(n, 3) albedos of a material's base colour times the colours at vertices, if there are any.
-
-    Source: glTF 2.0, 3.7.2.1: COLOR_0 multiplies the base colour.
-    """
-    attributes = getattr(visual, "vertex_attributes", None)
-    if attributes is None or "color" not in attributes:
-        return np.broadcast_to(base, (len(faces), 3)), None
-    return _corner_albedos(base * _linear_light(attributes["color"], is_gltf=is_gltf), faces)
-
-
-def _corner_albedos(vertex_albedo: Floats, faces: _Faces) -> tuple[Floats, Floats | None]:
     """(n, 3) mean albedos of triangles with (v, 3) albedos at vertices, and those at corners."""
     corners = vertex_albedo.take(faces, axis=0)
     first, second, third = np.moveaxis(corners, 1, 0)
@@ -349,32 +343,51 @@ def _corner_albedos(vertex_albedo: Floats, faces: _Faces) -> tuple[Floats, Float
     return (first + second + third) / 3.0, corners
 
 
-def _texture_image(material: Any) -> Any:
-    """Image of a material as Pillow has it, not decoded yet; None without one."""
-    return getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-
-
-def _base_colour(material: Any, default: Floats, *, is_gltf: bool) -> Floats:
-    """(3,) linear base colour of a material; the default for a file that gives none."""
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is None:
-        factor = getattr(material, "diffuse", None)
-    if factor is None or tuple(factor) == _TRIMESH_DEFAULT_COLOUR:
-        return default
-    return _linear_light(factor, is_gltf=is_gltf)
-
-
-def _linear_light(colours: npt.ArrayLike, *, is_gltf: bool) -> Floats:
-    """(..., 3) linear light of (..., 3 or 4) colours: linear in glTF, sRGB elsewhere.
+def linear_light(colours: npt.ArrayLike) -> Floats:
+    """(..., 3) linear light of (..., 3 or 4) sRGB colours.
 
     Whole numbers are fractions of the largest one of their type; fractions beyond [0, 1] and NaN
-    are clipped. Source: glTF 2.0, 3.9.2 and 3.7.2.1: baseColorFactor and COLOR_0 are linear.
+    are clipped.
     """
     values = np.asarray(colours)[..., :3]
     if values.dtype == np.uint8:
         # A look-up is a hundred times as fast as the power.
-        table = np.arange(256) / 255.0
-        return (table if is_gltf else linear_from_srgb(table)).take(values)
+        return linear_from_srgb(np.arange(256) / 255.0).take(values)
     limit = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1.0
-    fractions = np.clip(np.nan_to_num(values.astype(np.float64) / limit), 0.0, 1.0)
-    return fractions if is_gltf else linear_from_srgb(fractions)
+    return linear_from_srgb(clip_fractions(values / limit))
+
+
+def clip_fractions(values: npt.NDArray[np.floating]) -> Floats:
+    """Values in [0, 1]; what is no number counts as 0."""
+    return np.clip(np.nan_to_num(values.astype(np.float64)), 0.0, 1.0)
+
+
+def multiply_texture(image: Texture, factors: npt.NDArray[np.uint8], strength: float) -> Texture:
+    """(h, w, 3) sRGB of a texture times (h2, w2) factors, 255 = 1, of a strength from 0 to 1.
+
+    In linear light; the smaller one is enlarged.
+    """
+    from PIL import Image
+
+    height, width = (max(image.shape[side], factors.shape[side]) for side in (0, 1))
+    sized = [Image.fromarray(one).resize((width, height)) for one in (image, factors)]
+    colours, part = (np.array(one) for one in sized)
+    opacity, colours = colours[..., 3:], colours[..., :3]
+    scale = 1.0 + float(np.clip(strength, 0.0, 1.0)) * (np.arange(256) / 255.0 - 1.0)
+    linear = linear_from_srgb(np.arange(256) / 255.0)[colours] * scale[part][..., None]
+    encoded = np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
+    return np.concatenate((encoded, opacity), axis=-1)
+
+
+def add_opacity(image: Texture | None, opacity: npt.NDArray[np.uint8]) -> Texture:
+    """(h, w, 4) texture of an image, or of white, and a (h2, w2) opacity, 255 = opaque.
+
+    The smaller one is enlarged.
+    """
+    from PIL import Image
+
+    image = np.full((1, 1, 3), 255, dtype=np.uint8) if image is None else image
+    height, width = (max(image.shape[side], opacity.shape[side]) for side in (0, 1))
+    sized = [Image.fromarray(one).resize((width, height)) for one in (image, opacity)]
+    colours, part = (np.array(one) for one in sized)
+    return np.concatenate((colours, part[..., None]), axis=-1)

@@ -142,8 +142,10 @@ class MeshFile:
     path: Path
     scale: float = 1.0
     """Metres a unit of the file."""
-    up: str = "z"
-    """Upward axis of the file, y or z."""
+    up: str = ""
+    """Upward axis of the file, x, y or z; empty: as its format or the file itself says."""
+    has_optional_textures: bool = False
+    """Whether surfaces are drawn without textures that are missing."""
 
 
 Primitive = Box | Cylinder | Rectangle | Ring | SphereBand

@@ -16,6 +16,7 @@ from catoptra_server.config.known_names import bundled_files
 from catoptra_server.render.renderer import Image, RenderedImage
 from catoptra_server.render.trace.trace_renderer import TraceView
 from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy, write_small_world
+from helpers.mesh_features import Gltf
 from helpers.opengl import device_or_skip
 
 
@@ -69,6 +70,15 @@ def test_world_when_its_mesh_is_missing_is_a_fault(tmp_path: Path) -> None:
     (found,) = check_configurations([], [write_small_world(tmp_path, "Meshes=(File=none.glb)")])
     assert found.level is Level.FAULT
     assert "none.glb" in found.message
+
+
+def test_what_a_mesh_file_says_and_nobody_draws_is_a_warning(tmp_path: Path) -> None:
+    mesh = Gltf(normalTexture={"index": 0}).texture().write(tmp_path)
+    world = write_small_world(tmp_path, f"Meshes=(File={mesh.name})")
+    found = list(check_configurations([], [world]))
+    assert [f.level for f in found] == [Level.OK, Level.WARNING]
+    text = "m.gltf: normal map: surfaces are shaded without its bumps (once)"
+    assert found[1].message.endswith(text)
 
 
 def test_key_when_misspelt_is_a_fault_in_our_sections_and_a_warning_in_others(

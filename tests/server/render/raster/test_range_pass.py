@@ -17,18 +17,21 @@ from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import PerPixel
 from catoptra_server.world.objects import CameraState
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA, DYNAMIC_OBJECT, make_effect
 from helpers.opengl import make_raster
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, Ranges, trace_ranges
+from helpers.standing_things import pierce_scene
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def measure_ranges(world: World, camera_state: CameraState, device: GlDevice) -> Ranges:
+def measure_ranges(
+    world: World, camera_state: CameraState, device: GlDevice, mesh: SceneMesh | None = None
+) -> Ranges:
     with device.context as context:
         programs = ShaderPrograms(context)
-        scene = SceneBuffers(context, programs, build_scene(world), world)
+        scene = SceneBuffers(context, programs, mesh or build_scene(world), world)
         atlas = pack_atlas(
             make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096
         )
@@ -62,6 +65,17 @@ def test_renderers_when_an_object_is_in_view_measure_equal_ranges(device: GlDevi
     with np.errstate(invalid="ignore"):
         close = np.isclose(trace, raster, rtol=0.05)
     assert close.mean() > 0.95
+
+
+def test_holes_have_the_range_of_what_is_behind(device: GlDevice) -> None:
+    world = make_test_world()
+    mesh = pierce_scene(build_scene(world))
+    trace = trace_ranges(world, CAMERA_STATE, mesh)
+    seen = measure_ranges(world, CAMERA_STATE, device, mesh)
+    whole = measure_ranges(world, CAMERA_STATE, device)
+    with np.errstate(invalid="ignore"):
+        assert np.isclose(trace, seen, rtol=0.05).mean() > 0.95
+        assert np.isclose(trace, whole, rtol=0.05).mean() < 0.93
 
 
 def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None:

@@ -44,6 +44,7 @@ from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, TWO_ROBOTS
 from helpers.long_cases import quick_cases
+from helpers.standing_things import bake_scene, bend_scene, pierce_scene
 from helpers.trace_engines import open_engine
 from helpers.worlds import (
     CAMERA_STATE,
@@ -85,6 +86,7 @@ def check_agreement(
     *,
     max_outlines: float = 0.0,
     min_certain: float = 0.5,
+    scene: SceneMesh | None = None,
 ) -> None:
     """Compare ranges, sRGB and linear images of both engines.
 
@@ -94,8 +96,9 @@ def check_agreement(
         exposure: Poses, objects and shadows.
         max_outlines: Fraction of the certain pixels that may differ, on the outlines of shadows.
         min_certain: Fraction of the mirror's pixels that must be certain.
+        scene: Scene of the world; None: built of it.
     """
-    scene = build_scene(world)
+    scene = build_scene(world) if scene is None else scene
     with ExitStack() as stack:
         kernel, reference = (
             stack.enter_context(open_engine(name, world, scene=scene)).prepare(table)
@@ -257,3 +260,33 @@ def test_images_of_rays_with_origins_and_times_agree(samples: int, has_shadows: 
         exposure,
         max_outlines=MAX_OUTLINES if has_shadows else 0.0,
     )
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+@pytest.mark.parametrize("is_baked", [False, True])
+def test_bent_and_shining_surfaces_agree(tmp_path: Path, has_shadows: bool, is_baked: bool) -> None:
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    scene = bend_scene(bake_scene(world) if is_baked else build_scene(world))
+    table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=2))
+    exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
+    outlines = MAX_OUTLINES if has_shadows else 0.0
+    check_agreement(world, table, exposure, scene=scene, max_outlines=outlines)
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_holes_and_backs_that_are_none_agree(
+    tmp_path: Path, has_shadows: bool, samples: int
+) -> None:
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    scene = pierce_scene(build_scene(world))
+    table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples))
+    exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
+    # The edges of holes are outlines, too.
+    check_agreement(world, table, exposure, scene=scene, max_outlines=5e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,23 @@ def test_distances_when_rays_miss_are_infinite(commit: Commit) -> None:
     outside = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -9.0]])
     caster = commit(build_scene(make_room_world()))
     assert np.isinf(caster.distances(outside, directions)).all()
+
+
+def test_rays_pass_holes_and_meet_backs_that_no_camera_sees(commit: Commit) -> None:
+    scene = build_scene(make_room_world())
+    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 1.0], [1.0, 0.1, 0.1]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    origins = np.zeros((3, 3))
+    plain = commit(scene).distances(origins, directions)
+    assert np.isfinite(plain).all()
+    backs = replace(scene, normals=-scene.normals, single_sided=np.ones(len(scene), dtype=bool))
+    np.testing.assert_array_equal(commit(backs).distances(origins, directions), plain)
+    # Without the floor's triangles, whose opacity is below that of a surface.
+    is_floor = (np.abs(scene.normals[:, 2]) > 0.9)[:, None]
+    holed = replace(backs, coverage=np.where(is_floor, [0.9] * 3, [1.1] * 3))
+    found = commit(holed).distances(origins, directions)
+    assert np.isinf(found[:2]).all()
+    assert found[2] == plain[2]
 
 
 def test_distances_when_the_scene_is_empty_are_infinite(commit: Commit) -> None:

@@ -7,6 +7,7 @@ camera model must be within the error bound of the plan itself.
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -63,18 +64,37 @@ def _check_file(
     kind: str, path: Path, read: Callable[[Path], tuple[str, IniFile]]
 ) -> Iterator[Finding]:
     topic = f"{kind} {path.stem}"
+    losses = _Messages(logging.WARNING)
+    scenes = logging.getLogger("catoptra_server.world")
+    scenes.addHandler(losses)
     try:
         summary, file = read(path)
     except CatoptraError as error:
         remedy = "correct that line; configs/README.md lists the values of each key"
         yield fault(topic, str(error), remedy=remedy)
         return
+    finally:
+        scenes.removeHandler(losses)
     yield ok(topic, summary)
+    for message in losses.texts:
+        yield warning(topic, message, remedy="change the file, or accept the picture")
     # A warning outside our sections: real files carry keys of the engine, and the server starts.
     for name in file.unknown_names():
         message, remedy = f"{name.where}: {name.describe()}", "correct its spelling, or remove it"
         finding = fault if name.is_error else warning
         yield finding(topic, message, remedy=remedy)
+
+
+class _Messages(logging.Handler):
+    """Texts of log messages, such as what a mesh file says and no renderer draws."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a message's text."""
+        self.texts.append(record.getMessage())
 
 
 def _read_robot_names(path: Path) -> tuple[str, IniFile]:

@@ -134,13 +134,30 @@ def _max_irradiance_of_any_facet(world: World) -> Floats:
 
 def max_irradiance(scene: SceneMesh, light: ShadowCastingLight, rows: _Rows) -> Floats:
     """(m, 3) largest irradiance by a light on some triangles of a scene."""
-    if not isinstance(light, PointLight):
-        return facet_irradiance((light,), scene.normals[rows])
-    return max_facet_irradiance(scene.corners[rows], scene.normals[rows], light)
+    bent = None if scene.bent is None else scene.bent[rows]
+    if isinstance(light, PointLight):
+        return max_facet_irradiance(scene.corners[rows], scene.normals[rows], light, bent)
+    irradiance = facet_irradiance((light,), scene.normals[rows])
+    return irradiance if bent is None else np.where(bent[:, None], light.irradiance, irradiance)
 
 
-def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) -> Floats:
-    """(n, 3) largest irradiance by a point light on (n, 3, 3) triangles with (n, 3) normals."""
+def least_sky(scene: SceneMesh, skies: tuple[HemisphereLight, ...], rows: _Rows) -> Floats:
+    """(m, 3) least irradiance of hemisphere lights on some triangles, nothing hidden."""
+    irradiance = facet_irradiance(skies, scene.normals[rows])
+    if scene.bent is None:
+        return irradiance
+    darker = [np.minimum(sky.up_irradiance, sky.down_irradiance) for sky in skies]
+    least: Floats = np.sum(darker, axis=0) if darker else np.zeros(3)
+    return np.where(scene.bent[rows, None], least, irradiance)
+
+
+def max_facet_irradiance(
+    corners: Floats, normals: Floats, light: PointLight, bent: Bools | None = None
+) -> Floats:
+    """(n, 3) largest irradiance by a point light on (n, 3, 3) triangles with (n, 3) normals.
+
+    At (n,) bent ones points may have any normals.
+    """
     # Coordinates first: a minimum of three along an axis takes ten times as long.
     first, second, third = np.moveaxis(corners - np.asarray(light.position_m), 0, -1)
     low = np.minimum(np.minimum(first, second), third)
@@ -152,6 +169,8 @@ def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) ->
     # The irradiance I h / d^3 of a facet grows towards the lamp, whose height above its plane is
     # the same all over it, and no greater than any distance.
     height_m = np.maximum(-einsum("ni,in->n", normals, first), 0.0)
+    if bent is not None:
+        height_m = np.where(bent, np.maximum(nearest_m, MIN_LIGHT_DISTANCE_M), height_m)
     distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
     irradiance: Floats = (
         np.asarray(light.intensity) * (height_m / (distance_m * distance_m * distance_m))[:, None]
@@ -220,8 +239,9 @@ class _Facets:
         self.scene = scene
         self.lamps: tuple[PointLight, ...] = tuple(point_lights(world.lights))
         self._lights = world.lights
+        self._any = _max_irradiance_of_any_facet(world)
         # Index -1, of facets without a texture, is the last row.
-        brightest = [texture.max(axis=(0, 1)) / 255.0 for texture in scene.textures]
+        brightest = [texture[..., :3].max(axis=(0, 1)) / 255.0 for texture in scene.textures]
         self._texels = linear_from_srgb(np.array([*brightest, np.ones(3)]))
 
     def bound_roughly(self, block: slice) -> Floats:
@@ -244,6 +264,9 @@ class _Facets:
         squared_m2 += einsum("ni,ni->n", first, first)[:, None]
         nearest_m = np.sqrt(np.maximum(squared_m2, 0.0, out=squared_m2), out=squared_m2)
         nearest_m -= reach_m[:, None]
+        if self.scene.bent is not None:
+            near = np.maximum(nearest_m, MIN_LIGHT_DISTANCE_M)
+            height_m = np.where(self.scene.bent[block, None], near, height_m)
         distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
         factor = height_m / (distance_m * distance_m * distance_m)
         return self._reflect(
@@ -254,8 +277,9 @@ class _Facets:
         """(m,) largest radiance of (m, 3, 3) pieces of triangles, by their boxes."""
         normals = self.scene.normals[index]
         irradiance = np.zeros_like(normals)
+        bent = None if self.scene.bent is None else self.scene.bent[index]
         for lamp in self.lamps:
-            irradiance += max_facet_irradiance(corners, normals, lamp)
+            irradiance += max_facet_irradiance(corners, normals, lamp, bent)
         return self._reflect(index, irradiance)
 
     def evaluate(self, index: npt.NDArray[np.intp], corners: Floats) -> float:
@@ -268,9 +292,14 @@ class _Facets:
     def _reflect(self, which: slice | npt.NDArray[np.intp], irradiance: Floats) -> Floats:
         """(m,) largest radiance of triangles by (m, 3) irradiance of lamps."""
         scene = self.scene
-        total = irradiance + facet_irradiance(self._lights, scene.normals[which])
+        total = facet_irradiance(self._lights, scene.normals[which])
+        if scene.bent is not None:
+            total = np.where(scene.bent[which, None], self._any, total)
+        total = irradiance + total
         albedo = scene.max_albedo(which) * self._texels[scene.texture_index[which]]
         radiance: Floats = albedo * np.where(scene.unlit[which, None], 1.0, total)
+        if scene.emission is not None:
+            radiance += scene.emission[which]
         # By channel: a maximum along an axis of three takes ten times as long.
         return np.maximum(np.maximum(radiance[:, 0], radiance[:, 1]), radiance[:, 2])
 
@@ -387,7 +416,7 @@ def _max_change_of_part(
     gains: Gains,
 ) -> float:
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
-    sky = facet_irradiance(hemisphere_lights(lights), scene.normals[part])
+    sky = least_sky(scene, hemisphere_lights(lights), part)
     remaining = albedo * scene.smallest_sky_factors(part)[:, None] * sky
     lost = albedo * max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.

@@ -35,6 +35,7 @@ from catoptra_server.effects import NO_SHADOW_LOSS, UNCHANGED, Gains, ShadowLoss
 from catoptra_server.effects.bounds.coordinate_rounding import round_down
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
+    least_sky,
     max_irradiance,
     max_visible_loss,
     visible_losses,
@@ -44,7 +45,6 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     MIN_LIGHT_DISTANCE_M,
     ShadowCastingLight,
-    facet_irradiance,
     hemisphere_lights,
     point_lights,
     shadow_casting_lights,
@@ -146,7 +146,7 @@ class ShadowBounds:
     def _lose(self, rows: slice | Indices, is_lost: Bools) -> tuple[Floats, Floats]:
         """(m, 3) largest radiance that triangles lose by (l, m) lights, and least that remains."""
         scene = self._scene
-        remaining = facet_irradiance(self._hemisphere_lights, scene.normals[rows])
+        remaining = least_sky(scene, self._hemisphere_lights, rows)
         # What the scene hides of the sky is dark already.
         remaining = scene.smallest_sky_factors(rows)[:, None] * remaining
         lost = np.zeros_like(remaining)
@@ -155,7 +155,8 @@ class ShadowBounds:
             if isinstance(light, DirectionalLight):
                 # A point light's irradiance is an upper bound, so only a directional light may
                 # count as remaining.
-                remaining += np.where(is_hidden[:, None], 0.0, irradiance)
+                is_lost_too = is_hidden if scene.bent is None else is_hidden | scene.bent[rows]
+                remaining += np.where(is_lost_too[:, None], 0.0, irradiance)
             lost += np.where(is_hidden[:, None], irradiance, 0.0)
         lit = scene.max_albedo(rows) * ~scene.unlit[rows, None]
         return lost * lit, remaining * lit
@@ -201,7 +202,9 @@ def _shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     for block in row_blocks(len(scene)):
         facing[block] &= _reach_planes(scene.normals[block], scene.corners[block, 0], casters)
     is_separated = _has_separating_plane(scene, height, facing)
-    return facing if is_separated else np.zeros_like(facing)
+    found: Bools = facing if is_separated else np.zeros_like(facing)
+    # By normals that are not the facets', anything may turn towards the light.
+    return found if scene.bent is None else found | scene.bent
 
 
 def _has_separating_plane(scene: SceneMesh, height: Floats, receivers: Bools) -> bool:

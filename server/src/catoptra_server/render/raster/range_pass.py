@@ -93,7 +93,10 @@ class RangePass:
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         uniforms = FrameUniforms.from_viewpoint(viewpoint, lights=(), origin=self._scene.origin)
-        uniforms.apply_to(self._surface_program)
+        batches = self._scene.plain.batches
+        holed = batches.range_batches if self._scene.has_filter else []
+        for program in {self._surface_program, *(batch.program for batch in holed)}:
+            uniforms.apply_to(program)
         pieces = self._scene.split_large_triangles(viewpoint)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = ">"
@@ -112,6 +115,9 @@ class RangePass:
             self._context.viewport = cell.viewport
             set_uniform(self._surface_program, "clip_from_scene", clip.T)
             runs = pieces.runs(visible_clusters, clusters.offsets, len(clusters.order))
+            if holed:
+                runs = []
+                batches.draw(clip, visible_clusters, pieces, holed)
             for first, count in runs:
                 self._vertices.render(vertices=3 * count, first=3 * first)
             objects.draw_positions(self._surface_program)

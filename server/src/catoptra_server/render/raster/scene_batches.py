@@ -10,6 +10,8 @@ triangle's light is computed at the object's current pose.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import cached_property
 
 import moderngl
 import numpy as np
@@ -39,14 +41,14 @@ from catoptra_server.world.shading import (
     facet_radiance,
     hemisphere_lights,
 )
-from catoptra_server.world.textures import Texture, build_levels
+from catoptra_server.world.textures import REPEATED, Texture, TextureSampling, build_levels
 from catoptra_server.world.triangles import (
     Indices,
     TriangleClusters,
     make_clusters,
     visible_runs,
 )
-from catoptra_server.world.world_description import Light, srgb_from_linear
+from catoptra_server.world.world_description import DirectionalLight, Light, srgb_from_linear
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
@@ -56,6 +58,7 @@ _OCCLUDED: Definitions = (("OCCLUDED", 1),)
 _OCCLUSION_UNIT = 3
 # GL_SRGB8: the sampler turns texels into linear light and filters then.
 _SRGB8 = 0x8C41
+_SRGB8_ALPHA8 = 0x8C43
 _VertexAttribute = tuple[moderngl.Buffer, str]
 """Buffer and its format."""
 
@@ -94,8 +97,13 @@ class SceneBatches:
             lighting: Lighting model.
         """
         self._context = context
+        self._programs = programs
         self._clusters = clusters
         self._lighting = lighting
+        self._is_bent = scene.bent is not None
+        self._suns = [
+            light for light in lighting.constant_lights if isinstance(light, DirectionalLight)
+        ]
         self._owned = self._upload(scene)
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
@@ -119,7 +127,19 @@ class SceneBatches:
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
             attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
             attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
-        if self._lighting.definitions:
+        if has_filter(scene):
+            attributes["passing"] = facet_filter(scene)
+            attributes["normal"] = _repeat_at_corners(scene.normals)
+        if scene.emission is not None:
+            attributes["emission"] = _repeat_at_corners(scene.emission)
+        if scene.bent is not None:
+            normals = scene.corner_normals
+            attributes["bent_normal"] = (
+                _repeat_at_corners(scene.normals) if normals is None else normals
+            )
+            two_sided = 0 if scene.two_sided is None else scene.two_sided
+            attributes["bend"] = _repeat_at_corners((scene.bent * (1.0 + two_sided))[:, None])
+        if self._lighting.definitions or scene.bent is not None:
             attributes["normal"] = _repeat_at_corners(scene.normals)
             attributes["lit_albedo"] = _corner_albedo(scene) * ~scene.unlit[:, None, None]
         # In cluster order, so that a cluster is a range of vertices.
@@ -131,7 +151,7 @@ class SceneBatches:
             for name, values in attributes.items()
         }
 
-    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
+    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> Batch:
         """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
@@ -139,8 +159,15 @@ class SceneBatches:
             names, definitions = [*names, "ambient", "occlusion_at"], (*definitions, *_OCCLUDED)
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
-        if self._lighting.definitions:
-            names = [*names, "normal", "lit_albedo"]
+        if has_filter(scene):
+            names, definitions = [*names, "passing", "normal"], (*definitions, *FILTERED)
+        if scene.emission is not None:
+            names, definitions = [*names, "emission"], (*definitions, ("EMISSIVE", 1))
+        if scene.bent is not None:
+            names = [*names, "bent_normal", "bend"]
+            definitions = (*definitions, ("BENT", 1), ("NUM_SUNS", len(self._suns)))
+        if self._lighting.definitions or scene.bent is not None:
+            names = [*dict.fromkeys((*names, "normal")), "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
         if scene.occlusion is not None:
@@ -149,15 +176,39 @@ class SceneBatches:
         attributes = [positions, *((*self._owned[name], name) for name in names)]
         # Clusters are sorted by group, so a slice names the batch's.
         members = np.flatnonzero(self._clusters.groups == index)
-        return _Batch(
+        return Batch(
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
             vertices=self._context.vertex_array(program, attributes),
-            texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
+            texture=None
+            if index == 0
+            else upload_texture(
+                self._context, scene.textures[index - 1], scene.samplings[index - 1]
+            ),
+        )
+
+    @cached_property
+    def range_batches(self) -> list[Batch]:
+        """Batches whose programs write ranges, except in holes; for scenes that have any."""
+        return [self._make_range_batch(batch) for batch in self._batches]
+
+    def _make_range_batch(self, batch: Batch) -> Batch:
+        names, definitions = ["passing", "normal"], FILTERED
+        if batch.texture is not None:
+            names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
+        program = self._programs.get(ProgramSpec("face", "range", definitions))
+        positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
+        attributes = [positions, *((*self._owned[name], name) for name in names)]
+        return replace(
+            batch, program=program, vertices=self._context.vertex_array(program, attributes)
         )
 
     def draw(
-        self, clip_from_scene: Floats, visible: Bools, pieces: TrianglePieces
+        self,
+        clip_from_scene: Floats,
+        visible: Bools,
+        pieces: TrianglePieces,
+        batches: list[Batch] | None = None,
     ) -> tuple[int, int]:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w.
 
@@ -165,6 +216,7 @@ class SceneBatches:
             clip_from_scene: Map of offsets from the viewpoint.
             visible: (m,) clusters.
             pieces: What is drawn in place of large triangles; their corners have been uploaded.
+            batches: `range_batches`, for ranges; None for light.
 
         Returns:
             Draw calls and triangles sent.
@@ -174,12 +226,14 @@ class SceneBatches:
         calls = triangles = 0
         if self._occlusion is not None:
             self._occlusion.use(_OCCLUSION_UNIT)
-        for batch in self._batches:
+        for batch in self._batches if batches is None else batches:
             offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
             runs = pieces.runs(visible[batch.clusters], offsets, len(self._clusters.order))
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
+            if self._is_bent and batches is None:
+                self._set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use(0)
             for first, count in runs:
@@ -187,6 +241,18 @@ class SceneBatches:
             calls += len(runs)
             triangles += sum(count for _, count in runs)
         return calls, triangles
+
+    def _set_lights(self, program: moderngl.Program) -> None:
+        """Set the lights that facets of one normal have in their radiance."""
+        skies = hemisphere_lights(self._lighting.constant_lights)
+        both = [(np.asarray(sky.up_irradiance), np.asarray(sky.down_irradiance)) for sky in skies]
+        set_uniform(program, "sky_up", sum((up for up, _ in both), np.zeros(3)))
+        set_uniform(program, "sky_down", sum((down for _, down in both), np.zeros(3)))
+        if self._suns:
+            towards = np.array([sun.direction for sun in self._suns])
+            set_uniform(program, "sun_directions", -towards)
+            irradiances = np.array([sun.irradiance for sun in self._suns])
+            set_uniform(program, "sun_irradiances", irradiances)
 
     def _upload_pieces(self, pieces: TrianglePieces) -> None:
         """Write the attributes of pieces behind those of all triangles."""
@@ -203,6 +269,8 @@ class SceneBatches:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
         if self._occlusion is not None:
             self._occlusion.release()
+        for batch in self.__dict__.get("range_batches", ()):
+            batch.vertices.release()
         for batch in self._batches:
             batch.vertices.release()
             if batch.texture is not None:
@@ -212,7 +280,7 @@ class SceneBatches:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
+class Batch:
     """The triangles of one texture."""
 
     clusters: slice
@@ -223,6 +291,25 @@ class _Batch:
     """Attributes of all triangles, bound to the program."""
     texture: moderngl.Texture | None
     """Albedo texture, None without one."""
+
+
+FILTERED: Definitions = (("FILTERED", 1),)
+"""Definition of programs that see through holes, and through backs of one-sided facets."""
+
+
+def has_filter(scene: SceneMesh) -> bool:
+    """Whether rays pass some facets of a scene."""
+    return scene.coverage is not None or scene.single_sided is not None
+
+
+def facet_filter(scene: SceneMesh) -> Floats:
+    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`, and 1 for facets without a back."""
+    values = np.zeros((len(scene), 3, 2))
+    # A number that no opacity reaches, for facets without holes: OpenGL may know no infinity.
+    values[..., 0] = 1e9 if scene.coverage is None else np.minimum(scene.coverage, 1e9)
+    if scene.single_sided is not None:
+        values[..., 1] = scene.single_sided[:, None]
+    return values
 
 
 def upload_values(
@@ -250,20 +337,32 @@ def append_values(
     buffer.write(data, offset=start)
 
 
-def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
-    """Texture that repeats and is filtered as `world/textures.py:sample_levels` does.
+def upload_texture(
+    context: moderngl.Context, image: Texture, sampling: TextureSampling = REPEATED
+) -> moderngl.Texture:
+    """Texture that is continued and filtered as `world/textures.py:sample_levels` does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
-    height, width = image.shape[:2]
-    texture = context.texture((width, height), 3, image.tobytes(), internal_format=_SRGB8)
+    height, width, channels = image.shape
+    texture = context.texture(
+        (width, height),
+        channels,
+        image.tobytes(),
+        internal_format=_SRGB8 if channels == 3 else _SRGB8_ALPHA8,
+        alignment=1,
+    )
     # The driver's levels take the place of ours, whose means are of linear light and of all texels.
     coarser = build_levels(image)[1:]
     texture.build_mipmaps(0, len(coarser))
     for number, level in enumerate(coarser, start=1):
-        encoded = np.rint(255.0 * srgb_from_linear(level.astype(np.float64))).astype(np.uint8)
+        encoded = srgb_from_linear(level.astype(np.float64))
+        encoded[..., 3:] = level[..., 3:]
+        encoded = np.rint(255.0 * encoded).astype(np.uint8)
         texture.write(encoded.tobytes(), level=number)
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
+    texture.repeat_x, texture.repeat_y = not sampling.clamps_u, not sampling.clamps_v
     return texture
 
 

@@ -29,6 +29,7 @@ from catoptra_server.render.raster.scene_batches import (
     FacetLighting,
     SceneBatches,
     append_values,
+    has_filter,
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
@@ -136,6 +137,8 @@ class SceneBuffers:
         # Two lightings: objects move towards lights that are too weak for the static scene.
         lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
         self.background = world.background
+        self.has_filter = has_filter(scene)
+        """Whether rays pass some facets."""
         self.origin = scene.centre
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.

@@ -12,6 +12,7 @@ frame with shadows takes 2.8 times as long as one without.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import moderngl
 import numpy as np
@@ -32,9 +33,11 @@ from catoptra_server.render.raster.device import (
     set_sampler,
     set_uniform,
 )
+from catoptra_server.render.raster.scene_batches import FILTERED, upload_texture, upload_values
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.textures import REPEATED
 from catoptra_server.world.world_description import DirectionalLight, PointLight
 
 # OpenGL uses the greater of the two slopes, so one texel covers half a texel in both directions;
@@ -77,6 +80,7 @@ class ShadowMaps:
             DomainError: More lights than a program's uniforms hold.
         """
         self._context = context
+        self._programs = programs
         self._lights = lights
         self._origin = origin
         self._directional_lights = [
@@ -145,8 +149,34 @@ class ShadowMaps:
             corners, normals, light_positions=self._point_light_positions
         )
         projections = self._fit_projections(casters, self._side)
-        self._draw(self._scene_maps, projections, corners)
+        if scene.coverage is None or not len(casting):
+            self._draw(self._scene_maps, projections, corners)
+            return projections
+        solid = corners[~np.isfinite(scene.coverage[casting, 0])]
+        # As above, where all casters have holes.
+        solid = np.concatenate((solid, np.zeros((1, 3, 3))))
+        self._draw(self._scene_maps, projections, solid, self._group_holes(scene))
         return projections
+
+    def _group_holes(self, scene: SceneMesh) -> list[tuple[Floats, moderngl.Texture]]:
+        """(k, 3, 6) positions, texture coordinates and coverage of casters with holes, by texture.
+
+        The caller frees the textures.
+        """
+        assert scene.coverage is not None
+        holed = scene.casts_shadows & np.isfinite(scene.coverage[:, 0])
+        corners = scene.corners - self._origin
+        values = np.concatenate((corners, scene.uv, scene.coverage[..., None]), axis=-1)
+        opaque = (np.full((1, 1, 3), 255, dtype=np.uint8), REPEATED)
+        looks = [opaque, *zip(scene.textures, scene.samplings, strict=True)]
+        groups = [
+            (holed & (scene.texture_index == number - 1), look) for number, look in enumerate(looks)
+        ]
+        return [
+            (values[rows], upload_texture(self._context, *look))
+            for rows, look in groups
+            if rows.any()
+        ]
 
     def _fit_projections(self, casters: ShadowCasters, side: int) -> tuple[ShadowProjection, ...]:
         """Projections of all lights around casters."""
@@ -170,12 +200,21 @@ class ShadowMaps:
         )
 
     def _draw(
-        self, maps: moderngl.Texture, projections: tuple[ShadowProjection, ...], corners: Floats
+        self,
+        maps: moderngl.Texture,
+        projections: tuple[ShadowProjection, ...],
+        corners: Floats,
+        holed: Sequence[tuple[Floats, moderngl.Texture]] = (),
     ) -> None:
-        """Draw (n, 3, 3) triangles as each light sees them."""
+        """Draw (n, 3, 3) triangles, and those of `_group_holes`, as each light sees them."""
         context = self._context
-        buffer = context.buffer(corners.astype(np.float32).tobytes())
-        vertices = context.vertex_array(self._program, [(buffer, "3f", "position")])
+        buffers = [upload_values(context, values) for values in (corners, *(v for v, _ in holed))]
+        solid = context.vertex_array(self._program, [(buffers[0], "3f", "position")])
+        draws: list[tuple[moderngl.VertexArray, moderngl.Texture | None]] = [(solid, None)]
+        for buffer, (_, albedo) in zip(buffers[1:], holed, strict=True):
+            program = self._programs.get(ProgramSpec("shadow", "shadow", FILTERED))
+            layout = (buffer, "3f 3f", "position", "uv_coverage")
+            draws.append((context.vertex_array(program, [layout]), albedo))
         target = context.framebuffer(depth_attachment=maps)
         side = maps.width // self._columns
         context.enable_only(moderngl.DEPTH_TEST)
@@ -188,13 +227,21 @@ class ShadowMaps:
         for cell, projection in enumerate(projections):
             row, column = divmod(cell, self._columns)
             context.viewport = (side * column, side * row, side, side)
-            set_uniform(self._program, "clip_from_scene", projection.clip_from_scene.T)
-            vertices.render()
+            for vertices, texture in draws:
+                if texture is not None:
+                    texture.use(0)
+                set_uniform(vertices.program, "clip_from_scene", projection.clip_from_scene.T)
+                vertices.render()
         context.polygon_offset = 0.0, 0.0
         # The static scene is drawn once, and objects change in every frame: no buffer is worth
         # keeping.
-        for resource in (vertices, buffer, target):
-            resource.release()
+        for vertices, texture in draws:
+            vertices.release()
+            if texture is not None:
+                texture.release()
+        for buffer in buffers:
+            buffer.release()
+        target.release()
 
     def apply_to(self, program: moderngl.Program, viewpoint: Floats) -> None:
         """Write the lights and their maps to a program; viewpoint: (3,) in the scene's frame."""

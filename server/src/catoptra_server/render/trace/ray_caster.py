@@ -65,13 +65,17 @@ def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
 
 def commit_to_kernel(scene: SceneMesh) -> SceneRayCaster:
     """Commit a scene to the kernel; errors as of `KernelMeshCaster`."""
-    return SceneRayCaster(scene, KernelMeshCaster(scene.corners, scene.centre).closest_triangles)
+    return SceneRayCaster(scene, KernelMeshCaster.of_scene(scene).closest_triangles)
 
 
 def commit_to_reference(scene: SceneMesh) -> SceneRayCaster:
     """Sort a scene's triangles for distance queries in float64: a million in 2 s."""
     # Where the kernel runs nothing of the reference is loaded.
-    from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
+    from catoptra_server.render.trace.reference.meshes import make_search
+    from catoptra_server.world.textures import build_levels
 
-    search = TriangleSearch(scene.corners)
+    has_holes = scene.coverage is not None
+    textures = tuple(build_levels(image) for image in scene.textures) if has_holes else ()
+    rows = np.arange(len(scene))
+    search = make_search(scene, np.zeros(3), textures, rows, sees_backs=True)
     return SceneRayCaster(scene, lambda origins, ways: search.first_hits(origins, ways)[:2])

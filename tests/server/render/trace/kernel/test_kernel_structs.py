@@ -87,8 +87,10 @@ def test_constants_are_those_of_the_header() -> None:
     values = {
         name: int(value) for name, value in re.findall(r"\b([A-Z]\w+) = (-?\d+)", read_header())
     }
-    shared = {name for name in vars(kernel_structs) if re.match("OUTPUT_|FACET_|LIGHT_", name)}
-    assert len(shared) == 11
+    shared = {
+        name for name in vars(kernel_structs) if re.match("OUTPUT_|FACET_|LIGHT_|SAMPLE_", name)
+    }
+    assert len(shared) == 18
     for name in shared:
         assert values[name] == getattr(kernel_structs, name), name
 

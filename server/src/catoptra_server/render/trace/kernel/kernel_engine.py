@@ -338,12 +338,14 @@ class KernelEngine:
 
     def _make_scene(self) -> SceneStruct:
         """Scene without what only shadows need."""
+        textures = self._keep(texture_array(self.scene))
+        self._textures = textures
         with ThreadPoolExecutor(max_workers=1) as pool:
             # Beside the tables: one thread alone builds the top of the hierarchy.
-            mesh = pool.submit(self._commit, scene_arrays(self.scene, self.scene.centre))
+            arrays = scene_arrays(self.scene, self.scene.centre, textures)
+            mesh = pool.submit(self._commit, arrays)
             radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
             encoded = encoded_table(radiance)
-            textures = self._keep(texture_array(self.scene))
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
@@ -392,7 +394,9 @@ class KernelEngine:
             self._scene.ambient_radiance = self._tabulate_ambient()
         # Else the triangles that are seen occlude as well: no second hierarchy.
         if not self.scene.casts_shadows.all():
-            self._scene.casters = self._commit(caster_arrays(self.scene, self.scene.centre))
+            self._scene.casters = self._commit(
+                caster_arrays(self.scene, self.scene.centre, self._textures)
+            )
             casters = np.flatnonzero(self.scene.casts_shadows).astype(np.int32)
             self._owners.append(casters)
             self._scene.caster_triangles = casters.ctypes.data

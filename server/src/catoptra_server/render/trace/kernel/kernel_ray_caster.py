@@ -12,20 +12,34 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
-from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
+from catoptra_server.render.trace.kernel.scene_arrays import (
+    OwningStruct,
+    corner_arrays,
+    hole_arrays,
+    texture_array,
+)
 from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
 
 
 class KernelMeshCaster:
     """Triangles committed for single rays."""
 
-    def __init__(self, corners: Floats, centre: Floats, *, threads: int = 0) -> None:
+    def __init__(
+        self,
+        corners: Floats,
+        centre: Floats,
+        *,
+        threads: int = 0,
+        arrays: OwningStruct | None = None,
+    ) -> None:
         """Commit the triangles.
 
         Args:
             corners: (n, 3, 3) metres.
             centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
             threads: Threads; 0 for one per processor that this process may use.
+            arrays: The triangles as the kernel's structure, with holes; None without any.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
@@ -33,13 +47,23 @@ class KernelMeshCaster:
         self._centre = centre
         self._device = KernelDevice(choose_instruction_set(), threads or count_processors())
         try:
-            self._arrays = corner_arrays(corners, centre)
+            self._arrays = arrays or corner_arrays(corners, centre)
             self._mesh = self._device.commit_mesh(self._arrays.struct)
         except BaseException:
             self._device.close()
             raise
         # Nobody closes a caster: the process ends, or the last reference.
         weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+
+    @classmethod
+    def of_scene(cls, scene: SceneMesh) -> KernelMeshCaster:
+        """Commit the triangles of a scene, with their holes; errors as of the constructor."""
+        if scene.coverage is None:
+            return cls(scene.corners, scene.centre)
+        textures = texture_array(scene)
+        holes = hole_arrays(scene, scene.centre, textures.struct)
+        arrays = OwningStruct(holes.struct, (*holes.owners, textures))
+        return cls(scene.corners, scene.centre, arrays=arrays)
 
     def closest_triangles(
         self, origins: Floats, directions: Floats

@@ -11,7 +11,9 @@ from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
+FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED, FACET_FILTERED = 16, 32, 64, 128
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
+SAMPLE_CLAMP_U, SAMPLE_CLAMP_V, SAMPLE_NEAREST = 1, 2, 4
 
 # ctypes' own annotation of `_fields_` is a list of pairs.
 Fields = list[tuple[str, type]]
@@ -28,7 +30,7 @@ class MeshArrays(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
-        *_addresses("fine_corners"),
+        *_addresses("fine_corners", "emission", "corner_normals", "coverage", "textures"),
     ]
 
 
@@ -41,7 +43,11 @@ class TextureLevelStruct(ctypes.Structure):
 class TextureStruct(ctypes.Structure):
     """A texture at all its levels."""
 
-    _fields_: ClassVar[Fields] = [("num_levels", c_int32), ("levels", c_void_p)]
+    _fields_: ClassVar[Fields] = [
+        ("num_levels", c_int32),
+        ("sampling", c_int32),
+        ("levels", c_void_p),
+    ]
 
 
 class LightStruct(ctypes.Structure):

@@ -22,11 +22,18 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.image_changer import encode_srgb
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
+    FACET_EMISSIVE,
+    FACET_FILTERED,
     FACET_OCCLUDED,
+    FACET_SMOOTH,
     FACET_TEXTURED,
+    FACET_TWO_SIDED,
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
+    SAMPLE_CLAMP_U,
+    SAMPLE_CLAMP_V,
+    SAMPLE_NEAREST,
     FacetSource,
     HemisphereStruct,
     LightStruct,
@@ -47,7 +54,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     write_facet_radiance,
 )
-from catoptra_server.world.textures import Levels, build_levels
+from catoptra_server.world.textures import Levels, TextureSampling, build_levels
 from catoptra_server.world.triangles import row_blocks, tile_over_block
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
@@ -66,13 +73,29 @@ class OwningStruct:
     """Arrays that the structure points into."""
 
 
-def scene_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
-    """Triangles of a static scene, relative to its centre."""
+def scene_arrays(
+    scene: SceneMesh, centre: Floats, textures: TextureArray | None = None
+) -> OwningStruct:
+    """Triangles of a static scene, relative to its centre.
+
+    Args:
+        scene: The scene.
+        centre: (3,) origin of the kernel's coordinates.
+        textures: Textures of the scene, which outlive the structure; None for one without holes.
+    """
     flags = (
         scene.unlit * np.uint8(FACET_UNLIT)
         + (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
         + _has_corner_colours(scene) * np.uint8(FACET_CORNER_COLOURS)
     )
+    if scene.emission is not None:
+        flags += scene.emission.any(axis=-1) * np.uint8(FACET_EMISSIVE)
+    if scene.corner_normals is not None:
+        flags += scene.is_smooth * np.uint8(FACET_SMOOTH)
+    if scene.two_sided is not None:
+        flags += scene.two_sided * np.uint8(FACET_TWO_SIDED)
+    filtered = _filter_members(scene, textures)
+    flags += filtered.pop("flags", np.uint8(0))
     if scene.occlusion is not None:
         flags += (scene.occlusion.patch_of >= 0) * np.uint8(FACET_OCCLUDED)
     return _mesh_arrays(
@@ -82,6 +105,9 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
         scene.albedo,
         flags,
         corner_albedo=_float32(scene.corner_albedo),
+        emission=_float32(scene.emission),
+        corner_normals=_float32(scene.corner_normals),
+        **filtered,
         uv=_uv_frames(scene.uv) if scene.textures else None,
         texture=scene.texture_index.astype(np.int32) if scene.textures else None,
     )
@@ -93,12 +119,57 @@ def object_arrays(mesh: ObjectMesh) -> OwningStruct:
     return _mesh_arrays(mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags)
 
 
-def caster_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
+def caster_arrays(
+    scene: SceneMesh, centre: Floats, textures: TextureArray | None = None
+) -> OwningStruct:
     """Triangles that occlude lights, without materials: no ray shows a caster."""
-    casters = scene.casts_shadows
-    normals = scene.normals[casters]
-    flags = np.zeros(len(normals), dtype=np.uint8)
-    return _mesh_arrays(scene.corners[casters], centre, normals, np.zeros_like(normals), flags)
+    rows = scene.casts_shadows
+    return hole_arrays(scene, centre, textures, rows)
+
+
+def hole_arrays(
+    scene: SceneMesh,
+    centre: Floats,
+    textures: TextureArray | None = None,
+    rows: slice | Bools = slice(None),
+) -> OwningStruct:
+    """Some triangles of a scene that are met from both sides, except in holes, and never shown."""
+    filtered = _filter_members(scene, textures)
+    shared = {name: filtered.pop(name) for name in ("textures",) if name in filtered}
+    flags = filtered.pop("flags", np.zeros(len(scene), dtype=np.uint8)) | np.uint8(FACET_TWO_SIDED)
+    if filtered and scene.textures:
+        flags |= (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
+        filtered |= {"uv": _uv_frames(scene.uv), "texture": scene.texture_index.astype(np.int32)}
+    chosen = {name: np.ascontiguousarray(array[rows]) for name, array in filtered.items()}
+    normals = scene.normals[rows]
+    return _mesh_arrays(
+        scene.corners[rows],
+        centre,
+        normals,
+        np.zeros_like(normals),
+        np.ascontiguousarray(flags[rows]),
+        **chosen,
+        **shared,
+    )
+
+
+TextureArray = ctypes.Array[TextureStruct]
+
+
+def _filter_members(scene: SceneMesh, textures: TextureArray | None) -> dict[str, npt.NDArray[Any]]:
+    """Flags and arrays of triangles that have holes, or are none from behind."""
+    if scene.coverage is None and scene.single_sided is None:
+        return {}
+    coverage = np.full((len(scene), 3), np.inf) if scene.coverage is None else scene.coverage
+    is_filtered = np.isfinite(coverage).all(axis=-1)
+    flags = np.where(is_filtered, np.uint8(FACET_FILTERED), np.uint8(0))
+    if scene.single_sided is not None:
+        flags = np.where(scene.single_sided, np.uint8(FACET_FILTERED), flags)
+    members = {"flags": flags, "coverage": np.ascontiguousarray(coverage, dtype=np.float32)}
+    if textures is not None:
+        # One element, whose address is that of the first structure.
+        members["textures"] = np.frombuffer(memoryview(textures), dtype=np.uint8)
+    return members
 
 
 def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
@@ -166,6 +237,16 @@ def _has_corner_colours(scene: SceneMesh) -> Bools:
     return varies
 
 
+def _has_own_shading(scene: SceneMesh) -> Bools:
+    """(n,) triangles whose radiance is computed at each point, or depends on the side."""
+    computed = _has_corner_colours(scene)
+    if scene.emission is not None:
+        computed = computed | scene.emission.any(axis=-1)
+    if scene.coverage is not None:
+        computed = computed | np.isfinite(scene.coverage).all(axis=-1)
+    return computed if scene.bent is None else computed | scene.bent
+
+
 def radiance_table(
     scene: SceneMesh, lights: Sequence[Light], background: Sequence[float]
 ) -> npt.NDArray[np.float32]:
@@ -187,8 +268,16 @@ def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
 def texture_array(scene: SceneMesh) -> OwningStruct:
     """Textures of a scene, each at all its levels."""
     textures = [_texture_levels(build_levels(image)) for image in scene.textures]
-    structs = [TextureStruct(len(one.struct), ctypes.addressof(one.struct)) for one in textures]
+    structs = [
+        TextureStruct(len(one.struct), _sampling_bits(sampling), ctypes.addressof(one.struct))
+        for one, sampling in zip(textures, scene.samplings, strict=True)
+    ]
     return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), tuple(textures))
+
+
+def _sampling_bits(sampling: TextureSampling) -> int:
+    nearest = 0 if sampling.has_filter else SAMPLE_NEAREST
+    return SAMPLE_CLAMP_U * sampling.clamps_u + SAMPLE_CLAMP_V * sampling.clamps_v + nearest
 
 
 def _texture_levels(levels: Levels) -> OwningStruct:
@@ -202,10 +291,11 @@ def _texture_levels(levels: Levels) -> OwningStruct:
 
 
 def _pad_texels(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """(h + 2, w + 2, 4) texels of (h, w, 3) linear light; the fourth channel is zero."""
+    """(h + 2, w + 2, 4) texels of (h, w, 3) linear light, or of (h, w, 4) light and opacity."""
     height, width = linear.shape[:2]
-    texels = np.zeros((height + 2, width + 2, 4), dtype=np.uint16)
-    np.rint(_MAX_TEXEL * linear, out=texels[1:-1, 1:-1, :3], casting="unsafe")
+    texels = np.full((height + 2, width + 2, 4), _MAX_TEXEL, dtype=np.uint16)
+    channels = texels[1:-1, 1:-1, : linear.shape[-1]]
+    np.rint(_MAX_TEXEL * linear, out=channels, casting="unsafe")
     texels[0], texels[-1] = texels[-2], texels[1]
     texels[:, 0], texels[:, -1] = texels[:, -2], texels[:, 1]
     return texels
@@ -312,7 +402,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "texture": scene.texture_index,
         "object": scene.object_index,
         "unlit": scene.unlit,
-        "has_colours": _has_corner_colours(scene),
+        "has_colours": _has_own_shading(scene),
     }
     arrays = {n: None if a is None else np.ascontiguousarray(a) for n, a in arrays.items()}
     addresses = {name: _address(array) for name, array in arrays.items()}

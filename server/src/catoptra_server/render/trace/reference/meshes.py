@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.triangle_search import TriangleSearch
@@ -21,6 +21,7 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import LitFacets, OcclusionMap
 from catoptra_server.world.textures import (
     Levels,
+    TextureSampling,
     build_levels,
     footprint_texels,
     sample_levels,
@@ -110,10 +111,35 @@ class TracedMesh:
     """(m, 3, 2) texture coordinates, beside the texture index."""
     textures: tuple[Levels, ...] = ()
     """Linear texels of each texture, at all levels."""
+    samplings: tuple[TextureSampling, ...] = ()
+    """How each texture is sampled."""
     uv_gradients: Floats | None = None
     """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
     occlusion: OcclusionMap | None = None
     """Factors of hemisphere light, of the static scene alone."""
+    emission: Floats | None = None
+    """(m, 3) linear radiance of their own; None: none."""
+    corner_normals: Floats | None = None
+    """(m, 3, 3) normals that light is reflected by; None: those of the facets."""
+    two_sided: Bools | None = None
+    """(m,) triangles whose backs are lit by the opposite normal; None: none."""
+
+    def shading_normals(self, hits: FirstHits, directions: Floats) -> Floats:
+        """(n, 3) unit normals that light is reflected by where (n, 3) directions meet the mesh."""
+        facets: Floats = self.facets.normals.take(hits.triangle, axis=0)
+        normals = facets
+        if self.corner_normals is not None:
+            between = _interpolate_corners(
+                self.corner_normals.take(hits.triangle, axis=0), hits.weights
+            )
+            length = np.linalg.norm(between, axis=-1, keepdims=True)
+            normals = np.where(length > 0.0, between / np.where(length > 0.0, length, 1.0), facets)
+        if self.two_sided is not None:
+            is_back = self.two_sided[hits.triangle] & (
+                np.einsum("ni,ni->n", facets, directions) > 0.0
+            )
+            normals = np.where(is_back[:, None], -normals, normals)
+        return normals
 
     def albedo_at(self, hits: FirstHits, rays: WorldRays) -> Floats:
         """(n, 3) albedo where rays meet the mesh in its own frame, by a texture if any."""
@@ -136,7 +162,8 @@ class TracedMesh:
             those = np.flatnonzero(texture == number)
             height, width = levels[0].shape[:2]
             footprint = footprint_texels(steps[those], (width, height))
-            albedo[those] *= sample_levels(levels, uv[those], footprint)
+            texels = sample_levels(levels, uv[those], footprint, self.samplings[number])
+            albedo[those] *= texels[:, :3]
         return albedo
 
 
@@ -146,21 +173,78 @@ def _interpolate_corners(at_corners: Floats, weights: Floats) -> Floats:
     return np.asarray(a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _FacetFilter:
+    """What rays pass of some triangles of a scene: holes and, for cameras, backs.
+
+    Twin: src/bvh.c:passes_facet.
+    """
+
+    scene: SceneMesh
+    rows: npt.NDArray[np.intp]
+    """(m,) triangles of the scene."""
+    sees_backs: bool
+    textures: tuple[Levels, ...]
+
+    def __call__(self, triangle: _Indices, weights: Floats, directions: Floats) -> Bools:
+        """(k,) rays that pass the triangles that they meet."""
+        scene, rows = self.scene, self.rows[triangle]
+        passes = np.zeros(len(rows), dtype=bool)
+        if scene.single_sided is not None and not self.sees_backs:
+            facing = np.einsum("ni,ni->n", scene.normals[rows], directions)
+            passes = scene.single_sided[rows] & (facing > 0.0)
+        if scene.coverage is None:
+            return passes
+        holed = np.flatnonzero(np.isfinite(scene.coverage[rows, 0]))
+        opacity = _interpolate_corners(scene.coverage[rows[holed], :, None], weights[holed])[:, 0]
+        uv = _interpolate_corners(scene.uv[rows[holed]], weights[holed])
+        for number, levels in enumerate(self.textures):
+            those = np.flatnonzero(scene.texture_index[rows[holed]] == number)
+            if levels[0].shape[-1] == 4:
+                texels = sample_levels(
+                    levels, uv[those], np.zeros(len(those)), scene.samplings[number]
+                )
+                opacity[those] *= texels[:, 3]
+        passes[holed] |= ~(opacity >= 1.0)
+        return passes
+
+
+def make_search(
+    scene: SceneMesh,
+    centre: Floats,
+    textures: tuple[Levels, ...],
+    rows: npt.NDArray[np.intp],
+    *,
+    sees_backs: bool,
+) -> TriangleSearch:
+    """Search among some triangles of a scene, relative to a centre, whose holes rays pass."""
+    search = TriangleSearch(scene.corners[rows] - centre)
+    if scene.coverage is not None or (scene.single_sided is not None and not sees_backs):
+        search.filter = _FacetFilter(scene, rows, sees_backs, textures)
+    return search
+
+
 def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> TracedMesh:
     """The static scene, relative to its centre, as the rays are."""
-    surface = TriangleSearch(scene.corners - centre)
-    all_cast = bool(scene.casts_shadows.all())
+    textures = tuple(build_levels(texture) for texture in scene.textures)
+    rows, casters = np.arange(len(scene)), np.flatnonzero(scene.casts_shadows)
+    surface = make_search(scene, centre, textures, rows, sees_backs=False)
+    is_same = len(casters) == len(rows) and scene.single_sided is None
     return TracedMesh(
         surface,
-        surface if all_cast else TriangleSearch(scene.corners[scene.casts_shadows] - centre),
+        surface if is_same else make_search(scene, centre, textures, casters, sees_backs=True),
         scene,
         lights,
         scene.corner_albedo,
         scene.texture_index if scene.textures else None,
         scene.uv if scene.textures else None,
-        tuple(build_levels(texture) for texture in scene.textures),
+        textures,
+        scene.samplings,
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
         scene.occlusion,
+        scene.emission,
+        scene.corner_normals,
+        scene.two_sided,
     )
 
 

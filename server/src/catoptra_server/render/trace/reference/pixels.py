@@ -112,13 +112,16 @@ def _shade_mesh(
         sky = facet_irradiance(hemisphere_lights(mesh.lights), points.normals)
         irradiance -= (1.0 - factors)[:, None] * sky
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
-    return mesh.albedo_at(hits, rays) * irradiance
+    radiance = mesh.albedo_at(hits, rays) * irradiance
+    return radiance if mesh.emission is None else radiance + mesh.emission[hits.triangle]
 
 
 def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:
     """Positions and normals of hits."""
     positions = rays.origins + hits.distance[:, None] * rays.directions
-    normals = placed.world_from_mesh.normals(placed.mesh.facets.normals.take(hits.triangle, axis=0))
+    # The static scene alone has backs and smooth facets, and its axes are the world's.
+    shading = placed.mesh.shading_normals(hits, rays.directions)
+    normals = placed.world_from_mesh.normals(shading)
     largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)
     return _Points(positions, normals, _SHADOW_BIAS * largest)
 

@@ -16,6 +16,8 @@ Source: Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection".
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -65,6 +67,10 @@ class TriangleSearch:
         self._box_rows = _stack_boxes(rows.min(axis=1), rows.max(axis=1))
         self._first_leaf = len(self._box_rows) // 6
         self._size = float(np.abs(rows).max())
+
+    filter: Callable[[_Indices, Floats, Floats], Bools] | None = None
+    """Whether rays pass the (k,) triangles that they meet, by (k, 2) barycentric weights of corners
+    1 and 2, and (k, 3) directions; None: none does."""
 
     def first_hits(
         self, origins: Floats, directions: Floats, max_distance: Floats | None = None
@@ -154,6 +160,12 @@ class TriangleSearch:
         # Beside a triangle as small as rounding, or in its plane, all products round alike.
         for across in (x, y):
             is_met &= (across.min(axis=0) <= 0.0) & (across.max(axis=0) >= 0.0)
+        if self.filter is not None:
+            slot, column = np.nonzero(is_met)
+            met = np.stack((v, w), axis=-1)[slot, column] / total[slot, column, None]
+            numbers = self._numbers[leaves[column], slot]
+            passes = self.filter(numbers, met, rays.directions[some[column]])
+            is_met[slot[passes], column[passes]] = False
         distance = np.where(is_met, distance, np.inf)
         # The first of equals is the one of the lowest number, since leaves are sorted.
         slot, column = distance.argmin(axis=0), np.arange(len(some))
@@ -188,6 +200,8 @@ class _NearestHits:
 class _Rays:
     """n rays, with all that the tests of boxes and triangles need."""
 
+    directions: Floats
+    """(n, 3)."""
     axes: _Rows
     """(3, n) order of the axes: the last one is the direction's largest component."""
     origins: Floats
@@ -214,6 +228,7 @@ class _Rays:
         margin = _MARGIN * (np.abs(starts).max(axis=0) + size)
         step = np.copysign(margin, ways)
         return cls(
+            directions,
             axes,
             np.take_along_axis(starts, axes, axis=0),
             np.stack((x / z, y / z, 1.0 / z, margin / np.abs(z))),

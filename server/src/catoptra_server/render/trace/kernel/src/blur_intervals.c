@@ -33,6 +33,8 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
             continue;
         if (id == CLUSTER || set->count == MAX_MOVING)
             return 0;
+        if (is_filtered(&state->scene->mesh->arrays, id))
+            return 0;
         for (int corner = 0; corner < 3; corner++)
             set->corners[set->count][corner] = candidate_corner(candidates, i, corner);
         set->triangle[set->count++] = id;
@@ -157,7 +159,7 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     const FrameState *state = scene->state;
     int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
+    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED));
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};

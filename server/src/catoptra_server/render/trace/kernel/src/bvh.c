@@ -3,6 +3,8 @@
  * Threads: any at once; a hierarchy is only read. */
 #include "bvh.h"
 
+#include "textures.h"
+
 #include <math.h>
 
 /* Up to so many rays of a block go on one by one. */
@@ -39,6 +41,8 @@ typedef struct {
     const BvhLeaf *leaves;
     const FineLeaf *fine_leaves; /* instead of `leaves`, or NULL */
     const RayBlock *rays;
+    const MeshArrays *filter;  /* of facets that rays may pass; or NULL */
+    int sees_backs;            /* whether facets that are none from behind are met all the same */
     const double *place;       /* of the rays' coordinates in the mesh's; NULL: they are the same */
     const float (*start8)[BLOCK_RAYS]; /* origins in the mesh's coordinates */
     float reserve;             /* of these */
@@ -93,6 +97,7 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     query->nodes = bvh->nodes;
     query->leaves = bvh->leaves;
     query->fine_leaves = bvh->fine_leaves;
+    query->filter = bvh->filter;
     query->rays = rays;
     if (bvh->fine_leaves && !place)
         place = NOWHERE;
@@ -128,6 +133,64 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
         aim_finely(query);
 }
 
+int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
+                 int32_t triangle, int sees_backs) {
+    size_t at = (size_t)triangle;
+    if (!(mesh->flags[at] & FACET_FILTERED))
+        return 0;
+    /* In doubles: holes have sharp edges. Moeller and Trumbore 1997. */
+    double from[3], along[3], u_edge[3], v_edge[3], p[3], q[3];
+    for (int axis = 0; axis < 3; axis++) {
+        double corner[3];
+        for (int i = 0; i < 3; i++)
+            corner[i] = mesh->fine_corners ? mesh->fine_corners[9 * at + 3 * i + axis]
+                                           : (double)mesh->corners[9 * at + 3 * i + axis];
+        along[axis] = (double)rays->direction[axis][lane];
+        from[axis] = (double)rays->origin[axis][lane] + (place ? place[axis] : 0.0) - corner[0];
+        u_edge[axis] = corner[1] - corner[0];
+        v_edge[axis] = corner[2] - corner[0];
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        p[i] = along[j] * v_edge[k] - along[k] * v_edge[j];
+        q[i] = from[j] * u_edge[k] - from[k] * u_edge[j];
+    }
+    /* Positive where the ray goes against the normal. */
+    double volume = u_edge[0] * p[0] + u_edge[1] * p[1] + u_edge[2] * p[2];
+    if (!sees_backs && !(mesh->flags[at] & FACET_TWO_SIDED) && volume < 0.0)
+        return 1;
+    const float *coverage = mesh->coverage + 3 * at;
+    if (isinf(coverage[0]) || volume == 0.0)
+        return 0;
+    double u = (from[0] * p[0] + from[1] * p[1] + from[2] * p[2]) / volume;
+    double v = (along[0] * q[0] + along[1] * q[1] + along[2] * q[2]) / volume;
+    double opacity = coverage[0] + u * ((double)coverage[1] - coverage[0]) +
+                     v * ((double)coverage[2] - coverage[0]);
+    if (mesh->flags[at] & FACET_TEXTURED) {
+        const Texture *texture = mesh->textures + mesh->texture[at];
+        const double *uv = mesh->uv + 6 * at;
+        float s = (float)(uv[0] + u * uv[2] + v * uv[4]);
+        float t = (float)(uv[1] + u * uv[3] + v * uv[5]);
+        TexelSquare square = sample_texels(texture, texture->levels, s, t, 1);
+        opacity *= (double)mix_texels(&square)[3];
+    }
+    return !(opacity >= 1.0);
+}
+
+static __attribute__((noinline)) int passes(const Query *query, int lane, int32_t triangle) {
+    return passes_facet(query->filter, query->place, query->rays, lane, triangle,
+                        query->sees_backs);
+}
+
+/* Those of some rays that do not pass a triangle. */
+static __attribute__((noinline)) uint32_t keep_stopped(const Query *query, uint32_t lanes,
+                                                       int32_t triangle) {
+    for (uint32_t left = lanes; left; left &= left - 1)
+        if (passes(query, __builtin_ctz(left), triangle))
+            lanes &= ~(left & -left);
+    return lanes;
+}
+
 /* Note the nearest of a leaf's hits, or of equally near ones that of the lowest number. */
 static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint32_t hits,
                      Floats8 distance) {
@@ -138,7 +201,8 @@ static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint
         int i = __builtin_ctz(hits);
         hits &= hits - 1;
         float at = distances[i], limit = query->limit[lane];
-        if (at > 0.0f && (at < limit || (at == limit && triangle[i] < query->triangle[lane]))) {
+        if (at > 0.0f && (at < limit || (at == limit && triangle[i] < query->triangle[lane])) &&
+            !(query->filter && passes(query, lane, triangle[i]))) {
             query->limit[lane] = at;
             query->triangle[lane] = triangle[i];
             is_nearer = 1;
@@ -282,6 +346,8 @@ typedef struct {
         int32_t number = leaf->triangle[slot];                                                     \
         Ints16 is_nearer = is_inside & (distance > 0.0f) &                                         \
                            ((distance < limit) | ((distance == limit) & (number < triangle)));     \
+        if (query->filter)                                                                         \
+            is_nearer &= mask16(keep_stopped(query, bits16(is_nearer), number));                   \
         store16(select16(is_nearer, distance, limit), query->limit);                               \
         store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);             \
         return bits16(is_nearer);                                                                  \
@@ -687,6 +753,7 @@ void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlo
     if (!bvh->num_nodes || !rays->active)
         return;
     aim_query(&query, bvh, place, rays);
+    query.sees_backs = 0;
     run_query(&query, 0);
     Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
     store16(load16(query.limit), rays->limit);
@@ -699,6 +766,7 @@ uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays
     if (!bvh->num_nodes || !rays->active)
         return 0;
     aim_query(&query, bvh, place, rays);
+    query.sees_backs = 1; /* what is seen from one side alone has shadows from both */
     run_query(&query, 1);
     return rays->active & ~query.active;
 }

@@ -18,6 +18,7 @@
 #ifndef CATOPTRA_BVH_H
 #define CATOPTRA_BVH_H
 
+#include "kernel.h"
 #include "lanes.h"
 #include "ray_block.h"
 #include "workers.h"
@@ -64,6 +65,8 @@ typedef struct {
     FineLeaf *fine_leaves; /* of a large mesh; else NULL */
     int32_t num_nodes, num_leaves;
     float largest; /* coordinate of the box, 0 without */
+    /* Of a mesh with facets that have holes, or are none from behind; else NULL. */
+    const MeshArrays *filter;
 } Bvh;
 
 /* The triangles of a leaf, NO_TRIANGLE for unused lanes. */
@@ -83,6 +86,11 @@ void free_bvh(Bvh *bvh);
 void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes);
 
 int32_t max_nodes(int32_t count, int32_t leaf_size);
+
+/* Whether a ray that meets a triangle of a filtered mesh passes it: through a hole or, where backs
+ * are not seen, from behind. `place` as below. */
+int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
+                 int32_t triangle, int sees_backs);
 
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit, `object`
  * the object that it belongs to. `place` is that of the rays' coordinates in the mesh's; NULL: they

@@ -24,6 +24,11 @@ typedef struct {
 } CandidateList;
 
 /* Object number of a candidate. */
+/* Whether rays may pass a triangle of the static scene that they meet. */
+static inline int is_filtered(const MeshArrays *mesh, int32_t triangle) {
+    return (mesh->flags[triangle] & FACET_FILTERED) != 0;
+}
+
 static inline int32_t candidate_object(int32_t id) {
     return id > OBJECT_BOX ? OBJECT_STATIC : 1 + OBJECT_BOX - id;
 }

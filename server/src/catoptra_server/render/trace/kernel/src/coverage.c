@@ -245,12 +245,26 @@ static int has_scene(const CandidateList *list) {
     return 0;
 }
 
+/* Of a surface of two sides, and of one that is none from behind, the front is known; one with
+ * holes covers nothing. */
+static int is_uncertain(const FrameState *state, const BeamSides *sides, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (!(mesh->flags[triangle] & (FACET_TWO_SIDED | FACET_FILTERED)))
+        return 0;
+    if (is_filtered(mesh, triangle) && isfinite(mesh->coverage[3 * (size_t)triangle]))
+        return 1;
+    Vec3 apex = add(vec3(state->camera.translation), sides->apex);
+    return dot(vec3(mesh->normals + 3 * (size_t)triangle),
+               subtract(plane_point(state, triangle), apex)) >= 0.0f;
+}
+
 /* Triangle of the surface that fills a beam, the background, or SURFACE_UNKNOWN; objects apart. */
 static int32_t find_cover(const Search *search, CandidateList *list, const BeamSides *sides) {
     Cover cover;
     if (!has_scene(list))
         return SURFACE_BACKGROUND;
     if (list->count > MAX_SEARCHED || !find_first_surface(search, list, sides, &cover) ||
+        is_uncertain(search->state, sides, cover.triangle) ||
         !covers(search, list, sides, cover.surface))
         return SURFACE_UNKNOWN;
     return drop_hidden(search, list, &cover, sides) ? cover.triangle : SURFACE_UNKNOWN;

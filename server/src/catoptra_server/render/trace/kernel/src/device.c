@@ -44,6 +44,7 @@ Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error
     if (mesh && build_bvh(&mesh->bvh, device->workers, arrays->corners, arrays->fine_corners,
                           arrays->num_triangles)) {
         mesh->arrays = *arrays;
+        mesh->bvh.filter = arrays->coverage ? &mesh->arrays : NULL;
         return mesh;
     }
     free(mesh);

@@ -14,7 +14,9 @@ typedef struct {
     uint32_t textured; /* those with a texture */
     uint32_t dim;      /* rays whose hits lack a part of the sky; computed or not */
     uint32_t objects;  /* rays that meet dynamic objects */
-    uint32_t coloured; /* those whose facets have colours at their corners */
+    uint32_t coloured; /* those of whose radiance no table has a part */
+    uint32_t backs;    /* those that see the back of a facet of two sides */
+    uint32_t emissive, smooth; /* those whose facets are */
     int num_proven;
     struct {
         uint32_t rays; /* computed ones that meet one facet */

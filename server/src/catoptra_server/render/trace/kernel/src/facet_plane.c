@@ -113,7 +113,8 @@ static void read_image(const Texture *texture, const TexturePoints *points, Vec3
     TexelSquare squares[BLOCK_RAYS];
     /* All texels are requested before the first is used. */
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        squares[lane] = find_texels(texture->levels, points->u[lane], points->v[lane]);
+        squares[lane] =
+            sample_texels(texture, texture->levels, points->u[lane], points->v[lane], 1);
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         Texel colour = mix_texels(&squares[lane]);
         set_lane(result, lane, multiply(radiance, (Vec3){colour[0], colour[1], colour[2]}));

@@ -65,6 +65,7 @@ typedef struct {
     float at_origin, x_slope, y_slope;
     float highest, lowest;
     int is_steep; /* along the light: its plane has no height */
+    int has_holes; /* it hides nothing for certain */
 } Caster;
 
 static Caster make_caster(const MapPoint corners[3]) {
@@ -127,12 +128,13 @@ static void cast_on_cell(const LightMap *map, const Caster *caster, float x, flo
                  height_tolerance(map, caster->highest);
     insert(cell, surface, fminf(centre + rise, caster->highest));
     /* A shadow ray begins beside its point, by less than the tolerance. */
-    if (centre - rise > cell->cover && is_cell_inside(caster, x, y, half))
+    if (!caster->has_holes && centre - rise > cell->cover && is_cell_inside(caster, x, y, half))
         cell->cover = fmaxf(centre - rise, caster->lowest);
 }
 
-static void add_caster(LightMap *map, const MapPoint p[3], int32_t surface) {
+static void add_caster(LightMap *map, const MapPoint p[3], int has_holes, int32_t surface) {
     Caster caster = make_caster(p);
+    caster.has_holes = has_holes;
     float margin = 2.0f * lateral_tolerance(map, caster.highest);
     float half = 0.5f * map->cell_side + margin;
     float left = fminf(p[0].x, fminf(p[1].x, p[2].x)), right = fmaxf(p[0].x, fmaxf(p[1].x, p[2].x));
@@ -166,7 +168,7 @@ static int clip_polygon(const Vec3 *from, int count, Vec3 inward, Vec3 *clipped)
 }
 
 /* A caster on a face around a point light; 0 if it reaches to the light, where nothing is known. */
-static int add_to_face(LightMap *map, const float *corners, int32_t surface) {
+static int add_to_face(LightMap *map, const float *corners, int has_holes, int32_t surface) {
     /* Little more than the face, for the rounding of the cut. */
     const float reach = 1.01f * FACE_REACH;
     Vec3 z = scale(reach, map->towards), polygon[8], other[8];
@@ -187,17 +189,17 @@ static int add_to_face(LightMap *map, const float *corners, int32_t surface) {
         points[i] = project(map, add(polygon[i], map->origin));
     }
     for (int i = 2; i < count; i++)
-        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface);
+        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, has_holes, surface);
     return 1;
 }
 
-static int add_mesh_triangle(LightMap *map, const float *corners, int32_t surface) {
+static int add_mesh_triangle(LightMap *map, const float *corners, int has_holes, int32_t surface) {
     if (map->is_perspective)
-        return add_to_face(map, corners, surface);
+        return add_to_face(map, corners, has_holes, surface);
     MapPoint points[3];
     for (int i = 0; i < 3; i++)
         points[i] = project(map, vec3(corners + 3 * i));
-    add_caster(map, points, surface);
+    add_caster(map, points, has_holes, surface);
     return 1;
 }
 
@@ -211,7 +213,8 @@ static void fill_map(LightMaps *maps, LightMap *map, const Scene *scene) {
         map->cells[i] = (MapCell){-INFINITY, -INFINITY, -INFINITY, -1};
     for (int32_t i = 0; is_whole && i < casters->num_triangles; i++) {
         int32_t triangle = scene->caster_triangles ? scene->caster_triangles[i] : i;
-        is_whole = add_mesh_triangle(map, casters->corners + 9 * (size_t)i,
+        int has_holes = casters->coverage && isfinite(casters->coverage[3 * (size_t)i]);
+        is_whole = add_mesh_triangle(map, casters->corners + 9 * (size_t)i, has_holes,
                                      scene->surfaces.surface[triangle]);
     }
     map->is_built = is_whole;

@@ -15,7 +15,18 @@
 
 enum { TILE_PX = 4, BLOCK_RAYS = 16, MAX_SAMPLES = 16 };
 
-enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4, FACET_OCCLUDED = 8 };
+enum {
+    FACET_UNLIT = 1,
+    FACET_TEXTURED = 2,
+    FACET_CORNER_COLOURS = 4,
+    FACET_OCCLUDED = 8,
+    FACET_EMISSIVE = 16,
+    FACET_SMOOTH = 32,    /* lit by normals between those at its corners */
+    FACET_TWO_SIDED = 64, /* its back is lit by the opposite normal */
+    FACET_FILTERED = 128, /* it has holes, or from behind is none: unless FACET_TWO_SIDED */
+    /* Facets whose radiance is computed at each point, whatever the lights. */
+    FACET_COMPUTED = FACET_CORNER_COLOURS | FACET_EMISSIVE | FACET_SMOOTH
+};
 
 enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
@@ -35,6 +46,20 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
+/* Linear texels with a border of one texel repeated from the other side. */
+typedef struct {
+    int32_t width, height; /* without border */
+    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, opaque */
+} TextureLevel;
+
+enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
+
+typedef struct {
+    int32_t num_levels;
+    int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
+    const TextureLevel *levels; /* the image, then each of half the sides of the one before */
+} Texture;
+
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
 typedef struct {
     int32_t num_triangles;
@@ -46,18 +71,13 @@ typedef struct {
     const double *uv;            /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
     const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
+    const float *emission;       /* (n, 3) linear, of facets with FACET_EMISSIVE; or NULL */
+    const float *corner_normals; /* (n, 3, 3) unit, of facets with FACET_SMOOTH; or NULL */
+    /* (n, 3) opacity at corners over that of the emptiest point which is a surface, with
+     * FACET_FILTERED; infinite without holes, NULL without such facets. Times the texture's. */
+    const float *coverage;
+    const Texture *textures; /* of `texture`, for holes; or NULL */
 } MeshArrays;
-
-/* Linear texels with a border of one texel repeated from the other side. */
-typedef struct {
-    int32_t width, height; /* without border */
-    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, the fourth unused */
-} TextureLevel;
-
-typedef struct {
-    int32_t num_levels;
-    const TextureLevel *levels; /* the image, then each of half the sides of the one before */
-} Texture;
 
 typedef struct {
     int32_t kind;

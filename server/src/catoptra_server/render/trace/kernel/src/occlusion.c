@@ -227,7 +227,7 @@ static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle
     return least < 1.0f;
 }
 
-static void hide_sky_from_facet(const FrameState *state, uint32_t mask, int32_t triangle,
+static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t all_sky, int32_t triangle,
                                 const float ends[3][BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
     _Alignas(64) float factors[BLOCK_RAYS];
@@ -236,18 +236,16 @@ static void hide_sky_from_facet(const FrameState *state, uint32_t mask, int32_t 
                : !find_many_factors(scene, mask, triangle, ends, factors))
         return;
     const float *ambient = scene->ambient_radiance + 3 * (size_t)triangle;
-    /* So far all light of a facet whose colours vary is the sky's. */
-    int is_all_sky = scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
         for (int channel = 0; channel < 3; channel++)
             radiance[channel][lane] -= (1.0f - factors[lane]) *
-                                       (is_all_sky ? radiance[channel][lane] : ambient[channel]);
+                                       (all_sky >> lane & 1 ? radiance[channel][lane] : ambient[channel]);
     }
 }
 
-void hide_sky(const FrameState *state, uint32_t mask, const RayBlock *rays, const HitBlock *hits,
-              float radiance[3][BLOCK_RAYS]) {
+void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const RayBlock *rays,
+              const HitBlock *hits, float radiance[3][BLOCK_RAYS]) {
     _Alignas(64) float ends[3][BLOCK_RAYS];
     if (!mask)
         return;
@@ -258,7 +256,7 @@ void hide_sky(const FrameState *state, uint32_t mask, const RayBlock *rays, cons
         uint32_t same = 0;
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             same |= (uint32_t)(hits->triangle[lane] == triangle) << lane;
-        hide_sky_from_facet(state, same & mask, triangle, (const float(*)[BLOCK_RAYS])ends,
+        hide_sky_from_facet(state, same & mask, all_sky, triangle, (const float(*)[BLOCK_RAYS])ends,
                             radiance);
         mask &= ~same;
     }

@@ -41,8 +41,8 @@ int is_sky_open(const Scene *scene, int32_t triangle, const float columns[BLOCK_
 /* Take from the (3, 16) radiance of a mask of rays what the scene hides of the sky where they meet
  * static facets that have grids: before textures, and before lights are added one by one. The rays'
  * limits are the distances of their hits. */
-void hide_sky(const FrameState *state, uint32_t mask, const RayBlock *rays, const HitBlock *hits,
-              float radiance[3][BLOCK_RAYS]);
+void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const RayBlock *rays,
+              const HitBlock *hits, float radiance[3][BLOCK_RAYS]);
 
 /* Scale the (3, 16) radiance of rays that all meet a facet's plane; `light`: the
  * facet's radiance with factor 1, before its texture. */

@@ -31,7 +31,7 @@ static int add_lights(const FrameState *state, int32_t triangle, LightProof proo
     const Scene *scene = state->scene;
     uint8_t flags = scene->mesh->arrays.flags[triangle];
     *found = (PlaneLight){vec3(scene->sharp_radiance + 3 * (size_t)triangle), {0, 0, 0}, 1};
-    if (flags & FACET_CORNER_COLOURS)
+    if (flags & FACET_COMPUTED)
         return 0;
     if (flags & FACET_UNLIT)
         return 1;

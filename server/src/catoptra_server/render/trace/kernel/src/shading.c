@@ -33,11 +33,19 @@ static Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal) {
     return add(scale(upward, vec3(hemisphere->up)), scale(1.0f - upward, vec3(hemisphere->down)));
 }
 
+/* Whether a ray sees the back of a facet that is lit on both sides. */
+static int sees_back(const FrameState *state, const RayBlock *rays, int lane, int object,
+                     int triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    return object == OBJECT_STATIC && mesh->flags[triangle] & FACET_TWO_SIDED &&
+           dot(vec3(mesh->normals + 3 * (size_t)triangle), get_lane(rays->direction, lane)) > 0.0f;
+}
+
 int is_tabulated(const FrameState *state, int object, int triangle) {
     if (object != OBJECT_STATIC)
         return object == OBJECT_NONE || state->object_radiance;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    if (mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS))
+    if (mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED))
         return 0;
     return mesh->flags[triangle] & FACET_UNLIT ||
            !(state->has_point_lights || state->frame->has_shadows);
@@ -116,12 +124,12 @@ const Vec3 **light_objects(const FrameState *state) {
 }
 
 /* Radiance without the lights that are added one by one. */
-static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec3 albedo,
-                          Vec3 normal) {
+static Vec3 base_radiance(const FrameState *state, int object, int triangle, int is_coloured,
+                          Vec3 albedo, Vec3 normal) {
     const MeshArrays *mesh = mesh_of(state, object);
     if (mesh->flags[triangle] & FACET_UNLIT)
         return albedo;
-    if (object == OBJECT_STATIC && !(mesh->flags[triangle] & FACET_CORNER_COLOURS))
+    if (object == OBJECT_STATIC && !is_coloured)
         return table_entry(state, object, triangle);
     return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, normal));
 }
@@ -131,13 +139,19 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
                     SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     surface->computed = surface->lit = surface->textured = surface->dim = 0;
     surface->objects = surface->coloured = 0;
+    surface->backs = surface->emissive = surface->smooth = 0;
     for (uint32_t left = rays->active, same; left; left &= ~same) {
         int lane = __builtin_ctz(left), object = hits->object[lane];
         int triangle = hits->triangle[lane];
+        uint32_t is_back = (uint32_t)sees_back(state, rays, lane, object, triangle);
         same = find_same(hits, lane) & left;
+        /* Rays with origins of their own may see both sides of a facet. */
+        if (object == OBJECT_STATIC &&
+            state->scene->mesh->arrays.flags[triangle] & FACET_TWO_SIDED)
+            same = 1u << lane;
         if (object == OBJECT_STATIC && has_occlusion(state->scene, triangle))
             surface->dim |= same;
-        if (is_tabulated(state, object, triangle)) {
+        if (!is_back && is_tabulated(state, object, triangle)) {
             set_lanes(radiance, same, table_entry(state, object, triangle));
             continue;
         }
@@ -146,7 +160,10 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
         surface->lit |= flags & FACET_UNLIT ? 0 : same;
         surface->textured |= flags & FACET_TEXTURED ? same : 0;
         surface->objects |= object != OBJECT_STATIC ? same : 0;
-        surface->coloured |= flags & FACET_CORNER_COLOURS ? same : 0;
+        surface->coloured |= flags & FACET_COMPUTED || is_back ? same : 0;
+        surface->backs |= is_back ? same : 0;
+        surface->emissive |= flags & FACET_EMISSIVE ? same : 0;
+        surface->smooth |= flags & FACET_SMOOTH ? same : 0;
     }
 }
 
@@ -215,7 +232,10 @@ static void look_up_plane(const FrameState *state, int32_t triangle, SurfaceBloc
     surface->textured = is_computed && flags & FACET_TEXTURED ? 0xffff : 0;
     surface->dim = has_occlusion(state->scene, triangle) ? 0xffff : 0;
     surface->objects = 0;
-    surface->coloured = flags & FACET_CORNER_COLOURS ? 0xffff : 0;
+    surface->coloured = flags & FACET_COMPUTED ? 0xffff : 0;
+    surface->backs = 0;
+    surface->emissive = flags & FACET_EMISSIVE ? 0xffff : 0;
+    surface->smooth = flags & FACET_SMOOTH ? 0xffff : 0;
     if (!is_computed)
         set_all(radiance, table_entry(state, OBJECT_STATIC, triangle));
 }
@@ -236,9 +256,39 @@ static void begin_plane(const FrameState *state, const RayBlock *rays, int32_t t
                   proof ? *proof : prove_block(state, triangle, &surface->points));
 }
 
+/* Shading normals of smooth facets and of backs; geometry stays as it is. */
+static void bend_normals(const FrameState *state, const HitBlock *hits, SurfaceBlock *surface) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    for (uint32_t left = surface->smooth | surface->backs; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        Vec3 normal = get_lane(surface->points.normal, lane);
+        if (surface->smooth >> lane & 1) {
+            const float *corners = mesh->corner_normals + 9 * (size_t)hits->triangle[lane];
+            Vec3 first = vec3(corners);
+            Vec3 along_u = scale(surface->points.u[lane], subtract(vec3(corners + 3), first));
+            Vec3 along_v = scale(surface->points.v[lane], subtract(vec3(corners + 6), first));
+            Vec3 between = add(first, add(along_u, along_v));
+            float squared = dot(between, between);
+            normal = squared > 0.0f ? scale(1.0f / __builtin_sqrtf(squared), between) : normal;
+        }
+        set_lane(surface->points.normal, lane,
+                 surface->backs >> lane & 1 ? scale(-1.0f, normal) : normal);
+    }
+}
+
+static void add_emission(const FrameState *state, const HitBlock *hits, uint32_t emissive,
+                         float radiance[3][BLOCK_RAYS]) {
+    for (; emissive; emissive &= emissive - 1) {
+        int lane = __builtin_ctz(emissive);
+        const float *own = state->scene->mesh->arrays.emission + 3 * (size_t)hits->triangle[lane];
+        set_lane(radiance, lane, add(get_lane(radiance, lane), vec3(own)));
+    }
+}
+
 static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                            SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     find_hit_points(state, rays, hits, surface->computed, &surface->points);
+    bend_normals(state, hits, surface);
     memset(surface->albedo, 0, sizeof surface->albedo);
     uint32_t single = surface->objects | surface->coloured;
     for (uint32_t left = surface->computed, same; left; left &= ~same) {
@@ -249,7 +299,7 @@ static void begin_surfaces(const FrameState *state, const RayBlock *rays, const 
                                 surface->points.v[lane]);
         set_lanes(surface->albedo, same, albedo);
         set_lanes(radiance, same,
-                  base_radiance(state, object, triangle, albedo,
+                  base_radiance(state, object, triangle, surface->coloured >> lane & 1, albedo,
                                 get_lane(surface->points.normal, lane)));
     }
 }
@@ -265,19 +315,22 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
                  float radiance[3][BLOCK_RAYS], LostLight *lost) {
     SurfaceBlock surface = {.num_proven = 0};
     int32_t triangle = proof && rays->active == 0xffff ? hits->triangle[0] : -1;
+    for (int lane = 0; triangle >= 0 && lane < BLOCK_RAYS; lane++)
+        if (sees_back(state, rays, lane, OBJECT_STATIC, triangle))
+            triangle = -1;
     if (triangle >= 0)
         look_up_plane(state, triangle, &surface, radiance);
     else
         look_up(state, rays, hits, &surface, radiance);
     surface.dim = is_open ? 0 : surface.dim;
     if (!surface.computed) {
-        hide_sky(state, surface.dim, rays, hits, radiance);
+        hide_sky(state, surface.dim, 0, rays, hits, radiance);
         return;
     }
     if (triangle < 0 && state->has_one_pose)
         triangle = find_common_triangle(hits, surface.computed);
-    int is_plane = triangle >= 0 &&
-                   !(state->scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS);
+    int is_plane = triangle >= 0 && !surface.backs &&
+                   !(state->scene->mesh->arrays.flags[triangle] & FACET_COMPUTED);
     if (proofs)
         find_proven(proofs, hits, &surface);
     FacetPlane plane;
@@ -288,19 +341,19 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
         begin_surfaces(state, rays, hits, &surface, radiance);
     }
     /* Before any other light is added. */
-    hide_sky(state, surface.dim, rays, hits, radiance);
+    hide_sky(state, surface.dim, surface.coloured, rays, hits, radiance);
     if (surface.lit)
         allow_unseen(state, radiance, &surface);
     for (int light = 0; surface.lit && light < state->scene->num_lights; light++)
         add_light(state, light, rays, hits, &surface, radiance, lost);
-    if (!surface.textured)
-        return;
     float texels[3][BLOCK_RAYS];
-    if (is_plane)
+    if (surface.textured && is_plane)
         texture_block(state, triangle, &plane, rays, (Vec3){1, 1, 1}, texels);
-    else
+    else if (surface.textured)
         read_hit_textures(state, rays, hits, &surface, texels);
-    multiply_block(radiance, texels);
-    if (lost && lost->rays)
+    if (surface.textured)
+        multiply_block(radiance, texels);
+    if (surface.textured && lost && lost->rays)
         multiply_block(lost->radiance, texels);
+    add_emission(state, hits, surface.emissive, radiance);
 }

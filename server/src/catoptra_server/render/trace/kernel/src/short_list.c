@@ -57,6 +57,19 @@ static int allow_origins(float radius, ShortTriangle *triangle) {
     return 1;
 }
 
+/* Whether rays from the corners' origin that meet a triangle do not pass it; -1: some may. What is
+ * seen from one side alone is on the same side of all origins, as far as they are allowed. */
+static int is_met_from(const FrameState *state, int32_t triangle, const Vec3 corners[3]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (!is_filtered(mesh, triangle))
+        return 1;
+    if (isfinite(mesh->coverage[3 * (size_t)triangle]) || state->shift > 0.0f)
+        return -1;
+    float volume = dot(corners[0], cross(corners[1], corners[2]));
+    float least = MIN_VOLUME * length_of(corners[0]) * length_of(corners[1]) * length_of(corners[2]);
+    return fabsf(volume) > least ? volume < 0.0f : -1;
+}
+
 int make_short_list(const FrameState *state, const CandidateList *candidates,
                     const BeamSides *sides, ShortList *list) {
     list->count = 0;
@@ -72,6 +85,11 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
         Vec3 *corners = list->corners[list->count];
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = subtract(candidate_corner(candidates, i, corner), sides->centre);
+        int is_met = is_met_from(state, id, corners);
+        if (is_met < 0)
+            return 0;
+        if (!is_met)
+            continue;
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = id;
         if (!set_dual(corners, triangle) || !allow_origins(list->radius, triangle))

@@ -110,9 +110,11 @@ typedef struct {
 static inline TexelChoice find_level_texels(const Texture *texture, LevelChoice choice, float u,
                                             float v) {
     const TextureLevel *fine = texture->levels + choice.level;
-    TexelChoice texels = {.fine = find_texels(fine, u, v), .weight = choice.weight};
+    int is_image = choice.level == 0 && choice.weight == 0.0f;
+    TexelChoice texels = {.fine = sample_texels(texture, fine, u, v, is_image),
+                          .weight = choice.weight};
     if (choice.weight > 0.0f)
-        texels.coarse = find_texels(fine + 1, u, v);
+        texels.coarse = sample_texels(texture, fine + 1, u, v, 0);
     return texels;
 }
 

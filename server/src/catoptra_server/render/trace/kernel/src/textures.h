@@ -45,6 +45,30 @@ static inline TexelSquare find_texels(const TextureLevel *texture, float u, floa
     return square;
 }
 
+/* A coordinate between the centres of the first and of the last texel. */
+static inline float clamp_coordinate(float coordinate, int32_t size) {
+    float half = 0.5f / (float)size, last = 1.0f - half;
+    return coordinate < half ? half : coordinate < last ? coordinate : last;
+}
+
+static inline float snap_coordinate(float coordinate, int32_t size) {
+    return (__builtin_floorf(coordinate * (float)size) + 0.5f) / (float)size;
+}
+
+/* Texels around coordinates, by the texture's own way to continue and to interpolate. */
+static inline TexelSquare sample_texels(const Texture *texture, const TextureLevel *level, float u,
+                                        float v, int is_image) {
+    if (__builtin_expect(texture->sampling, 0)) {
+        if (is_image && texture->sampling & SAMPLE_NEAREST) {
+            u = snap_coordinate(u, level->width);
+            v = snap_coordinate(v, level->height);
+        }
+        u = texture->sampling & SAMPLE_CLAMP_U ? clamp_coordinate(u, level->width) : u;
+        v = texture->sampling & SAMPLE_CLAMP_V ? clamp_coordinate(v, level->height) : v;
+    }
+    return find_texels(level, u, v);
+}
+
 typedef float Texel __attribute__((vector_size(16)));
 typedef uint16_t TexelBits __attribute__((vector_size(8)));
 

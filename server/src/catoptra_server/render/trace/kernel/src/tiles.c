@@ -141,7 +141,7 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
         if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
             flags |= facets[hits->triangle[lane]];
     }
-    return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS | FACET_OCCLUDED)) &&
+    return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_OCCLUDED | FACET_TWO_SIDED)) &&
            (!meets_object || state->object_radiance) &&
            (state->is_constant || sees_all_lights(state, rays, hits));
 }
