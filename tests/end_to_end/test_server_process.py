@@ -84,9 +84,10 @@ def test_viewer_without_a_robot_receives_black_frames(lockstep: RunningServer) -
         assert not images.get_frame().rgb.any()
 
 
-def test_spawn_of_an_unknown_class_raises_after_the_timeout(lockstep: RunningServer) -> None:
-    robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
-    with robot, pytest.raises(CatoptraError, match="does not reply to an unknown class"):
+def test_spawn_of_an_unknown_class_names_those_that_exist(lockstep: RunningServer) -> None:
+    robot = RobotClient.connect(port=lockstep.control_port)
+    known = "there is no class 'USARBot.Submarine': this server has USARBot.OmniP2AT"
+    with robot, pytest.raises(CatoptraError, match=known):
         robot.spawn("USARBot.Submarine", start_pose="Centre")
 
 

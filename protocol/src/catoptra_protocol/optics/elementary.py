@@ -26,6 +26,8 @@ processor. None is seen in a result but those of a driver or a reference that ar
 
 * `calibration/`: files for other programs, which state what they leave.
 * `commands/doctor/`: its self-test has a tolerance.
+* `commands/draw_map.py`: a plan, for people.
+* `config/sdf_world.py`: the text of a world file, which is written once and read alike everywhere.
 * `frames/plan/costs.py`: measured times, which no two frames have alike.
 * `frames/plan/faces.py`, `render/projection/`, `render/raster/`: for OpenGL, whose drivers have
   bits of their own.
