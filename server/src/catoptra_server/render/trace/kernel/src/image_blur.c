@@ -164,7 +164,7 @@ ALWAYS_INLINE Floats16 sum_pair(const BlurSource *source, int i, int j) {
 
 /* Sums of a cell's row by all weights, of `count` sources. */
 ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, int count,
-                           const BlurSource sources[4], Floats16 totals[4]) {
+                           const BlurSource *sources, Floats16 *totals) {
     int pairs = pair_count(stage->size), pair = 0;
     TablePlace place = {0};
     if (stage->num_rows)
@@ -185,7 +185,7 @@ ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, in
 }
 
 static void blur_row(const ImageStage *stage, Floats16 rows, int reach,
-                     const BlurSource sources[4], Floats16 totals[4]) {
+                     const BlurSource *sources, Floats16 *totals) {
     BlurSource colours[3];
     for (int channel = 0; channel < 3; channel++)
         colours[channel] = (BlurSource){.light = sources[channel].light,
@@ -196,7 +196,7 @@ static void blur_row(const ImageStage *stage, Floats16 rows, int reach,
 /* The mask is summed like a colour: what is missing in its sum of weights goes to the central
  * pixel. */
 static void blur_masked_row(const ImageStage *stage, Floats16 rows, int reach,
-                            const BlurSource sources[4], Floats16 totals[4]) {
+                            const BlurSource *sources, Floats16 *totals) {
     sum_row(stage, rows, reach, 4, sources, totals);
     Ints16 takes_part = read_shifted(sources + 3, 0, 0) != 0.0f;
     for (int channel = 0; channel < 3; channel++) {
@@ -255,7 +255,7 @@ static float differing_exchange(const ImageStage *stage, const Cell *cell,
     Floats16 last = splat16((float)(stage->num_rows - 1));
     for (int row = 0; row < cell->rows; row++) {
         Floats16 one = least16(near->row[row], last), other = least16(far->row[row], last);
-        Floats16 above = __builtin_elementwise_ceil(most16(one, other));
+        Floats16 above = -floor16(-most16(one, other));
         Ints16 low = __builtin_convertvector(least16(one, other), Ints16);
         Ints16 high = __builtin_convertvector(above, Ints16);
         for (int x = 0; x < CELL_COLUMNS; x++)

@@ -106,7 +106,7 @@ static void quantise(const Pass *pass, const ImageStage *stage, const Cell *cell
     float max_code = stage->numbers[0];
     EACH_ROW(cells, cell) {
         float *values = cells->values[plane][row];
-        Floats16 codes = __builtin_elementwise_floor(load16(values) * max_code + 0.5f) / max_code;
+        Floats16 codes = floor16(load16(values) * max_code + 0.5f) / max_code;
         store16(least16(codes, splat16(1.0f)), values);
     }
 }

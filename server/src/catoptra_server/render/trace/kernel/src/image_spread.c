@@ -27,7 +27,7 @@ typedef struct {
 } Offsets;
 
 static Offsets split_offsets(Floats16 x, Floats16 y) {
-    Floats16 whole_x = __builtin_elementwise_floor(x), whole_y = __builtin_elementwise_floor(y);
+    Floats16 whole_x = floor16(x), whole_y = floor16(y);
     return (Offsets){__builtin_convertvector(whole_x, Ints16),
                      __builtin_convertvector(whole_y, Ints16), x - whole_x, y - whole_y};
 }

@@ -46,6 +46,16 @@ static inline Floats8 absolute8(Floats8 a) { return (Floats8)((Ints8)a & 0x7ffff
 
 static inline Floats16 absolute16(Floats16 a) { return (Floats16)((Ints16)a & 0x7fffffff); }
 
+static inline Floats16 floor16(Floats16 values) {
+#if __has_builtin(__builtin_elementwise_floor)
+    return __builtin_elementwise_floor(values);
+#else /* GCC, for its sanitizers */
+    for (int lane = 0; lane < 16; lane++)
+        values[lane] = __builtin_floorf(values[lane]);
+    return values;
+#endif
+}
+
 /* Bit masks of the lanes of masks. */
 static inline uint32_t bits8(Ints8 mask) {
 #if defined(__AVX__)
