@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from catoptra_server.world.world_description import (
     RfidTag,
     Ring,
     SphereBand,
+    Vector3,
     Victim,
     World,
 )
@@ -245,6 +247,29 @@ def test_lights_of_a_mesh_with_its_own_material_are_switched_by_the_world(
     assert world.items[-1].material is None
     assert world.items[-1].unlit is unlit
     assert file.unknown_names() == []
+
+
+def test_lamps_of_a_mesh_file_are_stretched_with_it(tmp_path: Path) -> None:
+    lamps = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [node],
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": lamps,
+    }
+    (tmp_path / "lamp.gltf").write_text(json.dumps(document))
+
+    def find_lamp(scale: str) -> Vector3:
+        line = f"Meshes=(File=lamp.gltf,Up=y,Position=(X=1,Y=0,Z=0),{scale})"
+        light = read_world_text(tmp_path, line).lights[-1]
+        assert isinstance(light, PointLight)
+        return light.position_m
+
+    x, y, z = find_lamp("Scale=1")
+    stretched = find_lamp("Scale=(X=2,Y=-3,Z=0.5)")
+    assert stretched == pytest.approx((1.0 + 2.0 * (x - 1.0), -3.0 * y, 0.5 * z))
 
 
 def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:

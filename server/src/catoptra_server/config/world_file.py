@@ -151,16 +151,18 @@ def _load_mesh_lights(items: Sequence[Item]) -> Iterator[Light]:
         from catoptra_server.world.mesh_files import load_mesh_lights
 
         for light in load_mesh_lights(item.shape):
-            yield _move_light(light, item.world_from_item)
+            yield _move_light(light, item)
 
 
-def _move_light(light: Light, world_from_item: Pose) -> Light:
+def _move_light(light: Light, item: Item) -> Light:
+    pose, scale = item.world_from_item, np.array(item.scale)
     match light:
         case DirectionalLight(direction, irradiance):
-            x, y, z = world_from_item.rotate_directions(np.array(direction)).tolist()
-            return DirectionalLight((x, y, z), irradiance)
+            x, y, z = pose.rotate_directions(np.array(direction) * scale).tolist()
+            length = hypot(x, y, z)
+            return DirectionalLight((x / length, y / length, z / length), irradiance)
         case PointLight(position, intensity):
-            x, y, z = world_from_item.transform_points(np.array(position)).tolist()
+            x, y, z = pose.transform_points(np.array(position) * scale).tolist()
             return PointLight((x, y, z), intensity)
     return light
 
