@@ -364,7 +364,7 @@ class _ItemLoader:
         look = self._apply_material(patch.uv, item.material)
         corners, look = _stretch(patch.corners, look, item.scale)
         corners = item.world_from_item.transform_points(corners)
-        # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
+        # The winding alone gives the normal.
         normals, _ = facet_normals(corners)
         yield MeshPart(corners, normals, look, item=index)
 
