@@ -95,6 +95,12 @@ def test_shadows_of_random_worlds_by_proofs_are_those_by_rays(table: str) -> Non
     assert [s for s in seeds if count_differences(*make_shadowed_exposure(s), TABLES[table])] == []
 
 
+# By rounding a shadow ray of this world meets the sliver on which it begins.
+def test_ray_to_a_light_never_meets_the_facet_where_it_begins() -> None:
+    exposure = make_shadowed_exposure(639)
+    assert [name for name in TABLES if count_differences(*exposure, TABLES[name])] == []
+
+
 @pytest.mark.parametrize("height_m", [1e-3, 0.01, 0.3])
 def test_shadow_of_a_plate_near_the_floor_is_seen(height_m: float) -> None:
     floor = Item("floor", Rectangle((6.0, 6.0)), Pose.identity(), GREY)

@@ -414,7 +414,7 @@ static void intersect_mesh(const void *bvh, RayBlock *rays, HitBlock *hits) {
 }
 
 static uint32_t occlude_mesh(const void *bvh, const RayBlock *rays) {
-    return occlude_bvh(bvh, NULL, rays);
+    return occlude_bvh(bvh, NULL, rays, NULL);
 }
 
 static void test_queries(Workers *workers, int rounds) {
@@ -452,7 +452,7 @@ static void intersect_objects(const void *state, RayBlock *rays, HitBlock *hits)
 }
 
 static uint32_t occlude_objects(const void *state, const RayBlock *rays) {
-    return occlude_instances(state, rays);
+    return occlude_instances(state, rays, NULL);
 }
 
 static Pose make_pose(void) {

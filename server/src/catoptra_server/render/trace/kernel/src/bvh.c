@@ -42,6 +42,7 @@ typedef struct {
     const FineLeaf *fine_leaves; /* instead of `leaves`, or NULL */
     const RayBlock *rays;
     const MeshArrays *filter;  /* of facets that rays may pass; or NULL */
+    const StartFacets *starts; /* or NULL */
     int sees_backs;            /* whether facets that are none from behind are met all the same */
     const double *place;       /* of the rays' coordinates in the mesh's; NULL: they are the same */
     const float (*start8)[BLOCK_RAYS]; /* origins in the mesh's coordinates */
@@ -98,6 +99,7 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     query->leaves = bvh->leaves;
     query->fine_leaves = bvh->fine_leaves;
     query->filter = bvh->filter;
+    query->starts = NULL;
     query->rays = rays;
     if (bvh->fine_leaves && !place)
         place = NOWHERE;
@@ -191,6 +193,11 @@ static __attribute__((noinline)) uint32_t keep_stopped(const Query *query, uint3
     return lanes;
 }
 
+/* The triangle as the rays' starts are counted. */
+static inline int32_t count_as_start(const StartFacets *starts, int32_t triangle) {
+    return starts->numbers ? starts->numbers[triangle] : triangle;
+}
+
 /* Note the nearest of a leaf's hits, or of equally near ones that of the lowest number. */
 static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint32_t hits,
                      Floats8 distance) {
@@ -202,6 +209,8 @@ static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint
         hits &= hits - 1;
         float at = distances[i], limit = query->limit[lane];
         if (at > 0.0f && (at < limit || (at == limit && triangle[i] < query->triangle[lane])) &&
+            !(query->starts && count_as_start(query->starts, triangle[i]) ==
+                                   query->starts->triangle[lane]) &&
             !(query->filter && passes(query, lane, triangle[i]))) {
             query->limit[lane] = at;
             query->triangle[lane] = triangle[i];
@@ -346,6 +355,9 @@ typedef struct {
         int32_t number = leaf->triangle[slot];                                                     \
         Ints16 is_nearer = is_inside & (distance > 0.0f) &                                         \
                            ((distance < limit) | ((distance == limit) & (number < triangle)));     \
+        if (query->starts)                                                                         \
+            is_nearer &= load_ints16(query->starts->triangle) !=                                   \
+                         count_as_start(query->starts, number);                                    \
         if (query->filter)                                                                         \
             is_nearer &= mask16(keep_stopped(query, bits16(is_nearer), number));                   \
         store16(select16(is_nearer, distance, limit), query->limit);                               \
@@ -761,11 +773,13 @@ void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlo
     store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
 }
 
-uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays) {
+uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays,
+                     const StartFacets *starts) {
     Query query;
     if (!bvh->num_nodes || !rays->active)
         return 0;
     aim_query(&query, bvh, place, rays);
+    query.starts = starts;
     query.sees_backs = 1; /* what is seen from one side alone has shadows from both */
     run_query(&query, 1);
     return rays->active & ~query.active;

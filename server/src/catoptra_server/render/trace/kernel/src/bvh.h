@@ -98,8 +98,26 @@ int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *ra
 void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
                    HitBlock *hits);
 
-/* Bit mask of the active rays that meet something nearer than their limits. */
-uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays);
+/* The facets on which rays begin. They are flat, so no ray meets its own, whatever is rounded: the
+ * plane of a sliver can be off by more than a ray begins in front of it. */
+typedef struct {
+    _Alignas(64) int32_t triangle[BLOCK_RAYS]; /* NO_TRIANGLE for rays that begin elsewhere */
+    const int32_t *numbers; /* of a hierarchy's triangles as those are counted; NULL: alike */
+} StartFacets;
+
+/* Bit mask of the active rays that meet something nearer than their limits, but where they begin;
+ * NULL: they begin on no facet. */
+uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays,
+                     const StartFacets *starts);
+
+/* Where rays begin that meet an object, OBJECT_STATIC for the static scene; NO_TRIANGLE for the
+ * other rays. */
+static inline void find_starts(const HitBlock *hits, int32_t object, StartFacets *starts) {
+    Ints16 is_there = load_ints16(hits->object) == object;
+    store_ints16((is_there & load_ints16(hits->triangle)) | (~is_there & NO_TRIANGLE),
+                 starts->triangle);
+    starts->numbers = NULL;
+}
 
 /* Bit masks of the active rays that meet the boxes of a node's children before their limits. */
 void meet_children(const BvhNode *node, const RayBlock *rays, uint32_t met[LANES]);

@@ -198,10 +198,13 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     RayBlock shadow;
     set_shadow_rays(&shadow, rays, &surface->points, incidence);
     shadow.active = found.unknown;
-    occluded |= occlude_bvh(&casters->bvh, place_of(state), &shadow);
+    StartFacets starts;
+    find_starts(hits, OBJECT_STATIC, &starts);
+    starts.numbers = scene->caster_triangles;
+    occluded |= occlude_bvh(&casters->bvh, place_of(state), &shadow, &starts);
     shadow.active = (found.unknown | found.behind_objects) & ~occluded;
     if (state->objects && shadow.active)
-        occluded |= occlude_instances(state, &shadow);
+        occluded |= occlude_instances(state, &shadow, hits);
     return occluded;
 }
 

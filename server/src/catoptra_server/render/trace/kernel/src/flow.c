@@ -172,8 +172,8 @@ static void aim_rays(const Pose *camera, const Projections *projections,
 }
 
 static uint32_t find_occluded(const FrameState *state, const RayBlock *rays) {
-    uint32_t occluded = occlude_bvh(&state->scene->mesh->bvh, place_of(state), rays);
-    return state->objects ? occluded | occlude_instances(state, rays) : occluded;
+    uint32_t occluded = occlude_bvh(&state->scene->mesh->bvh, place_of(state), rays, NULL);
+    return state->objects ? occluded | occlude_instances(state, rays, NULL) : occluded;
 }
 
 static void store_flow(const Flow *flow, const TilePlace *place, const Lanes u, const Lanes v,

@@ -191,14 +191,23 @@ static int visit_nearest(const FrameState *state, int32_t object, uint32_t lanes
     return 1;
 }
 
+typedef struct {
+    const HitBlock *starts; /* or NULL */
+    uint32_t lanes;         /* that are occluded */
+} Occluded;
+
 static int visit_any(const FrameState *state, int32_t object, uint32_t lanes, void *rays,
                      void *result) {
     RayBlock *block = rays, moved;
-    uint32_t *occluded = result;
+    Occluded *occluded = result;
+    StartFacets starts;
+    if (occluded->starts)
+        find_starts(occluded->starts, object + 1, &starts);
     move_rays(state, object, block, &moved);
-    moved.active = lanes & ~*occluded;
-    *occluded |= occlude_bvh(&state->frame->objects[object]->bvh, NULL, &moved);
-    return block->active & ~*occluded ? 1 : 0;
+    moved.active = lanes & ~occluded->lanes;
+    occluded->lanes |= occlude_bvh(&state->frame->objects[object]->bvh, NULL, &moved,
+                                   occluded->starts ? &starts : NULL);
+    return block->active & ~occluded->lanes ? 1 : 0;
 }
 
 void intersect_instances(const FrameState *state, RayBlock *rays, HitBlock *hits) {
@@ -206,10 +215,10 @@ void intersect_instances(const FrameState *state, RayBlock *rays, HitBlock *hits
         walk_instances(state, rays, visit_nearest, hits);
 }
 
-uint32_t occlude_instances(const FrameState *state, const RayBlock *rays) {
+uint32_t occlude_instances(const FrameState *state, const RayBlock *rays, const HitBlock *starts) {
     RayBlock block = *rays;
-    uint32_t occluded = 0;
+    Occluded occluded = {starts, 0};
     if (rays->active)
         walk_instances(state, &block, visit_any, &occluded);
-    return occluded;
+    return occluded.lanes;
 }

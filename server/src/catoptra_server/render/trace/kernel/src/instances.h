@@ -22,7 +22,8 @@ void intersect_instances(const FrameState *state, RayBlock *rays, HitBlock *hits
 /* The same with one of the objects. */
 void intersect_object(const FrameState *state, int32_t object, RayBlock *rays, HitBlock *hits);
 
-/* Bit mask of the active rays that meet something nearer than their limits. */
-uint32_t occlude_instances(const FrameState *state, const RayBlock *rays);
+/* Bit mask of the active rays that meet something nearer than their limits, but the facets where
+ * they begin; NULL: they begin on none. */
+uint32_t occlude_instances(const FrameState *state, const RayBlock *rays, const HitBlock *starts);
 
 #endif
