@@ -85,7 +85,7 @@ def pierce_scene(scene: SceneMesh) -> SceneMesh:
 
 
 def blend_scene(scene: SceneMesh, *, seed: int = 7) -> SceneMesh:
-    """Scene of which half of the triangles blend, by textures too, some triangles seen from one side."""
+    """Scene of which half of the triangles blend, by textures too, some seen from one side."""
     rng = np.random.default_rng(seed)
     blended = rng.random(len(scene)) < 0.5
     opacity = rng.uniform(0.1, 1.2, (len(scene), 3))
