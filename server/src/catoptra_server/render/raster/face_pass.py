@@ -238,6 +238,7 @@ class _Layers:
         """Blend an image into another by factors of colours, or of these and opacities."""
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = factors
+        target.viewport = (0, 0, *target.size)
         target.use()
         image.use(0)
         self._triangle.render(vertices=3)
