@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from catoptra_server.world.world_description import srgb_from_linear
+from catoptra_server.world.world_description import linear_from_srgb, srgb_from_linear
 
 Colour = tuple[float, float, float]
 Point = tuple[float, float]
@@ -353,6 +353,10 @@ def _alpha() -> None:
     add = gltf_feature
     shown = {TOP_LEFT: SKY, LOW_LEFT: SKY, TOP_RIGHT: GREEN, LOW_RIGHT: WHITE}
 
+    def turned(document: Gltf) -> Gltf:
+        document.json["nodes"][0]["rotation"] = [1, 0, 0, 0]
+        return document
+
     def textured(alpha: int, **keys: Any) -> Gltf:
         return Gltf(**pbr(texture=0, **keys)).texture(png(quarters_with_alpha(alpha)))
 
@@ -402,6 +406,54 @@ def _alpha() -> None:
             0.2, pbr(1, 0, 0, 0.5, alphaMode="BLEND")
         ),
     )
+
+    def stack(top: float, count: int, bottom: dict[str, Any]) -> Gltf:
+        """White squares of an opacity, one above the other, over two of a material."""
+        document = Gltf(**pbr(1, 1, 1, top, alphaMode="BLEND"))
+        for number in range(1, count):
+            document.square(0.02 * number, pbr(1, 1, 1, top, alphaMode="BLEND"))
+        return document.square(-0.1, bottom).square(-0.2, bottom)
+
+    clear = 0.9**8
+    add(
+        "BLEND of ten layers shows the nearest eight",
+        one(light(1 - clear, 1 - clear, 1.0)),
+        lambda: stack(0.1, 8, pbr(1, 0, 0, 0.9, alphaMode="BLEND")),
+    )
+    add(
+        "BLEND of eight layers over what is opaque",
+        one(light(1.0, 1 - clear, 1 - clear)),
+        lambda: stack(0.1, 8, pbr(1, 0, 0)),
+    )
+    add(
+        "MASK behind BLEND",
+        {TOP_LEFT: light(0.5, 0, 0.5), TOP_RIGHT: light(0.5, 0.5, 0.0)},
+        lambda: textured(100, alphaMode="MASK").square(
+            0.2, pbr(1, 0, 0, 0.5, alphaMode="BLEND")
+        ),
+    )
+    add(
+        "BLEND from behind of two sides",
+        one(light(0.4, 0, 0.6)),
+        lambda: turned(Gltf(**pbr(1, 0, 0, 0.4, alphaMode="BLEND", doubleSided=True))),
+    )
+    add(
+        "BLEND from behind of one side",
+        one(SKY),
+        lambda: turned(Gltf(**pbr(1, 0, 0, 0.4, alphaMode="BLEND"))),
+    )
+    add(
+        "BLEND shines",
+        one(light(0.5 * 0.75, 0, 0.5)),
+        lambda: Gltf(**pbr(0.5, 0, 0, 0.5, alphaMode="BLEND", emissiveFactor=[0.25, 0, 0])),
+    )
+    unlit = {"KHR_materials_unlit": {}}
+    add(
+        "BLEND unlit",
+        one(light(0.4, 0, 0.6)),
+        lambda: Gltf(**pbr(1, 0, 0, 0.4, alphaMode="BLEND", extensions=unlit)).use(*unlit),
+    )
+    add("BLEND of full opacity", one(RED), lambda: Gltf(**pbr(1, 0, 0, alphaMode="BLEND")))
     add("OPAQUE ignores alpha", QUARTERS, lambda: textured(0))
 
 
@@ -1195,6 +1247,20 @@ def _plys_and_stls() -> None:
     add("ply colours of faces", orange)(
         lambda f: _ply(f, form="binary_little_endian", face_colour=by_bytes)
     )
+    def with_alpha(folder: Path, form: str, alpha: int) -> Path:
+        path = _ply(folder, form=form, colour=by_bytes)
+        ply = path.read_bytes().replace(b"uchar blue\n", b"uchar blue\nproperty uchar alpha\n")
+        old, new = b" 255 128 0\n", f" 255 128 0 {alpha}\n".encode()
+        if form != "ascii":
+            old, new = b"\xff\x80\0", bytes((255, 128, 0, alpha))
+        path.write_bytes(ply.replace(old, new))
+        return path
+
+    part, green = 102 / 255, float(linear_from_srgb(np.array(128 / 255)))
+    for form in ("ascii", "binary_little_endian"):
+        mixed = one(light(part, part * green, 1 - part))
+        add(f"ply {form} alpha", mixed)(lambda f, w=form: with_alpha(f, w, 102))
+        add(f"ply {form} alpha of zeros is none", orange)(lambda f, w=form: with_alpha(f, w, 0))
     add("ply colours as fractions", orange)(lambda f: _ply(f, colour=by_floats))
 
     def textured_ply(folder: Path) -> Path:

@@ -84,6 +84,27 @@ def pierce_scene(scene: SceneMesh) -> SceneMesh:
     )
 
 
+def blend_scene(scene: SceneMesh, *, seed: int = 7) -> SceneMesh:
+    """Scene of which half of the triangles blend, by textures too, some seen from one side."""
+    rng = np.random.default_rng(seed)
+    blended = rng.random(len(scene)) < 0.5
+    opacity = rng.uniform(0.1, 1.2, (len(scene), 3))
+    is_single = rng.random(len(scene)) < 0.2
+    images = []
+    for image in scene.textures:
+        across = np.linspace(0.0, 1.0, image.shape[1])
+        ramp = np.broadcast_to(np.rint(255.0 * across), image.shape[:2])
+        images.append(np.concatenate((image, ramp[..., None].astype(np.uint8)), axis=-1))
+    return replace(
+        scene,
+        coverage=np.where(blended[:, None], 2.0 * opacity, np.inf),
+        blended=blended,
+        two_sided=~is_single,
+        single_sided=is_single,
+        textures=tuple(images),
+    )
+
+
 def integrate_factor(scene: SceneMesh, point: Floats, normal: Floats, *, count: int = 200) -> float:
     """Factor of a point by brute force: count x count directions, all triangles, float64."""
     across = (np.arange(count) + 0.5) / count

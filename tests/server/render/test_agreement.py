@@ -28,13 +28,13 @@ from catoptra_server.world.mirror_mesh import (
     Tessellation,
     tessellation_from_polygon_count,
 )
-from catoptra_server.world.objects import CameraState
+from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.opengl import make_raster
-from helpers.standing_things import bake_scene, bend_scene, pierce_scene
+from helpers.standing_things import bake_scene, bend_scene, blend_scene, pierce_scene
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -160,6 +160,21 @@ def test_raster_of_holes_and_backs_that_are_none_equals_trace(
     scene, plan = pierce_scene(build_scene(world)), make_plan(camera, face_size_px=448)
     both = render_both(device, world, camera, plan, scene=scene)
     assert_same(*both, levels=3, edges=0.1, faint=3e-3)
+
+
+@pytest.mark.parametrize("face_samples", [1, 4])
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_raster_of_blended_surfaces_equals_trace(
+    device: GlDevice, tmp_path: Path, has_shadows: bool, face_samples: int
+) -> None:
+    camera = make_omni_camera()
+    texture = write_smooth_texture(tmp_path / "waves.png")
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, POINT_LIGHT), texture=texture)
+    scene = blend_scene(build_scene(world))
+    plan = make_plan(camera, face_size_px=448, face_samples=face_samples)
+    state = replace(CAMERA_STATE, has_shadows=has_shadows, fog=FogMedium(0.1, (0.3, 0.4, 0.5)))
+    both = render_both(device, world, camera, plan, scene=scene, state=state)
+    assert_same(*both, levels=3, edges=0.1, faint=5e-3)
 
 
 @pytest.mark.parametrize("samples", [1, 2])

@@ -40,22 +40,6 @@ CAMERA = PerspectiveCamera(96, 96, math.radians(70.0))
 HEIGHT_M = 2.5
 ABOVE = Pose.from_rpy((0.0, 0.0, -HEIGHT_M), (0.0, -0.5 * math.pi, 0.0))
 
-PENDING: frozenset[str] = frozenset(
-    (
-        "gltf BLEND by a factor",
-        "gltf BLEND by colours of vertices",
-        "gltf BLEND by a texture",
-        "gltf BLEND over an opaque square",
-        "gltf BLEND of two layers",
-        "obj d",
-        "obj Tr",
-        "obj d -halo",
-        "dae transparency A_ONE 1 1 1 0.8 0.5",
-        "dae transparency A_ONE 1 1 1 1 0.4",
-        "dae transparency RGB_ZERO 0.6 0.6 0.6 1 1.0",
-    )
-)
-"""Rows that are not yet as their format demands."""
 
 
 def write_world(folder: Path, mesh: Path, row: Feature) -> Path:
@@ -95,17 +79,7 @@ def pixel_of(point: Point) -> tuple[int, int]:
     return row, column
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
-        pytest.param(
-            row,
-            id=row.name,
-            marks=[pytest.mark.xfail(strict=True)] if row.name in PENDING else [],
-        )
-        for row in FEATURES
-    ],
-)
+@pytest.mark.parametrize("row", FEATURES, ids=lambda row: row.name)
 def test_file_has_the_colours_that_its_format_demands_or_a_message(
     device: GlDevice, tmp_path: Path, caplog: pytest.LogCaptureFixture, row: Feature
 ) -> None:
@@ -150,4 +124,3 @@ def test_light_passes_holes_and_is_stopped_beside_them(device: GlDevice, tmp_pat
 def test_features_are_many_and_their_names_differ() -> None:
     names = [row.name for row in FEATURES]
     assert len(set(names)) == len(names) >= 70
-    assert set(names) >= PENDING

@@ -1,5 +1,10 @@
 // Provides the linear radiance of a facet in fog: constant or lit, with shadows, textured.
 // Twin: catoptra_server.world.shading.facet_radiance, then the other functions of that file.
+#ifdef LEAST_LAYER
+#include "include/layer_samples.glsl"
+uniform LAYER_SAMPLER depth_before;  // of the layer before, 1 / LEAST_LAYER the least coverage
+layout(location = 1) out float depth;
+#endif
 #ifdef SHADOWS
 #include "include/shadows.glsl"
 #endif
@@ -71,12 +76,16 @@ centroid in vec2 occlusion_position; // centroid: never beyond the facet's grid
 COLOUR in vec3 facet_ambient;        // zero where nothing is hidden
 #endif
 COLOUR in vec3 facet_radiance;
-out vec4 colour;
+layout(location = 0) out vec4 colour;
 
 void main()
 {
 #ifdef FILTERED
     bool is_hole = is_passed();
+#ifdef LEAST_LAYER
+    depth = gl_FragCoord.z;          // smaller where it is farther
+    is_hole = is_hole || depth >= texelFetch(depth_before, ivec2(gl_FragCoord.xy), LAYER_SAMPLE).r;
+#endif
 #endif
     vec3 linear = facet_radiance;
 #ifdef BENT
@@ -113,4 +122,7 @@ void main()
         discard;
 #endif
     colour = vec4(linear, 1.0);
+#ifdef LEAST_LAYER
+    colour *= min(0.5 * find_coverage(), 1.0);
+#endif
 }

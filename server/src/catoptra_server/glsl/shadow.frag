@@ -8,7 +8,8 @@ uniform sampler2D albedo_texture;    // opaque where the caster has none
 void main()
 {
 #ifdef FILTERED
-    if (facet_uv_coverage.z * textureLod(albedo_texture, facet_uv_coverage.xy, 0.0).a < 1.0)
+    // Interpolation may lose something of a coverage of 1 at all corners.
+    if (facet_uv_coverage.z * textureLod(albedo_texture, facet_uv_coverage.xy, 0.0).a < 0.99999)
         discard;
 #endif
 }

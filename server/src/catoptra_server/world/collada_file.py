@@ -19,6 +19,7 @@ import numpy as np
 from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.world.mesh_assets import (
+    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -158,8 +159,7 @@ class _EffectMaterials:
             self.losses.add("bump map", "surfaces are shaded without its bumps")
         if hasattr(effect.transparent, "sampler"):
             self.losses.add("texture of opacity", "surfaces are drawn opaque")
-        if (opacity := _opacity(effect)) < 1.0:
-            self.losses.add("transparency", "drawn opaque, or not below half of the opacity")
+        opacity = _opacity(effect)
         emission = (0.0, 0.0, 0.0)
         if hasattr(effect.emission, "sampler"):
             self.losses.add("texture of emission", "drawn without")
@@ -171,7 +171,8 @@ class _EffectMaterials:
             emission=emission,
             two_sided=bool(effect.double_sided) or opacity < 1.0,
             opacity=opacity,
-            cutoff=0.5 if opacity < 1.0 else 0.0,
+            cutoff=BLEND_CUTOFF if opacity < 1.0 else 0.0,
+            blends=opacity < 1.0,
         )
 
 

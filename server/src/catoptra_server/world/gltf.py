@@ -42,7 +42,14 @@ from catoptra_protocol.optics.elementary import cos, matmul, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.world.mesh_assets import WHITE, FileMaterial, FileMesh, Losses, MeshAssets
+from catoptra_server.world.mesh_assets import (
+    BLEND_CUTOFF,
+    WHITE,
+    FileMaterial,
+    FileMesh,
+    Losses,
+    MeshAssets,
+)
 from catoptra_server.world.textures import (
     Texture,
     TextureSampling,
@@ -441,7 +448,11 @@ class _Materials:
             factor = glossy.get("diffuseFactor", WHITE)
             albedo, info = _glossy_albedo(glossy), glossy.get("diffuseTexture")
         mode = entry.get("alphaMode", "OPAQUE")
-        cutoffs = {"OPAQUE": 0.0, "MASK": float(entry.get("alphaCutoff", 0.5)), "BLEND": 0.5}
+        cutoffs = {
+            "OPAQUE": 0.0,
+            "MASK": float(entry.get("alphaCutoff", 0.5)),
+            "BLEND": BLEND_CUTOFF,
+        }
         has_holes = cutoffs[mode] > 0.0
         use = None if info is None else self._use(info, user, has_opacity=has_holes)
         if "occlusionTexture" in entry:
@@ -467,6 +478,7 @@ class _Materials:
             single_sided=not two_sided,
             opacity=min(max(opacity, 0.0), 1.0),
             cutoff=cutoffs[mode],
+            blends=mode == "BLEND",
         )
         if use is not None:
             material = replace(material, texture=use.image, sampling=use.sampling)
@@ -485,8 +497,6 @@ class _Materials:
         """Name what is not drawn of a material."""
         if "normalTexture" in entry:
             self.losses.add("normal map", "surfaces are shaded without its bumps")
-        if entry.get("alphaMode") == "BLEND":
-            self.losses.add("alpha mode BLEND", "drawn opaque, or not below half of the opacity")
 
     def _use(self, info: dict[str, Any], user: str, *, has_opacity: bool = False) -> _TextureUse:
         """Texture of a material's entry."""

@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 WHITE: Rgb = (1.0, 1.0, 1.0)
 # Without a texture and without a colour, in formats that define none.
 MID_GREY: Rgb = (0.5, 0.5, 0.5)
+BLEND_CUTOFF = 0.5
+"""Opacity at which what blends is a surface for all but pictures."""
 # Byte 188 of sRGB is half the light.
 _GREY: Texture = np.full((1, 1, 3), 188, dtype=np.uint8)
 
@@ -55,6 +57,8 @@ class FileMaterial:
     """Times that of texture and vertices."""
     cutoff: float = 0.0
     """Opacity below which a point is no surface; 0 for surfaces without holes."""
+    blends: bool = False
+    """Whether what lies behind shows through; the cutoff is then `BLEND_CUTOFF`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +153,7 @@ class MeshAssets:
         Args:
             name: the file as the mesh file names it.
             user: the material, for messages.
-            has_opacity: whether holes are cut by the image's opacity.
+            has_opacity: whether the image's opacity counts.
 
         Raises:
             ConfigError: The file is missing, no image, or exceeds the budget.

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.world.collada_file import read_collada
 from catoptra_server.world.gltf import FileLight, read_gltf, read_lights
 from catoptra_server.world.mesh_assets import (
+    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -42,6 +43,8 @@ from catoptra_server.world.scene_mesh import MeshPart
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.textures import (
     MeshAppearance,
+    Texture,
+    clip_fractions,
     corner_albedos,
     linear_light,
     no_texture_coordinates,
@@ -58,6 +61,7 @@ from catoptra_server.world.world_description import (
 log = logging.getLogger(__name__)
 # Ten times the largest coordinate of a world's file. A float32 has steps of 6 cm there.
 _MAX_COORDINATE_M = 1e6
+_OPAQUE_TEXEL = 255
 # Readers of further formats (archives, CAD files) exist in trimesh; their memory has no bound.
 _GLTF_SUFFIXES = (".glb", ".gltf")
 _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
@@ -204,14 +208,17 @@ def _read_scene(path: Path, assets: MeshAssets) -> Iterator[FileMesh]:
         look = FileMaterial(
             WHITE if texture is not None or kind in ("vertex", "face") else MID_GREY
         )
+        alphas = visual.vertex_colors[:, 3] if kind == "vertex" else None
+        look, opacities = _add_alpha(replace(look, texture=texture), alphas)
         yield FileMesh(
             name,
             mesh.vertices,
             mesh.faces,
-            replace(look, texture=texture),
+            look,
             # trimesh counts v from the bottom, images count rows from the top.
             None if uv is None else np.asarray(uv) * (1.0, -1.0) + (0.0, 1.0),
             linear_light(visual.vertex_colors) if kind == "vertex" else None,
+            opacities,
             face_colours=linear_light(visual.face_colors) if kind == "face" else None,
         )
 
@@ -299,6 +306,8 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         albedo = base * mesh.face_colours
     elif mesh.colours is not None:
         albedo, corner_albedo = corner_albedos(base * mesh.colours, faces)
+    coverage = _find_coverage(mesh, faces)
+    blends = material.blends and not _is_opaque(coverage, texture)
     return MeshAppearance(
         uv,
         albedo,
@@ -309,8 +318,16 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         material.emission,
         two_sided=material.two_sided,
         single_sided=material.single_sided,
-        coverage=_find_coverage(mesh, faces),
+        coverage=None if material.blends and not blends else coverage,
+        blends=blends,
     )
+
+
+def _is_opaque(coverage: Floats | None, texture: Texture | None) -> bool:
+    """Whether nothing shows through a mesh that blends: many files say so of all materials."""
+    if coverage is None or (texture is not None and (texture[..., 3:] < _OPAQUE_TEXEL).any()):
+        return False
+    return bool((coverage >= 1.0 / BLEND_CUTOFF).all())
 
 
 def _find_coverage(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> Floats | None:
@@ -444,7 +461,7 @@ _PLY_TYPES = {
     **{"float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8"},
 }
 # Properties of a vertex that say nothing about colour or texture, beside its position.
-_IGNORED = frozenset(("nx", "ny", "nz", "alpha", "quality", "confidence", "intensity"))
+_IGNORED = frozenset(("nx", "ny", "nz", "quality", "confidence", "intensity"))
 _COLOURS = ("red", "green", "blue")
 _INDICES = ("vertex_indices", "vertex_index")
 _MAX_HEADER_LINES = 64
@@ -467,8 +484,22 @@ def _read_ply(file: BinaryIO, num_bytes: int) -> FileMesh | None:
     if indices.min() < 0 or indices.max() >= num_vertices:
         return None
     colours = _ply_colours(vertices)
-    material = FileMaterial(MID_GREY if colours is None else WHITE)
-    return FileMesh("ply", _columns(vertices, ("x", "y", "z")), indices, material, colours=colours)
+    alphas = vertices["alpha"] if "alpha" in (vertices.dtype.names or ()) else None
+    material, opacities = _add_alpha(FileMaterial(MID_GREY if colours is None else WHITE), alphas)
+    places = _columns(vertices, ("x", "y", "z"))
+    return FileMesh("ply", places, indices, material, colours=colours, opacities=opacities)
+
+
+def _add_alpha(
+    material: FileMaterial, alphas: npt.NDArray[Any] | None
+) -> tuple[FileMaterial, Floats | None]:
+    """Material of a PLY file, and (v,) opacities of bytes or fractions at vertices."""
+    # Zeros alone are a property that a program left unset.
+    if alphas is None or not alphas.any():
+        return material, None
+    limit = np.iinfo(alphas.dtype).max if alphas.dtype.kind in "iu" else 1.0
+    blended = replace(material, two_sided=True, cutoff=BLEND_CUTOFF, blends=True)
+    return blended, clip_fractions(alphas / limit)
 
 
 def _columns(records: npt.NDArray[np.void], names: tuple[str, ...]) -> npt.NDArray[np.floating]:
@@ -478,8 +509,8 @@ def _columns(records: npt.NDArray[np.void], names: tuple[str, ...]) -> npt.NDArr
 
 def _ply_colours(vertices: npt.NDArray[np.void]) -> Floats | None:
     """(v, 3) linear colours at vertices."""
-    assert vertices.dtype.names is not None, "a vertex has properties"
-    return linear_light(_columns(vertices, _COLOURS)) if "red" in vertices.dtype.names else None
+    names = vertices.dtype.names or ()
+    return linear_light(_columns(vertices, _COLOURS)) if "red" in names else None
 
 
 _Element = tuple[int, np.dtype[np.void]]  # number of records, and their type
@@ -511,7 +542,7 @@ def _parse_vertex(lines: list[list[str]]) -> _Element | None:
         return None
     types = {name: _PLY_TYPES[kind] for _, kind, name in lines[1:]}
     colours = [types[name] for name in _COLOURS if name in types]
-    known = {"x", "y", "z", *_COLOURS} | _IGNORED
+    known = {"x", "y", "z", "alpha", *_COLOURS} | _IGNORED
     if len(types) < len(lines) - 1 or not {"x", "y", "z"} <= set(types) <= known:
         return None
     if colours not in ([], ["u1"] * 3) or any(types[name][1] != "f" for name in "xyz"):

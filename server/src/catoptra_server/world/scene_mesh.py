@@ -100,6 +100,9 @@ class SceneMesh:
     coverage: Floats | None = None
     """(n, 3) opacity at corners over that of the emptiest point which is a surface, inf for
     triangles without holes; times the texture's. None in a scene without holes."""
+    blended: Bools | None = None
+    """(n,) triangles behind which more is seen, by an opacity of half the coverage: surfaces for
+    all but pictures where it is at least one half; None: no triangle."""
     occlusion: OcclusionMap | None = None
     """How much of the sky's light reaches each point; None: all of it, everywhere."""
     is_smooth: Bools = field(init=False)
@@ -237,6 +240,7 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         two_sided=_repeat_flags([look.two_sided for look in looks], counts),
         single_sided=_repeat_flags([look.single_sided for look in looks], counts),
         coverage=_concatenate_coverage(looks, counts),
+        blended=_repeat_flags([look.blends for look in looks], counts),
         unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
         texture_index=_repeat([numbers_of_textures[_texture_key(look)] for look in looks], counts),
         textures=tuple(texture for texture, _ in textures),

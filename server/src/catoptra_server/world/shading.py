@@ -9,6 +9,9 @@ position and is computed per sample. With shadows, directional lights are comput
 well, since they may be occluded. Textures repeat and are interpolated bilinearly in linear light.
 Encoding to sRGB comes last.
 
+Surfaces that blend are shown front to back: each adds its radiance, fogged, times its opacity, and
+lets the rest of what lies behind through.
+
 Ambient occlusion of a static scene: how much of the sky's light reaches each of its points. Flat
 surfaces carry grids of factors, the nodes of which are
 stored in one atlas of bytes and interpolated bilinearly; a factor scales hemisphere light alone.
@@ -42,6 +45,14 @@ ShadowCastingLight = DirectionalLight | PointLight
 MIN_LIGHT_DISTANCE_M = 1e-3
 """A point light counts from this distance at least: a lamp may touch a surface, where the inverse
 square has no value."""
+
+MAX_LAYERS = 8
+"""Blended surfaces that a ray shows: the nearest ones; behind them what is opaque, alone. Of
+surfaces at one distance one is shown. Twins: src/tiles.c, render/raster/face_pass.py."""
+
+LEAST_COVERAGE = 2.0**-12
+"""From which a point of a blended surface counts as one of them: half of it, as an opacity, changes
+black by less than half a grey level."""
 
 
 class LitFacets(Protocol):

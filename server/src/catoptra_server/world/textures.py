@@ -313,6 +313,8 @@ class MeshAppearance:
     coverage: Floats | None = None
     """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
     texture's opacity: holes are where it is below 1. None without holes."""
+    blends: bool = False
+    """Whether what lies behind shows through, by an opacity of half the coverage."""
 
     def select(self, mask: Bools) -> MeshAppearance:
         """Appearance of the triangles of a (n,) mask."""

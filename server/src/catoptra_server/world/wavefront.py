@@ -20,6 +20,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.mesh_assets import (
+    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -162,9 +163,7 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
         if texture is None:
             scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
         texture = add_opacity(texture, holes)
-    cutoff = 0.5 if opacity < 1.0 or "map_d" in given else 0.0
-    if cutoff:
-        losses.add("transparency", "drawn opaque, or not below half of the opacity")
+    blends = opacity < 1.0 or "map_d" in given
     for key in given:
         if key in ("bump", "map_bump", "norm", "disp"):
             losses.add("bump map", "surfaces are shaded without its bumps")
@@ -176,9 +175,10 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
             texture,
             sampling=sampling,
             emission=emission,
-            two_sided=cutoff > 0.0,
+            two_sided=blends,
             opacity=opacity,
-            cutoff=cutoff,
+            cutoff=BLEND_CUTOFF if blends else 0.0,
+            blends=blends,
         ),
         scale,
         offset,

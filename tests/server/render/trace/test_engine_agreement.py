@@ -39,12 +39,12 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.simulation.spawning import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.world.objects import CameraState, DynamicObject
+from catoptra_server.world.objects import CameraState, DynamicObject, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, TWO_ROBOTS
 from helpers.long_cases import quick_cases
-from helpers.standing_things import bake_scene, bend_scene, pierce_scene
+from helpers.standing_things import bake_scene, bend_scene, blend_scene, pierce_scene
 from helpers.trace_engines import open_engine
 from helpers.worlds import (
     CAMERA_STATE,
@@ -290,3 +290,18 @@ def test_holes_and_backs_that_are_none_agree(
     exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
     # The edges of holes are outlines, too.
     check_agreement(world, table, exposure, scene=scene, max_outlines=5e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_blended_surfaces_agree(tmp_path: Path, has_shadows: bool, seed: int) -> None:
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    scene = blend_scene(build_scene(world), seed=seed)
+    table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=1 + seed % 2))
+    fog = FogMedium(0.1, (0.3, 0.4, 0.5)) if seed > 1 else None
+    exposure = replace(CAMERA_STATE, has_shadows=has_shadows, fog=fog, objects=TWO_ROBOTS)
+    # The edges of what is seen through others are outlines, too.
+    check_agreement(world, table, exposure, scene=scene, max_outlines=0.01)

@@ -5,6 +5,7 @@ For a mirror these are the faces of the cube, in an atlas; for a perspective cam
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 import moderngl
@@ -15,11 +16,22 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
 from catoptra_server.render.projection.frustum import LensProjection
-from catoptra_server.render.raster.device import SampleSpacing, make_depth_buffer
+from catoptra_server.render.raster.device import (
+    Definitions,
+    ProgramSpec,
+    SampleSpacing,
+    ShaderPrograms,
+    make_depth_buffer,
+    set_sampler,
+)
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
+from catoptra_server.render.raster.scene_batches import Batch
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.shading import LEAST_COVERAGE, MAX_LAYERS
 
+# Units 0 to 3 have textures, shadow maps and the map of occlusion.
+_DEPTH_UNIT = 4
 _LayoutT = TypeVar("_LayoutT", bound=Atlas | LensProjection)
 """Layout of the texture: an atlas of faces, or one perspective image."""
 
@@ -76,7 +88,10 @@ class FacePass(Generic[_LayoutT]):
         self._resolved = context.framebuffer([self.texture]) if multi else None
         self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
         self.memory_bytes = image_bytes(self.texture, depth, *((colour,) if multi else ()))
-        """Size of the images of the faces."""
+        """Size of the images of the faces, without those of layers."""
+        self._layers: _Layers | None = None
+        if scene.blended is not None:
+            self._layers = _Layers(context, scene.programs, self._target, size, multi)
         self.counts = DrawCounts(0, 0, 0, 0)
 
     def draw(self, camera_state: CameraState) -> None:
@@ -86,6 +101,8 @@ class FacePass(Generic[_LayoutT]):
         scene = self._scene.with_lighting(camera_state)
         # Before set_frame: whether objects' programs need uniforms depends on the upload.
         scene.dynamic_objects.upload(camera_state.objects, pose.translation)
+        definitions = () if self._layers is None else self._layers.definitions
+        batches = scene.batches.layer_batches(definitions) if definitions else []
         scene.set_frame(viewpoint)
         scene.set_fog(camera_state.fog)
         scene.set_spacing(self._spacing, pose.rotation[:, 2])
@@ -93,6 +110,10 @@ class FacePass(Generic[_LayoutT]):
         self._begin(self._scene.background if fog is None else fog.airlight)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
+        if self._layers is not None:
+            self._layers.draw(
+                batches, lambda: self._draw_cells(scene, clip_from_scene, viewpoint, batches)
+            )
         # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
         if self._resolved is not None:
             self._context.copy_framebuffer(self._resolved, self._target)
@@ -107,11 +128,24 @@ class FacePass(Generic[_LayoutT]):
         self._target.use()
 
     def _draw_cells(
-        self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
+        self,
+        scene: LitScene,
+        clip_from_scene: Floats,
+        viewpoint: Floats,
+        batches: list[Batch] | None = None,
     ) -> tuple[int, int]:
-        """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
+        """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent.
+
+        Args:
+            scene: What is drawn.
+            clip_from_scene: Map of each face.
+            viewpoint: (3,) in the scene's frame.
+            batches: Those of what blends, which is drawn alone; None for all else.
+        """
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
+        if batches is not None:
+            visible = visible & self._scene.blended
         cells: tuple[AtlasCell | LensProjection, ...] = self.atlas.cells
         pieces = self._scene.split_large_triangles(viewpoint)
         calls = triangles = 0
@@ -119,17 +153,99 @@ class FacePass(Generic[_LayoutT]):
             cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
-            for more_calls, more_triangles in (
-                scene.dynamic_objects.draw(clip, cell_planes, viewpoint),
-                scene.batches.draw(clip, visible_clusters, pieces),
-            ):
-                calls += more_calls
-                triangles += more_triangles
+            counts = [scene.batches.draw(clip, visible_clusters, pieces, batches)]
+            if batches is None:
+                counts.append(scene.dynamic_objects.draw(clip, cell_planes, viewpoint))
+            calls += sum(each[0] for each in counts)
+            triangles += sum(each[1] for each in counts)
         return calls, triangles
 
     def close(self) -> None:
         """Free the texture and its framebuffers."""
         for resource in (*self._owned, self.texture):
+            resource.release()
+        if self._layers is not None:
+            self._layers.close()
+
+
+class _Layers:
+    """Blended facets over what is opaque: one layer after the other, the nearest first.
+
+    Each layer is the nearest of what lies behind the one before, sample by sample (Everitt 2001,
+    "Interactive Order-Independent Transparency").
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        programs: ShaderPrograms,
+        opaque: moderngl.Framebuffer,
+        size: tuple[int, int],
+        multi: int,
+    ) -> None:
+        """Create the images over an opaque one of a size, and of samples if it has several."""
+        self._context = context
+        self._opaque = opaque
+        samples: Definitions = (("MULTISAMPLED", 1),) if multi else ()
+        self.definitions: Definitions = (("LEAST_LAYER", round(1.0 / LEAST_COVERAGE)), *samples)
+        """Definitions of programs that draw a layer."""
+        self._colour, self._sum = (
+            context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) for _ in range(2)
+        )
+        self._depths = [context.texture(size, 1, dtype="f4", samples=multi) for _ in range(2)]
+        buffer = make_depth_buffer(context, size, multi)
+        self._start = context.framebuffer([self._colour], buffer)
+        self._cleared = [context.framebuffer([self._colour, depth]) for depth in self._depths]
+        self._targets = [
+            context.framebuffer([self._colour, depth], buffer) for depth in self._depths
+        ]
+        self._blended = context.framebuffer([self._sum])
+        self._program = programs.get(ProgramSpec("fullscreen_triangle", "layer", samples))
+        self._triangle = context.vertex_array(self._program, [])
+        self._owned = [self._start, *self._cleared, *self._targets, self._blended, buffer]
+        self._owned += [self._colour, self._sum, *self._depths, self._triangle]
+
+    def draw(self, batches: list[Batch], draw_facets: Callable[[], object]) -> None:
+        """Draw the layers by batches, which a function draws into all faces."""
+        for program in {batch.program for batch in batches}:
+            set_sampler(program, "depth_before", _DEPTH_UNIT)
+        # Nothing yet, which lets all light through; and nothing is nearer than depth 1.
+        self._blended.clear(0.0, 0.0, 0.0, 1.0)
+        self._cleared[1].clear(1.0, 1.0, 1.0, 1.0)
+        query = self._context.query(samples=True)
+        for layer in range(MAX_LAYERS):
+            target, cleared = self._targets[layer % 2], self._cleared[layer % 2]
+            # The depths of what is opaque; its colours are overwritten.
+            self._context.copy_framebuffer(self._start, self._opaque)
+            cleared.clear(0.0, 0.0, 0.0, 0.0)
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            target.use()
+            self._depths[1 - layer % 2].use(_DEPTH_UNIT)
+            with query:
+                draw_facets()
+            if not query.samples:
+                break
+            self._add(
+                self._colour,
+                self._blended,
+                (moderngl.DST_ALPHA, moderngl.ONE, moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA),
+            )
+        self._add(self._sum, self._opaque, (moderngl.ONE, moderngl.SRC_ALPHA))
+
+    def _add(
+        self, image: moderngl.Texture, target: moderngl.Framebuffer, factors: tuple[int, ...]
+    ) -> None:
+        """Blend an image into another by factors of colours, or of these and opacities."""
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = factors
+        target.viewport = (0, 0, *target.size)
+        target.use()
+        image.use(0)
+        self._triangle.render(vertices=3)
+
+    def close(self) -> None:
+        """Free the images."""
+        for resource in self._owned:
             resource.release()
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -100,7 +101,6 @@ class SceneBatches:
         self._programs = programs
         self._clusters = clusters
         self._lighting = lighting
-        self._is_bent = scene.bent is not None
         self._suns = [
             light for light in lighting.constant_lights if isinstance(light, DirectionalLight)
         ]
@@ -108,14 +108,32 @@ class SceneBatches:
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
         self._pieces: TrianglePieces | None = None
-        self._batches = [
-            self._make_batch(programs, scene, int(g)) for g in np.unique(clusters.groups)
-        ]
+        opaque: Definitions = () if scene.blended is None else (("OPAQUE", 1),)
+        batches = [self._make_batch(scene, int(g)) for g in np.unique(clusters.groups)]
+        self._batches = [self._bind(batch, (*batch.definitions, *opaque)) for batch in batches]
+        self._layer_batches: dict[Definitions, list[Batch]] = {}
 
     @property
     def programs(self) -> set[moderngl.Program]:
-        """The programs of all batches."""
-        return {batch.program for batch in self._batches}
+        """The programs of all batches that show light."""
+        layers = (batch for batches in self._layer_batches.values() for batch in batches)
+        return {batch.program for batch in (*self._batches, *layers)}
+
+    def layer_batches(self, definitions: Definitions) -> list[Batch]:
+        """Batches of blended facets alone, whose programs have further definitions."""
+        if definitions not in self._layer_batches:
+            self._layer_batches[definitions] = [
+                self._bind(batch, (*batch.definitions, *definitions)) for batch in self._batches
+            ]
+        return self._layer_batches[definitions]
+
+    def _bind(self, batch: Batch, definitions: Definitions) -> Batch:
+        """A batch with the program of definitions."""
+        program = self._programs.get(ProgramSpec("face", "face", definitions))
+        if self._occlusion is not None:
+            set_sampler(program, "occlusion_atlas", _OCCLUSION_UNIT)
+        vertices = self._context.vertex_array(program, batch.attributes)
+        return replace(batch, program=program, vertices=vertices)
 
     def _upload(self, scene: SceneMesh) -> dict[str, _VertexAttribute]:
         """Buffer and format of each attribute that some batch needs."""
@@ -151,8 +169,11 @@ class SceneBatches:
             for name, values in attributes.items()
         }
 
-    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> Batch:
-        """Batch at an index: 0 for triangles without a texture, then one for each texture."""
+    def _make_batch(self, scene: SceneMesh, index: int) -> Batch:
+        """Batch at an index: 0 for triangles without a texture, then one for each texture.
+
+        Without a program.
+        """
         names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
         if scene.occlusion is not None:
@@ -169,17 +190,14 @@ class SceneBatches:
         if self._lighting.definitions or scene.bent is not None:
             names = [*dict.fromkeys((*names, "normal")), "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
-        program = programs.get(ProgramSpec("face", "face", definitions))
-        if scene.occlusion is not None:
-            set_sampler(program, "occlusion_atlas", _OCCLUSION_UNIT)
         positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
         attributes = [positions, *((*self._owned[name], name) for name in names)]
         # Clusters are sorted by group, so a slice names the batch's.
         members = np.flatnonzero(self._clusters.groups == index)
         return Batch(
             clusters=slice(int(members[0]), int(members[-1]) + 1),
-            program=program,
-            vertices=self._context.vertex_array(program, attributes),
+            definitions=definitions,
+            attributes=attributes,
             texture=None
             if index == 0
             else upload_texture(
@@ -216,7 +234,7 @@ class SceneBatches:
             clip_from_scene: Map of offsets from the viewpoint.
             visible: (m,) clusters.
             pieces: What is drawn in place of large triangles; their corners have been uploaded.
-            batches: `range_batches`, for ranges; None for light.
+            batches: `range_batches` or `layer_batches`; None for what is opaque.
 
         Returns:
             Draw calls and triangles sent.
@@ -232,7 +250,7 @@ class SceneBatches:
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
-            if self._is_bent and batches is None:
+            if batch.program.get("sky_up", None) is not None:
                 self._set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use(0)
@@ -269,7 +287,8 @@ class SceneBatches:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
         if self._occlusion is not None:
             self._occlusion.release()
-        for batch in self.__dict__.get("range_batches", ()):
+        layers = (batch for batches in self._layer_batches.values() for batch in batches)
+        for batch in (*self.__dict__.get("range_batches", ()), *layers):
             batch.vertices.release()
         for batch in self._batches:
             batch.vertices.release()
@@ -285,12 +304,16 @@ class Batch:
 
     clusters: slice
     """Clusters of the batch, consecutive in the cluster table."""
-    program: moderngl.Program
-    """Program that draws the batch."""
-    vertices: moderngl.VertexArray
-    """Attributes of all triangles, bound to the program."""
+    definitions: Definitions
+    """Of programs that show its light."""
+    attributes: list[Any]
+    """Attributes of all triangles, for vertex arrays."""
     texture: moderngl.Texture | None
     """Albedo texture, None without one."""
+    program: moderngl.Program | None = None
+    """Program that draws the batch; None before it is bound."""
+    vertices: moderngl.VertexArray | None = None
+    """The attributes, bound to the program."""
 
 
 FILTERED: Definitions = (("FILTERED", 1),)
@@ -303,12 +326,14 @@ def has_filter(scene: SceneMesh) -> bool:
 
 
 def facet_filter(scene: SceneMesh) -> Floats:
-    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`, and 1 for facets without a back."""
+    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`; 1 without a back, plus 2 if blended."""
     values = np.zeros((len(scene), 3, 2))
     # A number that no opacity reaches, for facets without holes: OpenGL may know no infinity.
     values[..., 0] = 1e9 if scene.coverage is None else np.minimum(scene.coverage, 1e9)
     if scene.single_sided is not None:
         values[..., 1] = scene.single_sided[:, None]
+    if scene.blended is not None:
+        values[..., 1] += 2 * scene.blended[:, None]
     return values
 
 

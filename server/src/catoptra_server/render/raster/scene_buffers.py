@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.projection.large_triangles import LargeTriangles, TrianglePieces
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,
@@ -130,7 +130,8 @@ class SceneBuffers:
             DomainError: More point lights than uniforms hold.
         """
         self._context = context
-        self._programs = programs
+        self.programs = programs
+        """Shader programs of the context."""
         self._scene = scene
         self._world = world
         lights = world.lights if scene_lights is None else scene_lights
@@ -143,6 +144,11 @@ class SceneBuffers:
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
+        self.blended: Bools | None = None
+        """(m,) clusters with facets that blend; None: none."""
+        if scene.blended is not None:
+            order, offsets = self.clusters.order, self.clusters.offsets
+            self.blended = np.logical_or.reduceat(scene.blended[order], offsets[:-1])
         self._large_triangles = LargeTriangles(self.clusters, corners)
         self._pieces: TrianglePieces | None = None
         self._position = upload_values(context, split_positions(corners[self.clusters.order]))
@@ -159,7 +165,7 @@ class SceneBuffers:
     def _make_batches(self, lighting: FacetLighting) -> SceneBatches:
         return SceneBatches(
             self._context,
-            self._programs,
+            self.programs,
             self._scene,
             self.clusters,
             position=self._position,
@@ -196,7 +202,7 @@ class SceneBuffers:
 
     def _add_shadows(self) -> LitScene:
         """Upload attributes, and draw the shadow maps of the static scene."""
-        context, programs, lights = self._context, self._programs, self._world.lights
+        context, programs, lights = self._context, self.programs, self._world.lights
         maps = ShadowMaps(
             context, programs, self._scene, shadow_casting_lights(lights), origin=self.origin
         )

@@ -30,7 +30,8 @@ class MeshArrays(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
-        *_addresses("fine_corners", "emission", "corner_normals", "coverage", "textures"),
+        *_addresses("fine_corners", "emission", "corner_normals", "coverage", "blended"),
+        *_addresses("textures"),
     ]
 
 

@@ -108,6 +108,7 @@ def scene_arrays(
         emission=_float32(scene.emission),
         corner_normals=_float32(scene.corner_normals),
         **filtered,
+        blended=None if scene.blended is None else scene.blended.astype(np.uint8),
         uv=_uv_frames(scene.uv) if scene.textures else None,
         texture=scene.texture_index.astype(np.int32) if scene.textures else None,
     )

@@ -59,8 +59,20 @@ class FirstHits:
     """(n, 2) barycentric weights of corners 1 and 2."""
 
 
-def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
-    """First hits on any of the meshes; of equal distances the earlier mesh's."""
+def find_first_hits(
+    meshes: Sequence[PlacedMesh],
+    rays: WorldRays,
+    begin: Floats | None = None,
+    least_coverage: float = 1.0,
+) -> FirstHits:
+    """First hits on any of the meshes; of equal distances the earlier mesh's.
+
+    Args:
+        meshes: All that may be met.
+        rays: The rays.
+        begin: (n,) distances behind which hits lie; None: all count.
+        least_coverage: What blended triangles are met from on: 1 where they are surfaces.
+    """
     count = len(rays.origins)
     nothing = np.full(count, NOTHING, dtype=np.int32)
     first = FirstHits(np.full(count, np.inf), nothing, nothing.copy(), np.zeros((count, 2)))
@@ -69,7 +81,10 @@ def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
         # length that the transform gives them: distances are then the world's.
         transform = placed.world_from_mesh
         distance, triangle, weights = placed.mesh.surface.first_hits(
-            transform.inverse_points(rays.origins), transform.inverse_vectors(rays.directions)
+            transform.inverse_points(rays.origins),
+            transform.inverse_vectors(rays.directions),
+            begin=begin,
+            least_coverage=least_coverage,
         )
         nearer = np.flatnonzero(distance < first.distance)
         first.distance[nearer], first.object[nearer] = distance[nearer], number
@@ -123,6 +138,14 @@ class TracedMesh:
     """(m, 3, 3) normals that light is reflected by; None: those of the facets."""
     two_sided: Bools | None = None
     """(m,) triangles whose backs are lit by the opposite normal; None: none."""
+    blended: Bools | None = None
+    """(m,) triangles that what lies behind shows through; None: none."""
+
+    def opacities(self, hits: FirstHits) -> Floats:
+        """(n,) opacities where rays meet the mesh."""
+        assert isinstance(self.surface.filter, _FacetFilter), "what blends has a coverage"
+        coverage = self.surface.filter.find_coverage(hits.triangle, hits.weights)
+        return np.minimum(0.5 * coverage, 1.0)
 
     def shading_normals(self, hits: FirstHits, directions: Floats) -> Floats:
         """(n, 3) unit normals that light is reflected by where (n, 3) directions meet the mesh."""
@@ -186,7 +209,9 @@ class _FacetFilter:
     sees_backs: bool
     textures: tuple[Levels, ...]
 
-    def __call__(self, triangle: _Indices, weights: Floats, directions: Floats) -> Bools:
+    def __call__(
+        self, triangle: _Indices, weights: Floats, directions: Floats, least_coverage: float
+    ) -> Bools:
         """(k,) rays that pass the triangles that they meet."""
         scene, rows = self.scene, self.rows[triangle]
         passes = np.zeros(len(rows), dtype=bool)
@@ -195,6 +220,16 @@ class _FacetFilter:
             passes = scene.single_sided[rows] & (facing > 0.0)
         if scene.coverage is None:
             return passes
+        least = np.ones(len(rows))
+        if scene.blended is not None:
+            least[scene.blended[rows]] = least_coverage
+        return passes | ~(self.find_coverage(triangle, weights) >= least)
+
+    def find_coverage(self, triangle: _Indices, weights: Floats) -> Floats:
+        """(k,) coverage where rays meet triangles; infinite on those without holes."""
+        scene, rows = self.scene, self.rows[triangle]
+        assert scene.coverage is not None
+        coverage = np.full(len(rows), np.inf)
         holed = np.flatnonzero(np.isfinite(scene.coverage[rows, 0]))
         opacity = _interpolate_corners(scene.coverage[rows[holed], :, None], weights[holed])[:, 0]
         uv = _interpolate_corners(scene.uv[rows[holed]], weights[holed])
@@ -205,8 +240,8 @@ class _FacetFilter:
                     levels, uv[those], np.zeros(len(those)), scene.samplings[number]
                 )
                 opacity[those] *= texels[:, 3]
-        passes[holed] |= ~(opacity >= 1.0)
-        return passes
+        coverage[holed] = opacity
+        return coverage
 
 
 def make_search(
@@ -245,6 +280,7 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.emission,
         scene.corner_normals,
         scene.two_sided,
+        scene.blended,
     )
 
 

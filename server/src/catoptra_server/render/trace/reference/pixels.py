@@ -21,6 +21,7 @@ from catoptra_server.render.trace.reference.meshes import (
     FirstHits,
     PlacedMesh,
     WorldRays,
+    find_first_hits,
     interpolate_poses,
 )
 from catoptra_server.render.trace.trace_engine import (
@@ -33,7 +34,10 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
+from catoptra_server.world.objects import FogMedium
 from catoptra_server.world.shading import (
+    LEAST_COVERAGE,
+    MAX_LAYERS,
     ShadowCastingLight,
     direction_to_light,
     facet_irradiance,
@@ -91,6 +95,32 @@ def shade_hits(
             radiance[selected] = _shade_mesh(
                 placed, number, _take(rays, selected), _take(hits, selected), lighting
             )
+    return radiance
+
+
+def shade_layers(
+    meshes: Sequence[PlacedMesh], rays: WorldRays, lighting: Lighting, fog: FogMedium | None
+) -> Floats:
+    """(n, 3) linear radiance along rays, blended front to back where the static scene blends."""
+    scene, count = meshes[0].mesh, len(rays.origins)
+    radiance, passing, begin = np.zeros((count, 3)), np.ones(count), np.zeros(count)
+    rows = np.arange(count)
+    for layer in range(MAX_LAYERS + 1):
+        some, part = [mesh.take(rows) for mesh in meshes], _take(rays, rows)
+        least = LEAST_COVERAGE if layer < MAX_LAYERS else np.inf
+        hits = find_first_hits(some, part, begin[rows], least)
+        light = shade_hits(some, part, hits, lighting)
+        light = light if fog is None else fog.mix(light, hits.distance)
+        opacity = np.ones(len(rows))
+        static = np.flatnonzero(hits.object == STATIC_SCENE)
+        blended = static[scene.blended[hits.triangle[static]]]
+        opacity[blended] = scene.opacities(_take(hits, blended))
+        radiance[rows] += (passing[rows] * opacity)[:, None] * light
+        passing[rows] *= 1.0 - opacity
+        begin[rows] = hits.distance
+        rows = rows[opacity < 1.0]
+        if not len(rows):
+            break
     return radiance
 
 

@@ -29,7 +29,6 @@ from catoptra_server.render.trace.ray_table import (
     RayTable,
 )
 from catoptra_server.render.trace.reference.meshes import (
-    FirstHits,
     PlacedMesh,
     TracedMesh,
     WorldRays,
@@ -44,6 +43,7 @@ from catoptra_server.render.trace.reference.pixels import (
     hit_numbers,
     label_pixels,
     shade_hits,
+    shade_layers,
 )
 from catoptra_server.render.trace.trace_engine import (
     NOTHING,
@@ -144,8 +144,8 @@ class _Frame:
     fog: FogMedium | None
     """Air between camera and surfaces."""
 
-    def trace(self, batch: _RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
-        """First hits of a batch, with its rays and the meshes at their times."""
+    def place(self, batch: _RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays]:
+        """Meshes at the times of a batch, and its rays."""
         camera = interpolate_poses(self.mirror_poses, batch.times)
         directions = camera.vectors(batch.directions)
         # Between two poses a rotation's entries shorten: distances are metres of unit directions.
@@ -155,11 +155,14 @@ class _Frame:
         meshes = tuple(
             PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
         )
-        return meshes, rays, find_first_hits(meshes, rays)
+        return meshes, rays
 
     def shade(self, batch: _RayBatch) -> Floats:
         """(n, 3) linear radiance of a batch."""
-        meshes, rays, hits = self.trace(batch)
+        meshes, rays = self.place(batch)
+        if self.meshes[0][0].blended is not None:
+            return shade_layers(meshes, rays, self.lighting, self.fog)
+        hits = find_first_hits(meshes, rays)
         radiance = shade_hits(meshes, rays, hits, self.lighting)
         return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
 
@@ -291,7 +294,7 @@ class _ReferenceRays:
         found = RayHits(np.full(shape, np.inf, dtype=np.float32), nothing, nothing.copy())
 
         def trace(batch: _RayBatch) -> None:
-            _, _, hits = frame.trace(batch)
+            hits = find_first_hits(*frame.place(batch))
             found.range_m[batch.tiles].reshape(-1)[batch.rays] = hits.distance
             found.triangle[batch.tiles].reshape(-1)[batch.rays] = hits.triangle
             found.object[batch.tiles].reshape(-1)[batch.rays] = hits.object

@@ -68,12 +68,18 @@ class TriangleSearch:
         self._first_leaf = len(self._box_rows) // 6
         self._size = float(np.abs(rows).max())
 
-    filter: Callable[[_Indices, Floats, Floats], Bools] | None = None
+    filter: Callable[[_Indices, Floats, Floats, float], Bools] | None = None
     """Whether rays pass the (k,) triangles that they meet, by (k, 2) barycentric weights of corners
-    1 and 2, and (k, 3) directions; None: none does."""
+    1 and 2, (k, 3) directions, and the query's least coverage; None: none does."""
 
     def first_hits(
-        self, origins: Floats, directions: Floats, max_distance: Floats | None = None
+        self,
+        origins: Floats,
+        directions: Floats,
+        max_distance: Floats | None = None,
+        *,
+        begin: Floats | None = None,
+        least_coverage: float = 1.0,
     ) -> tuple[Floats, _Indices, Floats]:
         """First hits of rays from (n, 3) origins along (n, 3) directions of any length.
 
@@ -84,6 +90,8 @@ class TriangleSearch:
             origins: Starts of the rays.
             directions: Their directions.
             max_distance: (n,) distances before which hits lie; None: all count.
+            begin: (n,) distances behind which hits lie; None: those of the origins.
+            least_coverage: What blended triangles are met from on, for the filter.
 
         Returns:
             (n,) distances in lengths of the direction, inf without a hit; (n,) triangles, -1
@@ -98,9 +106,12 @@ class TriangleSearch:
                 for start in range(0, count, _BLOCK_RAYS):
                     block = slice(start, start + _BLOCK_RAYS)
                     found = _NearestHits(limits[block], triangle[block], weights[block])
-                    self._search(
-                        _Rays.prepare(origins[block], directions[block], self._size), found
+                    rays = _Rays.prepare(
+                        origins[block], directions[block], self._size, least_coverage
                     )
+                    if begin is not None:
+                        np.maximum(rays.shear[3], begin[block], out=rays.shear[3])
+                    self._search(rays, found)
         return np.where(triangle >= 0, limits, np.inf), triangle, weights
 
     def occludes(self, origins: Floats, directions: Floats, max_distance: Floats) -> Bools:
@@ -164,7 +175,7 @@ class TriangleSearch:
             slot, column = np.nonzero(is_met)
             met = np.stack((v, w), axis=-1)[slot, column] / total[slot, column, None]
             numbers = self._numbers[leaves[column], slot]
-            passes = self.filter(numbers, met, rays.directions[some[column]])
+            passes = self.filter(numbers, met, rays.directions[some[column]], rays.least_coverage)
             is_met[slot[passes], column[passes]] = False
         distance = np.where(is_met, distance, np.inf)
         # The first of equals is the one of the lowest number, since leaves are sorted.
@@ -207,7 +218,7 @@ class _Rays:
     origins: Floats
     """(3, n) in that order."""
     shear: Floats
-    """(4, n): x and y a z, the distance a z, and the distance that rounding may bring."""
+    """(4, n): x and y a z, the distance a z, and the distance from which hits count."""
     inverse: Floats
     """(3, n) inverses of the direction's components."""
     near_rows: _Rows
@@ -216,9 +227,13 @@ class _Rays:
     """(3, n) origins, moved along the direction to enlarge boxes."""
     far_origins: Floats
     """(3, n) origins, moved against the direction."""
+    least_coverage: float
+    """For the filter of triangles."""
 
     @classmethod
-    def prepare(cls, origins: Floats, directions: Floats, size: float) -> _Rays:
+    def prepare(
+        cls, origins: Floats, directions: Floats, size: float, least_coverage: float
+    ) -> _Rays:
         """(n, 3) rays among corners of coordinates up to a size."""
         starts, ways = np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
         axes = (np.abs(ways).argmax(axis=0) + np.array(((1,), (2,), (0,)))) % 3
@@ -236,6 +251,7 @@ class _Rays:
             np.where(np.signbit(ways), ((5,), (4,), (3,)), ((0,), (1,), (2,))),
             starts + step,
             starts - step,
+            least_coverage,
         )
 
 

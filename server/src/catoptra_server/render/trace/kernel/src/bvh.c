@@ -44,6 +44,8 @@ typedef struct {
     const MeshArrays *filter;  /* of facets that rays may pass; or NULL */
     const StartFacets *starts; /* or NULL */
     int sees_backs;            /* whether facets that are none from behind are met all the same */
+    const float *begin;        /* (16,) distances up to which no facet is met; NULL: 0 */
+    float least_coverage;      /* of blended facets that are met */
     const double *place;       /* of the rays' coordinates in the mesh's; NULL: they are the same */
     const float (*start8)[BLOCK_RAYS]; /* origins in the mesh's coordinates */
     float reserve;             /* of these */
@@ -101,6 +103,8 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
     query->filter = bvh->filter;
     query->starts = NULL;
     query->rays = rays;
+    query->begin = NULL;
+    query->least_coverage = 1.0f;
     if (bvh->fine_leaves && !place)
         place = NOWHERE;
     query->place = place;
@@ -135,11 +139,11 @@ static void aim_query(Query *query, const Bvh *bvh, const double *place, const R
         aim_finely(query);
 }
 
-int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
-                 int32_t triangle, int sees_backs) {
+double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
+                     int32_t triangle, int sees_backs) {
     size_t at = (size_t)triangle;
     if (!(mesh->flags[at] & FACET_FILTERED))
-        return 0;
+        return INFINITY;
     /* In doubles: holes have sharp edges. Moeller and Trumbore 1997. */
     double from[3], along[3], u_edge[3], v_edge[3], p[3], q[3];
     for (int axis = 0; axis < 3; axis++) {
@@ -160,10 +164,10 @@ int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *ra
     /* Positive where the ray goes against the normal. */
     double volume = u_edge[0] * p[0] + u_edge[1] * p[1] + u_edge[2] * p[2];
     if (!sees_backs && !(mesh->flags[at] & FACET_TWO_SIDED) && volume < 0.0)
-        return 1;
+        return -1.0;
     const float *coverage = mesh->coverage + 3 * at;
     if (isinf(coverage[0]) || volume == 0.0)
-        return 0;
+        return INFINITY;
     double u = (from[0] * p[0] + from[1] * p[1] + from[2] * p[2]) / volume;
     double v = (along[0] * q[0] + along[1] * q[1] + along[2] * q[2]) / volume;
     double opacity = coverage[0] + u * ((double)coverage[1] - coverage[0]) +
@@ -176,20 +180,30 @@ int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *ra
         TexelSquare square = sample_texels(texture, texture->levels, s, t, 1);
         opacity *= (double)mix_texels(&square)[3];
     }
-    return !(opacity >= 1.0);
+    return opacity;
 }
 
-static __attribute__((noinline)) int passes(const Query *query, int lane, int32_t triangle) {
-    return passes_facet(query->filter, query->place, query->rays, lane, triangle,
-                        query->sees_backs);
+/* Whether a ray passes a triangle that it meets at a distance. */
+static __attribute__((noinline)) int passes(const Query *query, int lane, int32_t triangle,
+                                            float distance) {
+    const MeshArrays *mesh = query->filter;
+    if (query->begin && distance <= query->begin[lane])
+        return 1;
+    float least = mesh->blended && mesh->blended[triangle] ? query->least_coverage : 1.0f;
+    return !(find_coverage(mesh, query->place, query->rays, lane, triangle, query->sees_backs) >=
+             least);
 }
 
 /* Those of some rays that do not pass a triangle. */
 static __attribute__((noinline)) uint32_t keep_stopped(const Query *query, uint32_t lanes,
-                                                       int32_t triangle) {
-    for (uint32_t left = lanes; left; left &= left - 1)
-        if (passes(query, __builtin_ctz(left), triangle))
+                                                       int32_t triangle, const Floats16 *distance) {
+    _Alignas(64) float distances[BLOCK_RAYS];
+    store16(*distance, distances);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        if (passes(query, lane, triangle, distances[lane]))
             lanes &= ~(left & -left);
+    }
     return lanes;
 }
 
@@ -211,7 +225,7 @@ static int note_hits(Query *query, const int32_t triangle[LANES], int lane, uint
         if (at > 0.0f && (at < limit || (at == limit && triangle[i] < query->triangle[lane])) &&
             !(query->starts && count_as_start(query->starts, triangle[i]) ==
                                    query->starts->triangle[lane]) &&
-            !(query->filter && passes(query, lane, triangle[i]))) {
+            !(query->filter && passes(query, lane, triangle[i], at))) {
             query->limit[lane] = at;
             query->triangle[lane] = triangle[i];
             is_nearer = 1;
@@ -359,7 +373,7 @@ typedef struct {
             is_nearer &= load_ints16(query->starts->triangle) !=                                   \
                          count_as_start(query->starts, number);                                    \
         if (query->filter)                                                                         \
-            is_nearer &= mask16(keep_stopped(query, bits16(is_nearer), number));                   \
+            is_nearer &= mask16(keep_stopped(query, bits16(is_nearer), number, &distance));        \
         store16(select16(is_nearer, distance, limit), query->limit);                               \
         store_ints16((is_nearer & number) | (~is_nearer & triangle), query->triangle);             \
         return bits16(is_nearer);                                                                  \
@@ -759,18 +773,33 @@ static void run_query(Query *query, int ends_at_first) {
         descend_beam(query, &beam, ends_at_first);
 }
 
+static void find_hits(Query *query, int32_t object, RayBlock *rays, HitBlock *hits) {
+    query->sees_backs = 0;
+    run_query(query, 0);
+    Ints16 triangle = load_ints16(query->triangle), is_met = triangle != NO_TRIANGLE;
+    store16(load16(query->limit), rays->limit);
+    store_ints16((is_met & triangle) | (~is_met & load_ints16(hits->triangle)), hits->triangle);
+    store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
+}
+
 void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
                    HitBlock *hits) {
     Query query;
     if (!bvh->num_nodes || !rays->active)
         return;
     aim_query(&query, bvh, place, rays);
-    query.sees_backs = 0;
-    run_query(&query, 0);
-    Ints16 triangle = load_ints16(query.triangle), is_met = triangle != NO_TRIANGLE;
-    store16(load16(query.limit), rays->limit);
-    store_ints16((is_met & triangle) | (~is_met & load_ints16(hits->triangle)), hits->triangle);
-    store_ints16((is_met & object) | (~is_met & load_ints16(hits->object)), hits->object);
+    find_hits(&query, object, rays, hits);
+}
+
+void intersect_layer(const Bvh *bvh, const double place[3], const float begin[BLOCK_RAYS],
+                     float least_coverage, RayBlock *rays, HitBlock *hits) {
+    Query query;
+    if (!bvh->num_nodes || !rays->active)
+        return;
+    aim_query(&query, bvh, place, rays);
+    query.begin = begin;
+    query.least_coverage = least_coverage;
+    find_hits(&query, OBJECT_STATIC, rays, hits);
 }
 
 uint32_t occlude_bvh(const Bvh *bvh, const double place[3], const RayBlock *rays,

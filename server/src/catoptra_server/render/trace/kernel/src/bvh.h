@@ -87,16 +87,21 @@ void build_box_nodes(ItemBox *boxes, int32_t count, BvhNode *nodes);
 
 int32_t max_nodes(int32_t count, int32_t leaf_size);
 
-/* Whether a ray that meets a triangle of a filtered mesh passes it: through a hole or, where backs
- * are not seen, from behind. `place` as below. */
-int passes_facet(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
-                 int32_t triangle, int sees_backs);
+/* Coverage where a ray meets a triangle of a filtered mesh: below 1 in holes, below 0 on backs that
+ * are not seen, infinite on facets without either. `place` as below. */
+double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock *rays, int lane,
+                     int32_t triangle, int sees_backs);
 
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit, `object`
  * the object that it belongs to. `place` is that of the rays' coordinates in the mesh's; NULL: they
  * are the same. */
 void intersect_bvh(const Bvh *bvh, const double place[3], int32_t object, RayBlock *rays,
                    HitBlock *hits);
+
+/* The same of the static scene, beyond (16,) distances, if it has filtered facets; and blended
+ * facets are met from another coverage than 1 on. */
+void intersect_layer(const Bvh *bvh, const double place[3], const float begin[BLOCK_RAYS],
+                     float least_coverage, RayBlock *rays, HitBlock *hits);
 
 /* The facets on which rays begin. They are flat, so no ray meets its own, whatever is rounded: the
  * plane of a sliver can be off by more than a ray begins in front of it. */

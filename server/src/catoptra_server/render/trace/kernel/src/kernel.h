@@ -76,6 +76,9 @@ typedef struct {
     /* (n, 3) opacity at corners over that of the emptiest point which is a surface, with
      * FACET_FILTERED; infinite without holes, NULL without such facets. Times the texture's. */
     const float *coverage;
+    /* (n,) whether facets with coverage let what lies behind through, by an opacity of half of it;
+     * or NULL. */
+    const uint8_t *blended;
     const Texture *textures; /* of `texture`, for holes; or NULL */
 } MeshArrays;
 

@@ -23,6 +23,13 @@
 #include <math.h>
 #include <string.h>
 
+/* Blended facets that a ray shows, the nearest; behind them, what is opaque. Twin:
+ * world/shading.py:MAX_LAYERS. */
+enum { MAX_LAYERS = 8, NO_PLAN = -1 };
+/* Coverage from which a blended facet is a layer: a fainter one changes black by less than half a
+ * grey level. */
+#define LEAST_LAYER 0x1p-12f
+
 static void clear_hits(HitBlock *hits) {
     memset(hits->triangle, 0xff, sizeof hits->triangle);
     memset(hits->object, 0xff, sizeof hits->object);
@@ -57,6 +64,17 @@ static uint32_t watch_object(const FrameState *state, const RayBlock *rays, cons
     return lanes;
 }
 
+/* The scene's hits limit the rays: only nearer objects, any or one or none, overwrite them. */
+static void intersect_objects(const FrameState *state, int32_t object, RayBlock *rays,
+                              HitBlock *hits) {
+    if (object == OBJECT_NONE)
+        return;
+    if (state->objects && object == OBJECT_ANY)
+        intersect_instances(state, rays, hits);
+    else if (object != OBJECT_ANY)
+        intersect_object(state, object, rays, hits);
+}
+
 void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
                        const TileContent *content) {
     clear_hits(hits);
@@ -64,19 +82,37 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
         intersect_scene(state, content->short_list, rays, hits);
     else if (content->triangle >= 0)
         set_hits(state, rays, hits, content->triangle);
-    /* The scene's hits limit the rays: only nearer objects overwrite them. */
-    if (content->object == OBJECT_NONE)
-        return;
-    if (state->objects && content->object == OBJECT_ANY)
-        intersect_instances(state, rays, hits);
-    else if (content->object != OBJECT_ANY)
-        intersect_object(state, content->object, rays, hits);
+    intersect_objects(state, content->object, rays, hits);
+}
+
+/* The first hits of rays beyond (16,) distances, or NULL for 0, on opaque surfaces and on blended
+ * facets of a coverage. */
+static void find_layer(const FrameState *state, const float *begin, float least_coverage,
+                       int32_t object, RayBlock *rays, HitBlock *hits) {
+    clear_hits(hits);
+    store16(splat16(INFINITY), rays->limit);
+    intersect_layer(&state->scene->mesh->bvh, place_of(state), begin, least_coverage, rays, hits);
+    intersect_objects(state, object, rays, hits);
+}
+
+/* Whether rays of a tile may meet blended facets, which no proof and no short list holds. */
+static int may_blend(const FrameState *state, const TileContent *content) {
+    return state->scene->mesh->arrays.blended && content->triangle == SURFACE_UNKNOWN &&
+           !content->short_list;
 }
 
 uint32_t find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                    const TileContent *content) {
     intersect_content(state, rays, hits, content);
-    return content->object == OBJECT_NONE ? 0 : watch_object(state, rays, hits);
+    if (content->object == OBJECT_NONE)
+        return 0;
+    if (!state->frame->watched_object || !may_blend(state, content))
+        return watch_object(state, rays, hits);
+    /* It is seen through all that blends. */
+    RayBlock through = *rays;
+    HitBlock opaque;
+    find_layer(state, NULL, INFINITY, content->object, &through, &opaque);
+    return watch_object(state, &through, &opaque);
 }
 
 void trace_tile(const FrameState *state, int tile) {
@@ -132,7 +168,7 @@ static void write_table_colours(const FrameState *state, int tile, uint32_t acti
 static int has_table_colours(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
     const uint8_t *facets = state->scene->mesh->arrays.flags;
     if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
-        state->frame->inverse_range || has_fog(state))
+        state->frame->inverse_range || has_fog(state) || state->scene->mesh->arrays.blended)
         return 0;
     int meets_object = 0;
     uint8_t flags = 0;
@@ -247,8 +283,8 @@ static int measures_fog(const FrameState *state) {
     return state->frame->measures_fog && has_fog(state);
 }
 
-/* Shade and fog a block; its radiance in clear air, where that is wanted. */
-static void shade_in_fog(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+/* Shade and fog a block's hits; their radiance in clear air, where that is wanted. */
+static void shade_hits(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                          const TileContent *content, float radiance[3][BLOCK_RAYS],
                          LostLight *lost, float clear[3][BLOCK_RAYS]) {
     shade(state, rays, hits, content, radiance, lost);
@@ -258,6 +294,95 @@ static void shade_in_fog(const FrameState *state, const RayBlock *rays, const Hi
         memcpy(clear, radiance, 3 * sizeof *radiance);
     int is_plane = content->triangle >= 0 && content->object == OBJECT_NONE;
     fog_block(state, rays, hits, is_plane, radiance, lost);
+}
+
+/* Bit mask of the rays whose hits are blended facets. */
+static uint32_t find_blended(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
+    const uint8_t *blended = state->scene->mesh->arrays.blended;
+    uint32_t lanes = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
+            lanes |= (uint32_t)blended[hits->triangle[lane]] << lane;
+    return lanes;
+}
+
+static void add_parts(uint32_t lanes, const float parts[BLOCK_RAYS], float light[3][BLOCK_RAYS],
+                      float sums[3][BLOCK_RAYS]) {
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        for (int channel = 0; channel < 3; channel++)
+            sums[channel][lane] += parts[lane] * light[channel][lane];
+    }
+}
+
+/* Blend what the active rays meet, the first hits being blended facets, front to back. Each layer
+ * is fogged up to its own distance, which is exact: what lies behind is fogged as if nothing were
+ * before it, and shows by what the layers before let through. */
+static void shade_layers(const FrameState *state, int tile, int32_t object, RayBlock *rays,
+                         HitBlock *hits, float radiance[3][BLOCK_RAYS], LostLight *lost,
+                         float clear[3][BLOCK_RAYS]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    TileContent content = UNKNOWN_CONTENT;
+    float passing[BLOCK_RAYS], part[BLOCK_RAYS] = {0};
+    set_lanes(radiance, rays->active, (Vec3){0, 0, 0});
+    if (lost)
+        set_lanes(lost->radiance, rays->active, (Vec3){0, 0, 0});
+    if (clear)
+        set_lanes(clear, rays->active, (Vec3){0, 0, 0});
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        passing[lane] = 1.0f;
+    for (int layer = 1; rays->active; layer++) {
+        _Alignas(64) float light[3][BLOCK_RAYS], clear_light[3][BLOCK_RAYS];
+        float begin[BLOCK_RAYS];
+        LostLight layer_lost = {.rays = 0};
+        if (state->plan && tile != NO_PLAN)
+            note_hits(state, tile, rays, hits);
+        shade_hits(state, rays, hits, &content, light, lost ? &layer_lost : NULL,
+                   clear ? clear_light : NULL);
+        uint32_t lanes = rays->active, blended = find_blended(state, rays, hits);
+        for (uint32_t left = lanes; left; left &= left - 1) {
+            int lane = __builtin_ctz(left);
+            double coverage = blended >> lane & 1 ? find_coverage(mesh, place_of(state), rays, lane,
+                                                                  hits->triangle[lane], 0)
+                                                  : INFINITY;
+            float opacity = coverage < 2.0 ? 0.5f * (float)coverage : 1.0f;
+            part[lane] = passing[lane] * opacity;
+            passing[lane] *= 1.0f - opacity;
+            if (opacity == 1.0f)
+                rays->active &= ~(1u << lane);
+        }
+        add_parts(lanes, part, light, radiance);
+        if (clear)
+            add_parts(lanes, part, clear_light, clear);
+        if (lost) {
+            add_parts(lanes & layer_lost.rays, part, layer_lost.radiance, lost->radiance);
+            lost->rays |= lanes & layer_lost.rays;
+        }
+        if (!rays->active)
+            return;
+        memcpy(begin, rays->limit, sizeof begin);
+        find_layer(state, begin, layer < MAX_LAYERS ? LEAST_LAYER : INFINITY, object, rays, hits);
+    }
+}
+
+/* Shade and fog what a block's rays show, blended facets included; and take down the motion of
+ * these for the plan of a `tile`, unless that is NO_PLAN. */
+static void shade_in_fog(const FrameState *state, int tile, const RayBlock *rays,
+                         const HitBlock *hits, const TileContent *content,
+                         float radiance[3][BLOCK_RAYS], LostLight *lost,
+                         float clear[3][BLOCK_RAYS]) {
+    if (!may_blend(state, content)) {
+        shade_hits(state, rays, hits, content, radiance, lost, clear);
+        return;
+    }
+    RayBlock rest = *rays, front = *rays;
+    HitBlock layer;
+    find_layer(state, NULL, LEAST_LAYER, content->object, &front, &layer);
+    front.active = find_blended(state, &front, &layer);
+    rest.active &= ~front.active;
+    if (rest.active)
+        shade_hits(state, &rest, hits, content, radiance, lost, clear);
+    shade_layers(state, tile, content->object, &front, &layer, radiance, lost, clear);
 }
 
 /* Shade what the watched object hides from some rays of a block, `source` as they were loaded; and
@@ -274,7 +399,7 @@ static void shade_hidden(const FrameState *state, const RayBlock *source, uint32
         rest.object = OBJECT_NONE;
     rays.active = lanes;
     intersect_content(&without, &rays, &hits, &rest);
-    shade_in_fog(&without, &rays, &hits, &rest, radiance, lost, NULL);
+    shade_in_fog(&without, NO_PLAN, &rays, &hits, &rest, radiance, lost, NULL);
 }
 
 /* The samples of a tile without the watched object, and without shadows besides, from the first
@@ -393,7 +518,7 @@ uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, 
     load_unit(state, tile, order, unit, block, &rays);
     if (rays.active) {
         find_hits(state, &rays, &hits, content);
-        shade_in_fog(state, &rays, &hits, content, radiance, lost, NULL);
+        shade_in_fog(state, NO_PLAN, &rays, &hits, content, radiance, lost, NULL);
     }
     return rays.active;
 }
@@ -415,15 +540,15 @@ typedef struct {
     int differs; /* those without shadows do */
 } RowSums;
 
-static void add_row_block(const FrameState *state, int row, const RayBlock *source,
+static void add_row_block(const FrameState *state, int tile, int row, const RayBlock *source,
                           const RayBlock *rays, const HitBlock *hits, uint32_t watched,
                           const TileContent *content, RowSums *result) {
     _Alignas(64) float radiance[3][BLOCK_RAYS];
     LostLight lost = {.rays = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
     float clear[3][BLOCK_RAYS];
-    shade_in_fog(state, rays, hits, content, radiance, is_measured ? &lost : NULL,
-                     measures_fog(state) ? clear : NULL);
+    shade_in_fog(state, tile, rays, hits, content, radiance, is_measured ? &lost : NULL,
+                 measures_fog(state) ? clear : NULL);
     if (measures_fog(state))
         add_row(row, rays->active, clear, &result->clear);
     if (state->frame->watched_object) {
@@ -468,7 +593,7 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
             RayBlock source = rays;
             uint32_t watched = find_hits(&moved, &rays, &hits, &here);
             note_hits(&moved, tile, &rays, &hits);
-            add_row_block(&moved, row, &source, &rays, &hits, watched, &here, &sums);
+            add_row_block(&moved, tile, row, &source, &rays, &hits, watched, &here, &sums);
         }
     }
     finish_tile(state, tile, &sums.sums, sums.inverse);
@@ -506,7 +631,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             note_hits(state, tile, &rays, &hits);
         LostLight lost = {.rays = 0};
         float clear[3][BLOCK_RAYS];
-        shade_in_fog(state, &rays, &hits, content, radiance, is_measured ? &lost : NULL,
+        shade_in_fog(state, tile, &rays, &hits, content, radiance, is_measured ? &lost : NULL,
                      measures_fog(state) ? clear : NULL);
         if (measures_fog(state))
             add_samples(state, block, rays.active, clear, &clear_sums);
