@@ -158,10 +158,12 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
     opacity = float(given["d"][-1]) if "d" in given else 1.0 - float(given.get("tr", ["0"])[-1])
     if "map_d" in given:
         file, options = _parse_map(given["map_d"])
-        holes = assets.get_texture(file, f"material {name}")[..., 0]
+        holes = assets.get_texture(file, f"material {name}")
         if texture is None:
             scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
-        texture = add_opacity(texture, holes)
+        assets.textures.wait(texture)
+        assets.textures.wait(holes)
+        texture = add_opacity(texture, holes[..., 0])
     cutoff = 0.5 if opacity < 1.0 or "map_d" in given else 0.0
     if cutoff:
         losses.add("transparency", "drawn opaque, or not below half of the opacity")

@@ -10,6 +10,7 @@ triangle's light is computed at the object's current pose.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -85,6 +86,7 @@ class SceneBatches:
         *,
         position: moderngl.Buffer,
         lighting: FacetLighting,
+        textures: Sequence[moderngl.Texture],
     ) -> None:
         """Upload the attributes.
 
@@ -95,9 +97,11 @@ class SceneBatches:
             clusters: Order of the triangles in the buffers.
             position: Split positions of the corners, freed by the caller.
             lighting: Lighting model.
+            textures: Textures of the scene, freed by the caller.
         """
         self._context = context
         self._programs = programs
+        self._textures = textures
         self._clusters = clusters
         self._lighting = lighting
         self._is_bent = scene.bent is not None
@@ -180,11 +184,7 @@ class SceneBatches:
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
             vertices=self._context.vertex_array(program, attributes),
-            texture=None
-            if index == 0
-            else upload_texture(
-                self._context, scene.textures[index - 1], scene.samplings[index - 1]
-            ),
+            texture=None if index == 0 else self._textures[index - 1],
         )
 
     @cached_property
@@ -266,15 +266,13 @@ class SceneBatches:
             append_values(buffer, len(self._clusters.order), pieces.weights @ values[members])
 
     def close(self) -> None:
-        """Free the buffers, vertex arrays and textures; programs belong to the context."""
+        """Free the buffers, vertex arrays and atlas; programs belong to the context."""
         if self._occlusion is not None:
             self._occlusion.release()
         for batch in self.__dict__.get("range_batches", ()):
             batch.vertices.release()
         for batch in self._batches:
             batch.vertices.release()
-            if batch.texture is not None:
-                batch.texture.release()
         for buffer, _ in self._owned.values():
             buffer.release()
 
