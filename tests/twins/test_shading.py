@@ -63,6 +63,19 @@ def test_levels_of_a_texture_are_the_model_s(context: moderngl.Context) -> None:
         np.testing.assert_array_equal(stored.reshape(level.shape), expected)
 
 
+def test_levels_are_rounded_to_the_nearest_byte_on_both_sides_of_every_threshold(
+    context: moderngl.Context,
+) -> None:
+    # Pairs of equal rows keep their light; means of two neighbours lie near all thresholds.
+    grey = np.arange(256, dtype=np.uint8)
+    image = np.stack((grey, np.roll(grey, 1)), axis=1).reshape(1, 512, 1).repeat(3, axis=2)
+    texture = upload_texture(context, image.repeat(2, axis=0))
+    for number, level in enumerate(build_levels(image.repeat(2, axis=0))[1:], start=1):
+        stored = np.frombuffer(texture.read(level=number, alignment=1), np.uint8)
+        expected = np.rint(255.0 * srgb_from_linear(level.astype(np.float64)))
+        np.testing.assert_array_equal(stored.reshape(level.shape), expected)
+
+
 def test_texture_is_filtered_in_linear_light_and_repeats(context: moderngl.Context) -> None:
     rng = np.random.default_rng(4)
     image = rng.integers(0, 256, (24, 40, 3), dtype=np.uint8)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import moderngl
 import numpy as np
@@ -49,7 +49,7 @@ from catoptra_server.world.triangles import (
     make_clusters,
     visible_runs,
 )
-from catoptra_server.world.world_description import DirectionalLight, Light, srgb_from_linear
+from catoptra_server.world.world_description import DirectionalLight, Light, linear_from_srgb
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
@@ -354,14 +354,34 @@ def upload_texture(
     coarser = build_levels(image)[1:]
     texture.build_mipmaps(0, len(coarser))
     for number, level in enumerate(coarser, start=1):
-        encoded = srgb_from_linear(level.astype(np.float64))
-        encoded[..., 3:] = level[..., 3:]
-        encoded = np.rint(255.0 * encoded).astype(np.uint8)
+        encoded = _encode_srgb(level)
+        encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
         texture.write(encoded.tobytes(), level=number)
     nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
     texture.repeat_x, texture.repeat_y = not sampling.clamps_u, not sampling.clamps_v
     return texture
+
+
+def _encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """sRGB bytes of light from 0 to 1, rounded as of `srgb_from_linear`, in a twentieth of its
+    time."""
+    below, thresholds = _find_thresholds()
+    byte = below.take((light * np.float32(len(below) - 1)).astype(np.intp))
+    return (byte + (light >= thresholds.take(byte))).astype(np.uint8)
+
+
+@cache
+def _find_thresholds() -> tuple[Indices, npt.NDArray[np.float32]]:
+    """(65536,) bytes of evenly spaced light, and for each byte the least light of the next.
+
+    Steps of light are a twentieth of the least difference between two bytes.
+    """
+    exact = linear_from_srgb((np.arange(1, 256) - 0.5) / 255.0)
+    nearest = exact.astype(np.float32)
+    least = np.where(nearest < exact, np.nextafter(nearest, np.float32(2.0)), nearest)
+    below = np.searchsorted(exact, np.linspace(0.0, 1.0, 2**16), side="right")
+    return below, np.append(least, np.float32(np.inf))
 
 
 def _upload_atlas(
