@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.world.textures import load_texture
 from catoptra_server.world.world_description import linear_from_srgb
+from helpers.loaded_files import load_texture
 from helpers.texture_pictures import DRAWINGS, FOLDER, MAX_BYTES, MEAN_GREY
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from catoptra_protocol.optics.numerics import Floats
 
@@ -44,7 +45,14 @@ class Placement:
 
 
 def write_house(
-    folder: Path, *, num_models: int, num_placements: int, num_segments: int, suffix: str = ".obj"
+    folder: Path,
+    *,
+    num_models: int,
+    num_placements: int,
+    num_segments: int,
+    suffix: str = ".obj",
+    num_textures: int = 0,
+    texture_px: int = 1024,
 ) -> list[Placement]:
     """Write a house and its models; the placements.
 
@@ -54,12 +62,17 @@ def write_house(
         num_placements: Number of placed models.
         num_segments: Segments of a mesh: each has 8 triangles.
         suffix: `.obj` or `.dae`, with its unit in the file.
+        num_textures: Number of different textures of all models together, of `.dae` alone.
+        texture_px: Side of a texture.
     """
     rng = np.random.default_rng(39)
     meshes = []
     for index in range(num_models):
         name = f"part_{index}"
-        vertices = _write_mesh(folder / "models" / name, name, rng, num_segments, suffix)
+        textures = _write_textures(
+            folder / "models" / name, range(index, num_textures, num_models), texture_px
+        )
+        vertices = _write_mesh(folder / "models" / name, name, rng, num_segments, suffix, textures)
         meshes.append((name, vertices, *_write_model(folder / "models" / name, name, rng, suffix)))
     rooms = [_random_pose(rng) for _ in range(8)]
     lines = [
@@ -93,7 +106,12 @@ def _random_pose(rng: np.random.Generator) -> str:
 
 
 def _write_mesh(
-    folder: Path, name: str, rng: np.random.Generator, num_segments: int, suffix: str
+    folder: Path,
+    name: str,
+    rng: np.random.Generator,
+    num_segments: int,
+    suffix: str,
+    textures: list[str],
 ) -> Floats:
     """Write a rod of boxes in centimetres; its (v, 3) vertices in metres, before any scale."""
     size = rng.uniform(0.2, 2.0, 3)
@@ -114,25 +132,59 @@ def _write_mesh(
         text += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
         path.write_text("\n".join(text))
     else:
-        path.write_text(_format_collada(centimetres, faces))
+        path.write_text(_format_collada(centimetres, faces, textures))
     return centimetres / 100.0
 
 
-def _format_collada(points: Floats, faces: list[tuple[int, int, int]]) -> str:
+def _write_textures(folder: Path, seeds: range, side_px: int) -> list[str]:
+    """Write pictures of tiles under noise, which no file format makes small; their names."""
+    (folder / "materials" / "textures").mkdir(parents=True)
+    names = [f"paint_{seed}.png" for seed in seeds]
+    for name, seed in zip(names, seeds, strict=True):
+        rng = np.random.default_rng(seed)
+        tiles = rng.integers(40, 200, (8, 8, 3)).repeat(side_px // 8, axis=0)
+        noise = rng.integers(0, 24, (side_px, side_px, 3))
+        image = Image.fromarray((tiles.repeat(side_px // 8, axis=1) + noise).astype(np.uint8))
+        image.save(folder / "materials" / "textures" / name, compress_level=3)
+    return names
+
+
+def _format_collada(points: Floats, faces: list[tuple[int, int, int]], textures: list[str]) -> str:
+    """A COLLADA file whose faces have one texture after the other."""
     positions = " ".join(f"{value:.4f}" for value in points.ravel())
-    indices = " ".join(str(index) for face in faces for index in face)
+    parts = [faces[number :: len(textures)] for number in range(len(textures))] or [faces]
+    triangles, images, effects, materials, bound = "", "", "", "", ""
+    for number, part in enumerate(parts):
+        corners = " ".join(f"{at} {corner}" for face in part for corner, at in enumerate(face))
+        triangles += f"""<triangles count="{len(part)}" material="s{number}">
+<input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#t" offset="1" set="0"/><p>{corners}</p></triangles>"""
+    for number, name in enumerate(textures):
+        images += f"""<image id="i{number}"><init_from>{name}</init_from></image>"""
+        effects += f"""<effect id="e{number}"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>i{number}</init_from></surface></newparam>
+<newparam sid="p"><sampler2D><source>f</source></sampler2D></newparam><technique sid="t"><lambert>
+<diffuse><texture texture="p" texcoord="UV"/></diffuse></lambert></technique></profile_COMMON>
+</effect>"""
+        materials += f"""<material id="m{number}"><instance_effect url="#e{number}"/></material>"""
+        bound += f"""<instance_material symbol="s{number}" target="#m{number}"/>"""
     return f"""<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><unit name="centimeter" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
+<library_images>{images}</library_images><library_effects>{effects}</library_effects>
+<library_materials>{materials}</library_materials>
 <library_geometries><geometry id="g"><mesh>
 <source id="p"><float_array id="a" count="{points.size}">{positions}</float_array>
 <technique_common><accessor source="#a" count="{len(points)}" stride="3">
 <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
 </accessor></technique_common></source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles count="{len(faces)}"><input semantic="VERTEX" source="#v" offset="0"/>
-<p>{indices}</p></triangles></mesh></geometry></library_geometries>
-<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node>
+<source id="t"><float_array id="b" count="6">0 0 1 0 1 1</float_array><technique_common>
+<accessor source="#b" count="3" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>{triangles}
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"><bind_material>
+<technique_common>{bound}</technique_common></bind_material></instance_geometry></node>
 </visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.scene_batches import upload_texture
 from catoptra_server.world import shading
+from catoptra_server.world.shading import decode_texels
 from catoptra_server.world.textures import build_levels
 from catoptra_server.world.world_description import PointLight, linear_from_srgb, srgb_from_linear
 from helpers.shaders import evaluate_shader
@@ -53,10 +54,23 @@ def test_point_irradiance_at_the_light_is_finite(context: moderngl.Context) -> N
 def test_levels_of_a_texture_are_the_model_s(context: moderngl.Context) -> None:
     image = np.random.default_rng(5).integers(0, 256, (21, 38, 3), dtype=np.uint8)
     texture = upload_texture(context, image)
-    levels = build_levels(image)
+    levels = [decode_texels(image), *build_levels(image)[1:]]
     sizes = [level.shape[1::-1] for level in levels]
     assert sizes == [(38, 21), (19, 10), (9, 5), (4, 2), (2, 1), (1, 1)]
     for number, level in enumerate(levels):
+        stored = np.frombuffer(texture.read(level=number, alignment=1), np.uint8)
+        expected = np.rint(255.0 * srgb_from_linear(level.astype(np.float64)))
+        np.testing.assert_array_equal(stored.reshape(level.shape), expected)
+
+
+def test_levels_are_rounded_to_the_nearest_byte_on_both_sides_of_every_threshold(
+    context: moderngl.Context,
+) -> None:
+    # Pairs of equal rows keep their light; means of two neighbours lie near all thresholds.
+    grey = np.arange(256, dtype=np.uint8)
+    image = np.stack((grey, np.roll(grey, 1)), axis=1).reshape(1, 512, 1).repeat(3, axis=2)
+    texture = upload_texture(context, image.repeat(2, axis=0))
+    for number, level in enumerate(build_levels(image.repeat(2, axis=0))[1:], start=1):
         stored = np.frombuffer(texture.read(level=number, alignment=1), np.uint8)
         expected = np.rint(255.0 * srgb_from_linear(level.astype(np.float64)))
         np.testing.assert_array_equal(stored.reshape(level.shape), expected)

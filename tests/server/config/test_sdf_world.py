@@ -69,6 +69,23 @@ def test_house_stands_where_the_arithmetic_of_sdf_puts_it(tmp_path: Path) -> Non
         assert gaps.min(axis=0).max() < 1e-6
 
 
+def test_textures_of_a_house_are_held_once_each(tmp_path: Path) -> None:
+    write_house(
+        tmp_path,
+        num_models=5,
+        num_placements=17,
+        num_segments=3,
+        suffix=".dae",
+        num_textures=8,
+        texture_px=16,
+    )
+    world, imported = read_imported(tmp_path / "arena.world")
+    assert imported.left_out == {}
+    scene = build_scene(world)
+    assert len(scene.textures) == len({id(image) for image in scene.textures}) == 8
+    assert (np.bincount(scene.texture_index) > 0).all()
+
+
 def assert_stands(item: Item, world_from_item: np.ndarray) -> None:  # type: ignore[type-arg] # (4, 4)
     points = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
     expected = points @ world_from_item[:3, :3].T + world_from_item[:3, 3]

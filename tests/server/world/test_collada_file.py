@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.world.mesh_files import load_mesh_file
 from catoptra_server.world.world_description import MeshFile
+from helpers.loaded_files import load_mesh_file
 from helpers.mesh_file_samples import write_textured_dae
 
 BOMB = '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]>'

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import load_mesh_file, load_mesh_lights
+from catoptra_server.world.mesh_files import load_mesh_lights
 from catoptra_server.world.world_description import MeshFile
+from helpers.loaded_files import load_mesh_file
 from helpers.mesh_features import Gltf, pbr
 from helpers.mesh_file_samples import make_announcing_png
 

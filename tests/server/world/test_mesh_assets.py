@@ -10,13 +10,15 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
 from catoptra_server.world.mesh_assets import Losses, MeshAssets
+from catoptra_server.world.textures import TextureReader
 from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_file_samples import make_announcing_png, make_quadrant_image
 
 
 def make_assets(folder: Path, limit_bytes: int = 100 * MIB) -> MeshAssets:
     path = folder / "m.obj"
-    return MeshAssets(MeshFile(path), MemoryBudget(limit_bytes), Losses(path))
+    textures = TextureReader(MemoryBudget(limit_bytes))
+    return MeshAssets(MeshFile(path), textures, Losses(path))
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,10 @@ import trimesh
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import MeshPart, load_mesh_file, read_triangle_file
+from catoptra_server.world.mesh_files import MeshPart, read_triangle_file
 from catoptra_server.world.textures import linear_light
 from catoptra_server.world.world_description import MeshFile
+from helpers.loaded_files import load_mesh_file
 from helpers.mesh_file_samples import (
     export_mesh,
     make_announcing_png,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +11,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.runtime.memory import (
+    BYTES_PER_TEXEL,
+    BYTES_PER_TRIANGLE,
+    MIB,
+    MemoryBudget,
+)
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.world_description import (
@@ -35,6 +42,8 @@ from helpers.mesh_file_samples import (
     make_plain_square,
     make_quadrant_image,
     make_textured_square,
+    write_textured_dae,
+    write_textured_gltf,
     write_unlit_glb,
 )
 
@@ -161,6 +170,66 @@ def test_scene_larger_than_the_memory_limit_is_rejected_before_it_is_built(shape
     world = World("w", tuple(make_item(shape, name=f"item{n}") for n in range(count)))
     with pytest.raises(ConfigError, match=r"w: item\d+='\d+ triangles'.*fewer items.* MiB"):
         build_scene(world, MemoryBudget(4 * MIB if count > 1 else 1024 * MIB))
+
+
+def place_often(shape: MeshFile, count: int, *, yaw_rad: float = 0.3) -> World:
+    """A world of one mesh file at places along x."""
+    poses = (Pose.from_rpy((n, 0.0, 0.0), (0.0, 0.0, n * yaw_rad)) for n in range(count))
+    return World("w", tuple(Item(f"i{n}", shape, pose, None) for n, pose in enumerate(poses)))
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
+@pytest.mark.parametrize("write", [write_textured_gltf, write_textured_dae])
+def test_file_of_many_placements_is_read_once_and_its_texture_held_once(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    write: Callable[[Path], Path],
+    yaw_rad: float,
+) -> None:
+    shape = MeshFile(write(tmp_path))
+    world = place_often(shape, 113, yaw_rad=yaw_rad)
+    alone = [build_scene(replace(world, items=(item,))) for item in world.items[:: 112 // 4]]
+    reads: Counter[str] = Counter()
+    read = Path.read_bytes
+    monkeypatch.setattr(
+        Path, "read_bytes", lambda path: (reads.update((path.name,)), read(path))[1]
+    )
+    scene = build_scene(world)
+    assert set(reads.values()) == {1}
+    assert len(scene.textures) == 1
+    # Every placement is what it would be alone, to the last bit.
+    for number, one in zip(range(0, 113, 112 // 4), alone, strict=True):
+        rows = scene.item_index == number
+        for name in ("corners", "normals", "uv", "albedo"):
+            np.testing.assert_array_equal(getattr(scene, name)[rows], getattr(one, name))
+
+
+def test_placements_count_their_triangles_each_and_their_texture_once(tmp_path: Path) -> None:
+    world = place_often(MeshFile(write_textured_gltf(tmp_path)), 113)
+    needed = 113 * 2 * BYTES_PER_TRIANGLE + BYTES_PER_TEXEL * 2 * 2
+    build_scene(world, MemoryBudget(needed))
+    with pytest.raises(ConfigError, match=r"of 2 triangles'.*fewer triangles"):
+        build_scene(world, MemoryBudget(needed - 1))
+
+
+def test_equal_images_of_different_files_and_items_are_one_texture(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        make_quadrant_image().save(tmp_path / name)
+    walls = [Material((1.0, 1.0, 1.0), texture=tmp_path / name) for name in ("a.png", "b.png")]
+    scene = build_scene(World("w", tuple(make_item(BOX, wall) for wall in walls)))
+    assert len(scene.textures) == 1
+    assert (scene.texture_index == 0).all()
+
+
+def test_damaged_texture_is_reported_with_the_line_of_its_item(tmp_path: Path) -> None:
+    make_quadrant_image().resize((64, 64)).save(tmp_path / "q.png")
+    (tmp_path / "q.png").write_bytes((tmp_path / "q.png").read_bytes()[:60])
+    wall = replace(
+        make_item(BOX, Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png"), name="wall"),
+        where=SourceLocation("w.ini", 7),
+    )
+    with pytest.raises(ConfigError, match=r"w\.ini:7: wall\.Texture='.*q\.png': .*an image file"):
+        build_scene(World("w", (make_item(BOX), wall)))
 
 
 def test_mesh_without_a_material_keeps_its_own_appearance(tmp_path: Path) -> None:

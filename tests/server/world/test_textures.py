@@ -9,26 +9,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from catoptra_protocol.errors import ConfigError
-from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import load_mesh_file
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.textures import (
     MAX_STRETCH,
     MeshAppearance,
+    TextureReader,
     build_levels,
     footprint_texels,
     linear_light,
-    load_texture,
     no_texture_coordinates,
     sample_levels,
     uv_gradients,
     uv_steps,
 )
 from catoptra_server.world.world_description import MeshFile, linear_from_srgb
+from helpers.loaded_files import load_mesh_file, load_texture
 from helpers.mesh_file_samples import (
     FACES,
     UV,
@@ -52,8 +53,29 @@ def make_image(height: int, width: int) -> np.ndarray[tuple[int, ...], np.dtype[
 def test_every_level_has_the_mean_light_of_the_image(shape: tuple[int, int]) -> None:
     image = make_image(*shape)
     mean = linear_from_srgb(image / 255.0).mean(axis=(0, 1))
-    for level in build_levels(image):
+    kept, *coarser = build_levels(image)
+    assert kept is image
+    for level in coarser:
         np.testing.assert_allclose(level.mean(axis=(0, 1)), mean, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(8, 6, 3), (5, 6, 4), (4, 7, 4)])
+def test_levels_are_the_means_of_float32_light_to_the_last_bit(shape: tuple[int, int, int]) -> None:
+    image = RNG.integers(0, 256, shape).astype(np.uint8)
+    light = linear_from_srgb(image / 255.0).astype(np.float32)
+    light[..., 3:] = image[..., 3:] / np.float32(255.0)
+    if shape[0] % 2 == 0:
+        rows = np.float32(0.5) * (light[0::2] + light[1::2])
+    else:
+        at = np.arange(2, dtype=np.float32)[:, None, None]
+        rows = ((2 - at) * light[0:-2:2] + 2 * light[1:-1:2] + (at + 1) * light[2::2]) / 5
+    if shape[1] % 2 == 0:
+        expected = np.float32(0.5) * (rows[:, 0::2] + rows[:, 1::2])
+    else:
+        at = np.arange(3, dtype=np.float32)[:, None]
+        parts = (3 - at) * rows[:, 0:-2:2] + 3 * rows[:, 1:-1:2] + (at + 1) * rows[:, 2::2]
+        expected = parts / 7
+    np.testing.assert_array_equal(build_levels(image)[1], expected.astype(np.float32))
 
 
 def test_sides_are_halved_and_rounded_down_to_one_texel() -> None:
@@ -169,11 +191,56 @@ def test_texture_that_announces_gigabytes_is_rejected_undecoded(
 
 
 def test_textures_count_together(tmp_path: Path) -> None:
-    path, memory = tmp_path / "q.png", MemoryBudget(5 * MIB)
-    make_quadrant_image().resize((300, 300)).save(path)
-    load_texture(path, memory)
-    with pytest.raises(ConfigError, match=r"'300 x 300 px'.*7 MiB"):
-        load_texture(path, memory)
+    image = make_quadrant_image()
+    image.resize((300, 300)).save(tmp_path / "q.png")
+    image.resize((300, 301)).save(tmp_path / "r.png")
+    num_bytes = BYTES_PER_TEXEL * 300 * 301
+    with TextureReader(MemoryBudget(2 * num_bytes - 1)) as textures:
+        textures.load(tmp_path / "q.png")
+        textures.load(tmp_path / "r.png")
+    with TextureReader(MemoryBudget(num_bytes)) as textures:
+        textures.load(tmp_path / "q.png")
+        with pytest.raises(ConfigError, match=r"'300 x 301 px'"):
+            textures.load(tmp_path / "r.png")
+
+
+def test_image_is_held_and_counted_once_under_all_names_of_its_content(tmp_path: Path) -> None:
+    for name in ("q.png", "r.png"):
+        make_quadrant_image().resize((300, 300)).save(tmp_path / name)
+    (tmp_path / "link.png").symlink_to(tmp_path / "q.png")
+    with TextureReader(MemoryBudget(BYTES_PER_TEXEL * 300 * 300)) as textures:
+        first = textures.load(tmp_path / "q.png")
+        data = (tmp_path / "q.png").read_bytes()
+        for other in ("r.png", "link.png"):
+            assert textures.load(tmp_path / other) is first
+        assert textures.decode(data, SourceLocation("m.glb")) is first
+        textures.wait(first)
+        assert first[0, 0].tolist() == [255, 0, 0]
+
+
+def test_file_is_read_once_however_often_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_quadrant_image().save(tmp_path / "q.png")
+    reads = []
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (reads.append(path), read(path))[1])
+    with TextureReader() as textures:
+        for _ in range(5):
+            textures.load(tmp_path / "q.png")
+    assert reads == [tmp_path / "q.png"]
+
+
+def test_many_images_are_decoded_by_other_threads_in_their_own_arrays(tmp_path: Path) -> None:
+    pictures = [make_image(40, 30) for _ in range(40)]
+    for number, picture in enumerate(pictures):
+        Image.fromarray(picture).save(tmp_path / f"{number}.png")
+    with TextureReader() as textures:
+        held = [textures.load(tmp_path / f"{number}.png") for number in range(40)]
+        for texture, picture in zip(held, pictures, strict=True):
+            textures.wait(texture)
+            np.testing.assert_array_equal(texture, picture)
+            assert not texture.flags.writeable
 
 
 def test_texture_of_a_format_that_needs_another_program_is_rejected(tmp_path: Path) -> None:

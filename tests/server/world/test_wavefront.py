@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.world.mesh_files import load_mesh_file
 from catoptra_server.world.world_description import MeshFile
+from helpers.loaded_files import load_mesh_file
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
 FACE = "usemtl m\nf 1/1 2/1 3/1\n"

@@ -27,7 +27,8 @@ from catoptra_server.runtime.options import CommandParser, int_within
 from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.world_description import World, linear_from_srgb, srgb_from_linear
+from catoptra_server.world.textures import linear_light
+from catoptra_server.world.world_description import World, srgb_from_linear
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -111,7 +112,7 @@ def _draw_map(
 def _colour_plan(plan: FloorPlan, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
     """(h, w, 3) picture of a plan, without marks."""
     # One colour a triangle; that of a texture is its mean. The last row is for no triangle.
-    means = [linear_from_srgb(np.asarray(one) / 255.0).mean(axis=(0, 1)) for one in scene.textures]
+    means = [linear_light(one).mean(axis=(0, 1)) for one in scene.textures]
     tints = np.array([*means, np.ones(3)])
     seen = srgb_from_linear(scene.albedo * tints[scene.texture_index])
     paper = np.array(_PAPER)

@@ -143,14 +143,17 @@ def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...
 
 
 def _load_mesh_lights(items: Sequence[Item]) -> Iterator[Light]:
-    """Yield the lights of mesh files, in the world."""
+    """Yield the lights of mesh files, in the world; each file is read once."""
+    lights: dict[MeshFile, list[Light]] = {}
     for item in items:
         if not isinstance(item.shape, MeshFile):
             continue
         # Imported on demand: many worlds have no mesh file.
         from catoptra_server.world.mesh_files import load_mesh_lights
 
-        for light in load_mesh_lights(item.shape):
+        if item.shape not in lights:
+            lights[item.shape] = load_mesh_lights(item.shape)
+        for light in lights[item.shape]:
             yield _move_light(light, item)
 
 

@@ -54,7 +54,6 @@ from catoptra_server.world.textures import (
     Texture,
     TextureSampling,
     clip_fractions,
-    decode_texture,
     linear_light,
     multiply_texture,
 )
@@ -67,6 +66,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _CLAMP, _MIRROR, _NEAREST = 33071, 33648, 9728
 # Each is an object of Python with its arrays; the file itself may name as many as it has bytes.
 _MAX_MATERIALS, _MAX_NODES = 10_000, 200_000
+_WHITE_TEXTURE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
 # A thousand times white is a lamp that blinds; the squares of sums are float32 numbers.
 _MAX_EMISSION = 1e3
 
@@ -102,15 +102,12 @@ class FileLight:
     """(3,) unit direction in which the light travels."""
 
 
-def read_gltf(
-    path: Path, assets: MeshAssets, memory: MemoryBudget, losses: Losses
-) -> Iterator[FileMesh]:
+def read_gltf(path: Path, assets: MeshAssets, losses: Losses) -> Iterator[FileMesh]:
     """Yield the meshes of a file's scene, each at each of its places.
 
     Args:
         path: the file.
         assets: files beside it.
-        memory: budget of the scene, for textures; arrays count in a budget for reading.
         losses: what is not drawn.
 
     Raises:
@@ -120,8 +117,8 @@ def read_gltf(
     document, chunk = _read_document(path)
     _check_extensions(document, losses)
     data = _Arrays(document, chunk, assets)
-    data.reserve(memory.for_reading(), SourceLocation(str(path)))
-    reader = _MeshReader(document, data, _Materials(document, data, assets, memory, path, losses))
+    data.reserve(assets.textures.memory.for_reading(), SourceLocation(str(path)))
+    reader = _MeshReader(document, data, _Materials(document, data, assets, path, losses))
     if document.get("animations"):
         losses.add("animations", "the scene is drawn as it is stored")
     for node, name, matrix in _walk_nodes(document):
@@ -410,19 +407,18 @@ class _Materials:
         document: dict[str, Any],
         data: _Arrays,
         assets: MeshAssets,
-        memory: MemoryBudget,
         path: Path,
         losses: Losses,
     ) -> None:
         self._document = document
         self._data = data
         self._assets = assets
-        self._memory = memory
         self._path = path
         self.losses = losses
         self._looks: dict[int, _Look] = {}
         self._images: dict[tuple[int, bool], Texture] = {}
         self._mirrored: dict[tuple[int, bool, bool, bool], Texture] = {}
+        self._occluded: dict[tuple[int, int, float], Texture] = {}
 
     @cached_property
     def default(self) -> _Look:
@@ -465,7 +461,7 @@ class _Materials:
         elif any(emission) and info is not None:
             if any(albedo):
                 self.losses.add("texture of emission", "surfaces shine in its mean colour")
-                emission = _mean_emission(emission, self._use(info, user).image)
+                emission = self._mean_emission(emission, self._use(info, user).image)
             else:
                 albedo, emission, unlit, use = emission, albedo, True, self._use(info, user)
         two_sided = bool(entry.get("doubleSided", False))
@@ -542,11 +538,12 @@ class _Materials:
         else:
             data = self._data.read_uri(entry["uri"])
         where = SourceLocation(str(self._path))
-        return decode_texture(data, where, self._memory, has_opacity=has_opacity)
+        return self._assets.textures.decode(data, where, has_opacity=has_opacity)
 
     def _mirror(self, key: tuple[int, bool, bool, bool], image: Texture) -> Texture:
         _, _, columns, rows = key
         if key not in self._mirrored:
+            self._assets.textures.wait(image)
             image = np.concatenate((image, image[:, ::-1]), axis=1) if columns else image
             self._mirrored[key] = np.concatenate((image, image[::-1])) if rows else image
         return self._mirrored[key]
@@ -557,20 +554,25 @@ class _Materials:
         """Texture times the occlusion, where both have the same coordinates."""
         occlusion = self._use(info, user)
         if use is None:
-            use = replace(occlusion, image=np.full((1, 1, 3), 255, np.uint8))
+            use = replace(occlusion, image=_WHITE_TEXTURE)
         is_same = occlusion.coordinates == use.coordinates and np.array_equal(
             occlusion.uv_from_attribute, use.uv_from_attribute
         )
         if not is_same:
             self.losses.add("occlusion with coordinates of its own", "drawn without")
             return use
-        image = multiply_texture(use.image, occlusion.image[..., 0], info.get("strength", 1.0))
-        return replace(use, image=image)
+        key = id(use.image), id(occlusion.image), float(info.get("strength", 1.0))
+        if key not in self._occluded:
+            self._assets.textures.wait(use.image)
+            self._assets.textures.wait(occlusion.image)
+            dark = occlusion.image[..., 0]
+            self._occluded[key] = multiply_texture(use.image, dark, key[2])
+        return replace(use, image=self._occluded[key])
 
-
-def _mean_emission(factor: Rgb, image: Texture) -> Rgb:
-    r, g, b = (np.array(factor) * linear_light(image).mean(axis=(0, 1))).tolist()
-    return r, g, b
+    def _mean_emission(self, factor: Rgb, image: Texture) -> Rgb:
+        self._assets.textures.wait(image)
+        r, g, b = (np.array(factor) * linear_light(image).mean(axis=(0, 1))).tolist()
+        return r, g, b
 
 
 def _glossy_albedo(glossy: dict[str, Any]) -> Rgb:

@@ -23,8 +23,13 @@ import numpy.typing as npt
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.world.textures import REPEATED, Texture, TextureSampling, decode_texture
+from catoptra_server.world.textures import (
+    REPEATED,
+    Texture,
+    TextureReader,
+    TextureSampling,
+    read_within,
+)
 from catoptra_server.world.world_description import MeshFile, Rgb
 
 log = logging.getLogger(__name__)
@@ -110,22 +115,20 @@ class Losses:
 class MeshAssets:
     """Reader of the files beside a mesh file."""
 
-    def __init__(self, shape: MeshFile, memory: MemoryBudget, losses: Losses) -> None:
+    def __init__(self, shape: MeshFile, textures: TextureReader, losses: Losses) -> None:
         """Read files inside the folder of a mesh file.
 
         Args:
             shape: the mesh file.
-            memory: budget of the scene, for textures.
+            textures: reader of the scene's textures.
             losses: missing textures, where the world goes on without.
         """
         self._shape = shape
-        self._memory = memory
-        self._reading = memory.for_reading()
+        self.textures = textures
         self._losses = losses
         folder = shape.path.resolve().parent
         self._folder = folder
         self._root = folder.parent if folder.name == "meshes" else folder
-        self._textures: dict[tuple[Path, bool], Texture] = {}
 
     def get(self, name: str) -> bytes:
         """Content of a file.
@@ -134,16 +137,7 @@ class MeshAssets:
             FileNotFoundError: There is no such file inside the folder.
             ConfigError: The file exceeds the budget.
         """
-        path = self._find(name)
-        size = path.stat().st_size
-        self._reading.reserve(
-            size,
-            where=SourceLocation(str(path)),
-            key="File",
-            value=f"{size} bytes",
-            remedy="a smaller file",
-        )
-        return path.read_bytes()
+        return read_within(self._find(name), self.textures.memory, key="File")
 
     __getitem__ = get
 
@@ -163,12 +157,7 @@ class MeshAssets:
         except FileNotFoundError as error:
             self.report_missing(name, user, error)
             return _GREY
-        key = path, has_opacity
-        if key not in self._textures:
-            where = SourceLocation(str(path))
-            data = self.get(name)
-            self._textures[key] = decode_texture(data, where, self._memory, has_opacity=has_opacity)
-        return self._textures[key]
+        return self.textures.load(path, has_opacity=has_opacity)
 
     def report_missing(self, name: str, user: str, error: FileNotFoundError) -> None:
         """Count a missing file among the losses, where the world goes on without.

@@ -44,6 +44,7 @@ from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
+    TextureReader,
     clip_fractions,
     corner_albedos,
     linear_light,
@@ -83,21 +84,20 @@ _SAE_FROM_UP: dict[str, tuple[slice | list[int], tuple[float, float, float]]] = 
 }
 
 
-def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[MeshPart]:
+def load_mesh_file(shape: MeshFile, textures: TextureReader) -> list[MeshPart]:
     """Load the meshes of a file, scaled and rotated into SAE.
 
     Args:
         shape: the file with its scale and its axis.
-        memory: budget of the scene; None for a budget of this file's own.
+        textures: reader of the scene's textures, which are there once it has waited for them.
 
     Raises:
         ConfigError: The file is missing, unreadable, without a triangle, or larger than the budget.
     """
     _check_name(shape)
     losses = Losses(shape.path)
-    memory = memory or MemoryBudget()
     try:
-        meshes = list(_load_meshes(shape, memory, losses))
+        meshes = list(_load_meshes(shape, textures, losses))
     except ConfigError:
         raise
     except Exception as error:  # readers of six formats raise many types
@@ -151,9 +151,9 @@ def _check_name(shape: MeshFile) -> None:
         raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
 
 
-def _load_meshes(shape: MeshFile, memory: MemoryBudget, losses: Losses) -> Iterator[MeshPart]:
+def _load_meshes(shape: MeshFile, textures: TextureReader, losses: Losses) -> Iterator[MeshPart]:
     """Yield the meshes of a file; sizes that the file announces are checked first."""
-    path, where = shape.path, SourceLocation(str(shape.path))
+    path, where, memory = shape.path, SourceLocation(str(shape.path)), textures.memory
     num_bytes = path.stat().st_size
     per_byte = _GLTF_BYTES_PER_FILE_BYTE if _is_gltf(path) else _READ_BYTES_PER_FILE_BYTE
     memory.for_reading().reserve(
@@ -163,9 +163,10 @@ def _load_meshes(shape: MeshFile, memory: MemoryBudget, losses: Losses) -> Itera
         value=f"{num_bytes} bytes",
         remedy="a smaller mesh file",
     )
-    up, meshes = _read_meshes(shape, memory, losses)
+    up, meshes = _read_meshes(shape, textures, losses)
     for mesh in meshes:
-        _reserve_triangles(mesh, memory, where)
+        is_smooth = mesh.normals is not None
+        reserve_triangles(len(mesh.faces), memory, path, mesh.name, is_smooth=is_smooth)
         yield _convert_mesh(mesh, shape, shape.up or up)
 
 
@@ -174,14 +175,14 @@ def _is_gltf(path: Path) -> bool:
 
 
 def _read_meshes(
-    shape: MeshFile, memory: MemoryBudget, losses: Losses
+    shape: MeshFile, textures: TextureReader, losses: Losses
 ) -> tuple[str, Iterable[FileMesh]]:
     """Upward axis and meshes of a file."""
     path = shape.path
-    assets = MeshAssets(shape, memory, losses)
+    assets = MeshAssets(shape, textures, losses)
     match path.suffix.lower():
         case ".glb" | ".gltf":
-            return "y", read_gltf(path, assets, memory, losses)
+            return "y", read_gltf(path, assets, losses)
         case ".obj":
             return "z", read_obj(path, assets, losses)
         case ".dae":
@@ -237,13 +238,19 @@ class _TextureNames:
     __getitem__ = get
 
 
-def _reserve_triangles(mesh: FileMesh, memory: MemoryBudget, where: SourceLocation) -> None:
-    num_bytes = BYTES_PER_TRIANGLE + (0 if mesh.normals is None else _BYTES_PER_SMOOTH_TRIANGLE)
+def reserve_triangles(
+    count: int, memory: MemoryBudget, path: Path, name: str, *, is_smooth: bool
+) -> None:
+    """Count the triangles of a file's mesh at one place.
+
+    Raises:
+        ConfigError: The budget is exceeded.
+    """
     memory.reserve(
-        num_bytes * len(mesh.faces),
-        where=where,
+        count * (BYTES_PER_TRIANGLE + (_BYTES_PER_SMOOTH_TRIANGLE if is_smooth else 0)),
+        where=SourceLocation(str(path)),
         key="File",
-        value=f"mesh {mesh.name} of {len(mesh.faces)} triangles",
+        value=f"mesh {name} of {count} triangles",
         remedy="fewer triangles",
     )
 

@@ -23,7 +23,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import field
-from typing import Protocol
+from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,7 @@ from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
     PointLight,
+    linear_from_srgb,
 )
 
 # Lights that a surface can occlude.
@@ -168,21 +170,43 @@ def corner_radiance(facets: LitFacets, corner_albedo: Floats, lights: Iterable[L
     return corner_albedo * np.where(facets.unlit[:, None], 1.0, irradiance)[:, None]
 
 
-def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
-    """(n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
+def sample_texture(texture: npt.NDArray[Any], uv: Floats) -> Floats:
+    """(n, 3) linear colours of a (h, w, 3) texture at (n, 2) coordinates; with opacity, (n, 4).
 
     (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
+
+    Args:
+        texture: linear texels, or bytes as of `decode_texels`.
+        uv: the coordinates.
     """
-    height, width = linear_texture.shape[:2]
+    height, width = texture.shape[:2]
     x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
     left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     fx, fy = (x - left)[:, None], (y - top)[:, None]
     # Modulo before the lookup: the texel beyond the last column is the first.
     xa, xb, ya, yb = left % width, (left + 1) % width, top % height, (top + 1) % height
-    upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
-    lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]
+    corners = [texture[row, column] for row in (ya, yb) for column in (xa, xb)]
+    if texture.dtype == np.uint8:
+        corners = [decode_texels(texels) for texels in corners]
+    upper = (1.0 - fx) * corners[0] + fx * corners[1]
+    lower = (1.0 - fx) * corners[2] + fx * corners[3]
     value: Floats = (1.0 - fy) * upper + fy * lower
     return value
+
+
+def decode_texels(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """(..., 3) linear light of sRGB bytes, or (..., 4) with opacity, whose bytes are linear."""
+    light = light_of_bytes().take(texels)
+    light[..., 3:] = texels[..., 3:] / np.float32(255.0)
+    return light
+
+
+@cache
+def light_of_bytes() -> npt.NDArray[np.float32]:
+    """(256,) linear light of sRGB bytes."""
+    light = linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
+    light.setflags(write=False)
+    return light
 
 
 # Bytes are factors: 255 is 1.

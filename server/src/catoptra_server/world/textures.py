@@ -22,11 +22,14 @@ defines; a mesh whose triangles have one colour each has no corner colours.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import warnings
+from concurrent import futures
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +38,8 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.elementary import einsum
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
-from catoptra_server.world.shading import sample_texture
+from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget, count_processors
+from catoptra_server.world.shading import decode_texels, light_of_bytes, sample_texture
 from catoptra_server.world.triangles import select_rows
 from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
 
@@ -47,67 +50,117 @@ Texture = npt.NDArray[np.uint8]
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
 
 
-def load_texture(path: Path, memory: MemoryBudget | None = None) -> Texture:
-    """Load an image file as (h, w, 3) uint8 sRGB.
+class TextureReader:
+    """Image files of one scene. Each is read and held once, by its content, under all its names.
 
-    Args:
-        path: the file.
-        memory: budget of the scene; None for a budget of this texture's own.
+    Sizes are counted by the first bytes, one after the other; texels are decoded by other threads
+    while the scene is read on.
+    """
+
+    def __init__(self, memory: MemoryBudget | None = None) -> None:
+        """Read nothing yet; `memory` is the budget of the scene, None for the default."""
+        self.memory = memory or MemoryBudget()
+        self._textures: dict[tuple[Path | bytes, bool], Texture] = {}
+        self._decoding: dict[int, futures.Future[None]] = {}
+        self._busy: list[futures.Future[None]] = []
+        self._pool = futures.ThreadPoolExecutor(count_processors())
+
+    def __enter__(self) -> TextureReader:
+        """Read textures; at the end of the block the threads end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def load(self, path: Path, *, has_opacity: bool = False) -> Texture:
+        """Texture of an image file, as by `decode`; errors likewise."""
+        key = path.resolve(), has_opacity
+        if key not in self._textures:
+            where = SourceLocation(str(path))
+            try:
+                data = read_within(path, self.memory, key="Texture")
+            except OSError as error:
+                raise _image_error(where, str(error)) from error
+            self._textures[key] = self.decode(data, where, has_opacity=has_opacity)
+        return self._textures[key]
+
+    def decode(self, data: bytes, where: SourceLocation, *, has_opacity: bool = False) -> Texture:
+        """(h, w, 3) sRGB bytes of an image file's content; (h, w, 4) with opacity, where wanted.
+
+        They are there once `wait` returns.
+
+        Raises:
+            ConfigError: The bytes are no image, or larger than the budget.
+        """
+        key = hashlib.sha256(data).digest(), has_opacity
+        if key not in self._textures:
+            image = _open_image(io.BytesIO(data), where)
+            width, height = image.size
+            self.memory.reserve(
+                BYTES_PER_TEXEL * width * height,
+                where=where,
+                key="Texture",
+                value=f"{width} x {height} px",
+                remedy="a smaller image",
+            )
+            channels = 4 if has_opacity and not image.mode.startswith("I") else 3
+            texture = self._textures[key] = np.zeros((height, width, channels), dtype=np.uint8)
+            # Files wait in memory for their threads: not all of them.
+            self._busy = [one for one in self._busy if not one.done()]
+            if len(self._busy) > _MAX_WAITING:
+                futures.wait(self._busy, return_when=futures.FIRST_COMPLETED)
+            decoding = self._pool.submit(_decode_image, image, where, texture)
+            self._busy.append(decoding)
+            self._decoding[id(texture)] = decoding
+        return self._textures[key]
+
+    def wait(self, texture: Texture | None) -> None:
+        """Wait until a texture is decoded.
+
+        Raises:
+            ConfigError: The image file is damaged.
+        """
+        if (decoding := self._decoding.pop(id(texture), None)) is not None:
+            decoding.result()
+
+
+# A few a thread, so that no thread waits for files.
+_MAX_WAITING = 8
+
+
+def read_within(path: Path, memory: MemoryBudget, *, key: str) -> bytes:
+    """Content of a file that fits into a budget by itself; it is not counted further.
 
     Raises:
-        ConfigError: The file is no readable image, or larger than the budget.
+        OSError: There is no such file.
+        ConfigError: The file is larger.
     """
-    where = SourceLocation(str(path))
-    with _open_image(path, where) as image:
-        _reserve_texels(image.size, memory or MemoryBudget(), where)
-        return _decode_image(image, where)
-
-
-def decode_texture(
-    data: bytes, where: SourceLocation, memory: MemoryBudget, *, has_opacity: bool = False
-) -> Texture:
-    """(h, w, 3) uint8 sRGB of an image file's content, counted before it is decoded.
-
-    (h, w, 4) with opacity, where that is wanted.
-
-    Raises:
-        ConfigError: The bytes are no readable image, or larger than the budget.
-    """
-    with _open_image(io.BytesIO(data), where) as image:
-        _reserve_texels(image.size, memory, where)
-        return _decode_image(image, where, has_opacity=has_opacity)
-
-
-def _reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLocation) -> None:
-    """Count the memory of a texture of (width, height) texels."""
-    width, height = size
-    memory.reserve(
-        BYTES_PER_TEXEL * width * height,
-        where=where,
-        key="Texture",
-        value=f"{width} x {height} px",
-        remedy="a smaller image",
+    size = path.stat().st_size
+    memory.for_reading().reserve(
+        size,
+        where=SourceLocation(str(path)),
+        key=key,
+        value=f"{size} bytes",
+        remedy="a smaller file",
     )
+    return path.read_bytes()
 
 
-def _decode_image(image: Any, where: SourceLocation, *, has_opacity: bool = False) -> Texture:
-    """(h, w, 3) uint8 sRGB of a Pillow image, or (h, w, 4) with its opacity, read-only."""
-    if image.format is not None and image.format not in _FORMATS:
-        raise _image_error(where, f"its format {image.format} is not read")
+def _decode_image(image: Any, where: SourceLocation, texture: Texture) -> None:
+    """Write the texels of a Pillow image into an array, which is read-only then."""
     try:
         if image.mode.startswith("I"):
             # Grey of 16 bits, of which Pillow's own conversion keeps the lower eight.
-            grey = np.clip(np.rint(np.array(image) / 257.0), 0.0, 255.0).astype(np.uint8)
-            texture = np.repeat(grey[..., None], 3, axis=-1)
+            texture[...] = np.clip(np.rint(np.array(image) / 257.0), 0.0, 255.0)[..., None]
         else:
-            texture = np.array(image.convert("RGBA" if has_opacity else "RGB"))
+            mode = "RGB" if texture.shape[-1] == 3 else "RGBA"
+            texture[...] = np.asarray(image if image.mode == mode else image.convert(mode))
     except (OSError, SyntaxError, ValueError) as error:  # Pillow reports damage by all of these
         raise _image_error(where, str(error)) from error
     texture.setflags(write=False)
-    return texture
 
 
-def _open_image(file: Path | IO[bytes], where: SourceLocation) -> Any:
+def _open_image(file: IO[bytes], where: SourceLocation) -> Any:
     """Pillow image of a file whose header alone is read."""
     # Imported on demand: most worlds have no texture.
     from PIL import Image, UnidentifiedImageError
@@ -116,12 +169,15 @@ def _open_image(file: Path | IO[bytes], where: SourceLocation) -> Any:
         # Large images are rejected by the memory that they take.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
-            return Image.open(file, formats=_FORMATS)
+            image = Image.open(file, formats=_FORMATS)
         except UnidentifiedImageError as error:
             reason = f"it is damaged, or none of {', '.join(_FORMATS)}"
             raise _image_error(where, reason) from error
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise _image_error(where, str(error)) from error
+    if image.format is not None and image.format not in _FORMATS:
+        raise _image_error(where, f"its format {image.format} is not read")
+    return image
 
 
 def _image_error(where: SourceLocation, reason: str) -> ConfigError:
@@ -167,33 +223,57 @@ class TextureSampling:
 REPEATED = TextureSampling()
 """Textures of worlds' own materials."""
 
-Levels = tuple[npt.NDArray[np.float32], ...]
-"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel; (h, w, 4) with
-opacity last."""
+Levels = tuple[npt.NDArray[Any], ...]
+"""(h, w, 3) sRGB bytes of the image, then linear float32 texels of each coarser level, to one
+texel; (h, w, 4) with opacity last."""
 
 
 def build_levels(image: Texture) -> Levels:
-    """All levels of an image; each side is half the one before, rounded down, as in OpenGL."""
-    # Float32: in float64 a texture of 4096 px would take 400 MB.
-    levels = [linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)[image]]
-    levels[0][..., 3:] = image[..., 3:] / np.float32(255.0)
+    """The image and its coarser levels; each side is half the one before, rounded down, as in
+    OpenGL."""
+    levels: list[npt.NDArray[Any]] = [image]
+    # A plane for each channel: NumPy's operations on rows of three take several times as long.
+    planes: npt.NDArray[Any] = np.moveaxis(image, -1, 0)
     while max(levels[-1].shape[:2]) > 1:
-        levels.append(_halve_rows(_halve_rows(levels[-1]).swapaxes(0, 1)).swapaxes(0, 1))
-    return tuple(np.ascontiguousarray(level) for level in levels)
+        planes = _halve_bytes(planes) if planes.dtype == np.uint8 else _halve_rows(planes)
+        planes = _halve_rows(planes.swapaxes(1, 2)).swapaxes(1, 2)
+        levels.append(np.moveaxis(planes, 0, -1))
+    return tuple(levels)
 
 
-def _halve_rows(texels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Half as many rows of the same height together: means by the covered parts."""
-    count = len(texels)
+def _halve_bytes(planes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """(c, h // 2, w) linear light of (c, h, w) bytes, as `_halve_rows` of their light has it."""
+    if planes.shape[1] % 2:
+        return _halve_rows(np.moveaxis(decode_texels(np.moveaxis(planes, 0, -1)), -1, 0))
+    # The mean of two bytes' light from a table of all pairs.
+    pairs = np.multiply(planes[:, 0::2], 256, dtype=np.intp) + planes[:, 1::2]
+    colour, opacity = _light_of_pairs()
+    return np.stack(
+        [(colour if channel < 3 else opacity).take(plane) for channel, plane in enumerate(pairs)]
+    )
+
+
+@cache
+def _light_of_pairs() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """(65536,) mean light of two sRGB bytes, at 256 times one plus the other; and mean opacity."""
+    opacity = np.arange(256, dtype=np.float32) / np.float32(255.0)
+    tables = [0.5 * (one[:, None] + one).ravel() for one in (light_of_bytes(), opacity)]
+    return tables[0], tables[1]
+
+
+def _halve_rows(planes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """(c, h // 2, w) planes of half as many rows, together as high: means by the covered parts."""
+    count = planes.shape[1]
     half = count // 2
     if half == 0:
-        return texels
+        return planes
     if count % 2 == 0:
-        return 0.5 * (texels[0::2] + texels[1::2])
+        return 0.5 * (planes[:, 0::2] + planes[:, 1::2])
     # Row k of n covers 2 + 1/n old rows, from k (2 + 1/n) on: a part of the first, the second,
     # a part of the third.
-    row = np.arange(half, dtype=np.float32)[:, None, None]
-    parts = (half - row) * texels[0:-2:2] + half * texels[1:-1:2] + (row + 1.0) * texels[2::2]
+    row = np.arange(half, dtype=np.float32)[:, None]
+    parts = (half - row) * planes[:, 0:-2:2] + half * planes[:, 1:-1:2]
+    parts += (row + 1.0) * planes[:, 2::2]
     return np.asarray(parts / np.float32(count), dtype=np.float32)
 
 
@@ -273,11 +353,10 @@ def sample_levels(
     colours = np.zeros((len(uv), levels[0].shape[-1]))
     for number, (fine, coarse) in enumerate(zip(levels, (*levels[1:], levels[-1]), strict=True)):
         rays = np.flatnonzero(level == number)
-        # Float64 by its coordinates, whatever the texels are.
         is_image = (weight[rays, 0] == 0.0) & (number == 0)
         one, other = (
             sample_texture(
-                cast(Floats, each),
+                each,
                 sampling.place(uv[rays], (each.shape[1], each.shape[0]), is_image=is_image),
             )
             for each in (fine, coarse)

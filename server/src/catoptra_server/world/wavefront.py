@@ -159,10 +159,12 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
     opacity = float(given["d"][-1]) if "d" in given else 1.0 - float(given.get("tr", ["0"])[-1])
     if "map_d" in given:
         file, options = _parse_map(given["map_d"])
-        holes = assets.get_texture(file, f"material {name}")[..., 0]
+        holes = assets.get_texture(file, f"material {name}")
         if texture is None:
             scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
-        texture = add_opacity(texture, holes)
+        assets.textures.wait(texture)
+        assets.textures.wait(holes)
+        texture = add_opacity(texture, holes[..., 0])
     blends = opacity < 1.0 or "map_d" in given
     for key in given:
         if key in ("bump", "map_bump", "norm", "disp"):

@@ -20,6 +20,7 @@ from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     FacetLighting,
     SceneBatches,
+    upload_texture,
     upload_values,
 )
 from catoptra_server.world.objects import CameraState
@@ -52,12 +53,16 @@ def test_batches_when_light_varies_by_position_have_the_programs_that_need_norma
     scene = build_scene(world)
     chunks = make_clusters(scene.corners, (scene.texture_index + 1).astype(np.intp))
     position = upload_values(device.context, split_positions(scene.corners[chunks.order]))
+    textures = [upload_texture(device.context, image) for image in scene.textures]
     built = []
     for varying in ((), (("NUM_POINT_LIGHTS", 1),)):
         programs = ShaderPrograms(device.context)
         light = FacetLighting(world.lights, varying)
         look = SceneBatches(
-            device.context, programs, scene, chunks, position=position, lighting=light
+            *(device.context, programs, scene, chunks),
+            position=position,
+            lighting=light,
+            textures=textures,
         )
         assert len(look.programs) == 2
         built.append(programs.names)

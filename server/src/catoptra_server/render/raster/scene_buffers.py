@@ -30,6 +30,7 @@ from catoptra_server.render.raster.scene_batches import (
     SceneBatches,
     append_values,
     has_filter,
+    upload_texture,
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
@@ -152,6 +153,9 @@ class SceneBuffers:
         self._large_triangles = LargeTriangles(self.clusters, corners)
         self._pieces: TrianglePieces | None = None
         self._position = upload_values(context, split_positions(corners[self.clusters.order]))
+        # Held once, for the batches of both lightings and for shadow maps.
+        looks = zip(scene.textures, scene.samplings, strict=True)
+        self._textures = [upload_texture(context, *look) for look in looks]
         self.plain = LitScene(
             self._make_batches(lighting),
             DynamicObjectBuffer(context, programs, object_lighting, self.origin),
@@ -170,6 +174,7 @@ class SceneBuffers:
             self.clusters,
             position=self._position,
             lighting=lighting,
+            textures=self._textures,
         )
 
     def split_large_triangles(self, viewpoint: Floats) -> TrianglePieces:
@@ -204,7 +209,12 @@ class SceneBuffers:
         """Upload attributes, and draw the shadow maps of the static scene."""
         context, programs, lights = self._context, self.programs, self._world.lights
         maps = ShadowMaps(
-            context, programs, self._scene, shadow_casting_lights(lights), origin=self.origin
+            context,
+            programs,
+            self._scene,
+            shadow_casting_lights(lights),
+            origin=self.origin,
+            textures=self._textures,
         )
         lighting = FacetLighting(hemisphere_lights(lights), maps.definitions)
         objects = DynamicObjectBuffer(context, programs, lighting, self.origin)
@@ -216,6 +226,8 @@ class SceneBuffers:
         if self._shadowed is not None:
             self._shadowed.close()
         self._position.release()
+        for texture in self._textures:
+            texture.release()
 
 
 def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:

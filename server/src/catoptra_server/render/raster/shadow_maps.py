@@ -37,7 +37,6 @@ from catoptra_server.render.raster.scene_batches import FILTERED, upload_texture
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import ShadowCastingLight
-from catoptra_server.world.textures import REPEATED
 from catoptra_server.world.world_description import DirectionalLight, PointLight
 
 # OpenGL uses the greater of the two slopes, so one texel covers half a texel in both directions;
@@ -66,6 +65,7 @@ class ShadowMaps:
         lights: tuple[ShadowCastingLight, ...],
         *,
         origin: Floats,
+        textures: Sequence[moderngl.Texture] = (),
     ) -> None:
         """Draw the maps of the static scene.
 
@@ -75,6 +75,7 @@ class ShadowMaps:
             scene: Triangles of the static scene.
             lights: Shadow-casting lights.
             origin: (3,) origin of the scene's frame in the world.
+            textures: Textures of a scene with holes.
 
         Raises:
             DomainError: More lights than a program's uniforms hold.
@@ -102,7 +103,7 @@ class ShadowMaps:
         self._side = self._max_side_texels()
         self._program = programs.get(ProgramSpec("shadow", "shadow"))
         self._scene_maps = self._make_texture(self._side)
-        self._scene_projections = self._draw_scene(scene)
+        self._scene_projections = self._draw_scene(scene, textures)
         self._object_maps: moderngl.Texture | None = None
         self._object_projections: tuple[ShadowProjection, ...] = ()
 
@@ -136,7 +137,9 @@ class ShadowMaps:
         maps.compare_func = ""  # depths are compared in the shader
         return maps
 
-    def _draw_scene(self, scene: SceneMesh) -> tuple[ShadowProjection, ...]:
+    def _draw_scene(
+        self, scene: SceneMesh, textures: Sequence[moderngl.Texture]
+    ) -> tuple[ShadowProjection, ...]:
         """Fit and draw the maps of the static scene."""
         casting = scene.casts_shadows
         corners = scene.corners[casting] - self._origin
@@ -155,28 +158,28 @@ class ShadowMaps:
         solid = corners[~np.isfinite(scene.coverage[casting, 0])]
         # As above, where all casters have holes.
         solid = np.concatenate((solid, np.zeros((1, 3, 3))))
-        self._draw(self._scene_maps, projections, solid, self._group_holes(scene))
+        opaque = upload_texture(self._context, np.full((1, 1, 3), 255, dtype=np.uint8))
+        holed = self._group_holes(scene, (opaque, *textures))
+        self._draw(self._scene_maps, projections, solid, holed)
+        opaque.release()
         return projections
 
-    def _group_holes(self, scene: SceneMesh) -> list[tuple[Floats, moderngl.Texture]]:
+    def _group_holes(
+        self, scene: SceneMesh, textures: Sequence[moderngl.Texture]
+    ) -> list[tuple[Floats, moderngl.Texture]]:
         """(k, 3, 6) positions, texture coordinates and coverage of casters with holes, by texture.
 
-        The caller frees the textures.
+        The first of the textures is that of triangles without one.
         """
         assert scene.coverage is not None
         holed = scene.casts_shadows & np.isfinite(scene.coverage[:, 0])
         corners = scene.corners - self._origin
         values = np.concatenate((corners, scene.uv, scene.coverage[..., None]), axis=-1)
-        opaque = (np.full((1, 1, 3), 255, dtype=np.uint8), REPEATED)
-        looks = [opaque, *zip(scene.textures, scene.samplings, strict=True)]
         groups = [
-            (holed & (scene.texture_index == number - 1), look) for number, look in enumerate(looks)
+            (holed & (scene.texture_index == number - 1), texture)
+            for number, texture in enumerate(textures)
         ]
-        return [
-            (values[rows], upload_texture(self._context, *look))
-            for rows, look in groups
-            if rows.any()
-        ]
+        return [(values[rows], texture) for rows, texture in groups if rows.any()]
 
     def _fit_projections(self, casters: ShadowCasters, side: int) -> tuple[ShadowProjection, ...]:
         """Projections of all lights around casters."""
@@ -235,10 +238,8 @@ class ShadowMaps:
         context.polygon_offset = 0.0, 0.0
         # The static scene is drawn once, and objects change in every frame: no buffer is worth
         # keeping.
-        for vertices, texture in draws:
+        for vertices, _ in draws:
             vertices.release()
-            if texture is not None:
-                texture.release()
         for buffer in buffers:
             buffer.release()
         target.release()

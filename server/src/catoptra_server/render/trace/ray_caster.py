@@ -72,10 +72,9 @@ def commit_to_reference(scene: SceneMesh) -> SceneRayCaster:
     """Sort a scene's triangles for distance queries in float64: a million in 2 s."""
     # Where the kernel runs nothing of the reference is loaded.
     from catoptra_server.render.trace.reference.meshes import make_search
-    from catoptra_server.world.textures import build_levels
 
-    has_holes = scene.coverage is not None
-    textures = tuple(build_levels(image) for image in scene.textures) if has_holes else ()
+    # Holes are those of the images themselves.
+    textures = tuple((image,) for image in scene.textures)
     rows = np.arange(len(scene))
     search = make_search(scene, np.zeros(3), textures, rows, sees_backs=True)
     return SceneRayCaster(scene, lambda origins, ways: search.first_hits(origins, ways)[:2])

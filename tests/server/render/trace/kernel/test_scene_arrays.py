@@ -20,6 +20,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
     LIGHT_POINT,
+    SAMPLE_CLAMP_U,
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.library import (
@@ -44,6 +45,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 )
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_radiance
+from catoptra_server.world.textures import REPEATED, TextureSampling
 from catoptra_server.world.triangles import ROWS_PER_BLOCK
 from catoptra_server.world.world_description import (
     Box,
@@ -179,9 +181,28 @@ def test_textures_have_their_size_without_border(textured: SceneMesh) -> None:
     assert owned.struct[1].levels == ctypes.addressof(second.struct)
     sizes = [(level.width, level.height) for level in second.struct]
     assert sizes == [(5, 3), (2, 1), (1, 1)]
+    # The image in its own bytes, the next level with a border.
     np.testing.assert_array_equal(
-        read_array(second.struct[0].texels, (5, 7, 4), np.uint16), second.owners[0]
+        read_array(second.struct[0].texels, (3, 5, 3), np.uint8), images[1]
     )
+    np.testing.assert_array_equal(
+        read_array(second.struct[1].texels, (3, 4, 3), np.uint16), second.owners[1]
+    )
+
+
+def test_image_is_the_scene_s_own_array_and_shared_by_its_samplings(textured: SceneMesh) -> None:
+    image = textured.textures[0]
+    samplings = (REPEATED, TextureSampling(clamps_u=True))
+    owned = texture_array(replace(textured, textures=(image, image), samplings=samplings))
+    first, second = owned.struct
+    assert first.levels == second.levels
+    assert (first.sampling, second.sampling) == (0, SAMPLE_CLAMP_U)
+    levels = owned.owners[0]
+    assert isinstance(levels, OwningStruct)
+    assert levels.owners[0] is image
+    held = sum(one.nbytes for one in levels.owners if isinstance(one, np.ndarray))
+    # Three bytes a texel, two of coarser levels, and their borders.
+    assert held < 5.5 * image.shape[0] * image.shape[1]
 
 
 def test_textures_when_there_are_none_are_one_empty_place() -> None:
@@ -262,19 +283,19 @@ RNG = np.random.default_rng(3)
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 1), (1, 4), (6, 1), (2, 2)])
-def test_texels_are_the_linear_light_and_their_border_repeats_the_opposite_side(
+def test_coarser_texels_are_linear_light_and_their_border_repeats_the_opposite_side(
     textured: SceneMesh, shape: tuple[int, int]
 ) -> None:
-    image = RNG.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    image = RNG.integers(0, 256, (2 * shape[0], 2 * shape[1], 3), dtype=np.uint8)
     levels = texture_array(replace(textured, textures=(image,))).owners[0]
     assert isinstance(levels, OwningStruct)
-    texels = levels.owners[0]
+    texels = levels.owners[1]
     assert isinstance(texels, np.ndarray)
     assert texels.flags.c_contiguous
     inner = texels[1:-1, 1:-1]
+    light = linear_from_srgb(image / 255.0).reshape(shape[0], 2, shape[1], 2, 3)
     # Half a step: a 40th of a grey level where the sRGB curve is steepest.
-    np.testing.assert_allclose(inner[..., :3], 65535 * linear_from_srgb(image / 255.0), atol=0.51)
-    assert (texels[..., 3] == 65535).all()
+    np.testing.assert_allclose(inner, 65535 * light.mean(axis=(1, 3)), atol=0.51)
     np.testing.assert_array_equal(texels, np.pad(inner, ((1, 1), (1, 1), (0, 0)), mode="wrap"))
 
 

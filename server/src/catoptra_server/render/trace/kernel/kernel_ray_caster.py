@@ -60,7 +60,8 @@ class KernelMeshCaster:
         """Commit the triangles of a scene, with their holes; errors as of the constructor."""
         if scene.coverage is None:
             return cls(scene.corners, scene.centre)
-        textures = texture_array(scene)
+        # Holes are those of the images themselves.
+        textures = texture_array(scene, lambda image: (image,))
         holes = hole_arrays(scene, scene.centre, textures.struct)
         arrays = OwningStruct(holes.struct, (*holes.owners, textures))
         return cls(scene.corners, scene.centre, arrays=arrays)

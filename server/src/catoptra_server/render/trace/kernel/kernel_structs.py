@@ -36,7 +36,7 @@ class MeshArrays(ctypes.Structure):
 
 
 class TextureLevelStruct(ctypes.Structure):
-    """Linear texels with a border."""
+    """Texels of an image, or of a coarser level."""
 
     _fields_: ClassVar[Fields] = [("width", c_int32), ("height", c_int32), ("texels", c_void_p)]
 
@@ -47,7 +47,8 @@ class TextureStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("num_levels", c_int32),
         ("sampling", c_int32),
-        ("levels", c_void_p),
+        ("channels", c_int32),
+        *_addresses("levels", "light"),
     ]
 
 

@@ -1,7 +1,8 @@
 """Scenes and objects as the kernel's structures, with the arrays that these point into.
 
-Texels have a border: the image is repeated by one texel on every side, so that a bilinear look-up
-never leaves the array. Twin: `world/textures.py:sample_levels`.
+An image is read where the scene holds it, in bytes: 3 a texel. Coarser levels, 2 bytes more, are
+16-bit linear light; they have a border, the level repeated by one texel on every side, so that a
+bilinear look-up never leaves the array. Twin: `world/textures.py:sample_levels`.
 
 The kernel proves for parts of an image that one flat surface fills all (`src/coverage.h`); it finds
 the surfaces by sorting edges, a million triangles in the time of their hierarchy.
@@ -10,7 +11,8 @@ the surfaces by sorting edges, a million triangles in the time of their hierarch
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -45,16 +47,18 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.library import KernelDevice
+from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
     OPEN,
     OcclusionMap,
     hemisphere_lights,
+    light_of_bytes,
     shadow_casting_lights,
     write_facet_radiance,
 )
-from catoptra_server.world.textures import Levels, TextureSampling, build_levels
+from catoptra_server.world.textures import Levels, Texture, TextureSampling, build_levels
 from catoptra_server.world.triangles import row_blocks, tile_over_block
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
@@ -266,14 +270,27 @@ def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
     return packed.view("<u4").reshape(-1)
 
 
-def texture_array(scene: SceneMesh) -> OwningStruct:
-    """Textures of a scene, each at all its levels."""
-    textures = [_texture_levels(build_levels(image)) for image in scene.textures]
+def texture_array(
+    scene: SceneMesh, find_levels: Callable[[Texture], Levels] = build_levels
+) -> OwningStruct:
+    """Textures of a scene at their levels; an image that is sampled in two ways is there once."""
+    images = {id(image): image for image in scene.textures}
+    with ThreadPoolExecutor(count_processors()) as pool:
+        levels = pool.map(lambda image: _texture_levels(find_levels(image)), images.values())
+        owned = dict(zip(images, levels, strict=True))
+    light = np.rint(_MAX_TEXEL * light_of_bytes())
     structs = [
-        TextureStruct(len(one.struct), _sampling_bits(sampling), ctypes.addressof(one.struct))
-        for one, sampling in zip(textures, scene.samplings, strict=True)
+        TextureStruct(
+            len(owned[id(image)].struct),
+            _sampling_bits(sampling),
+            image.shape[-1],
+            ctypes.addressof(owned[id(image)].struct),
+            light.ctypes.data,
+        )
+        for image, sampling in zip(scene.textures, scene.samplings, strict=True)
     ]
-    return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), tuple(textures))
+    owners = (*owned.values(), light)
+    return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), owners)
 
 
 def _sampling_bits(sampling: TextureSampling) -> int:
@@ -283,20 +300,21 @@ def _sampling_bits(sampling: TextureSampling) -> int:
 
 def _texture_levels(levels: Levels) -> OwningStruct:
     """The levels of one texture."""
-    texels = tuple(_pad_texels(level) for level in levels)
+    texels = (np.ascontiguousarray(levels[0]), *map(_pad_texels, levels[1:]))
     structs = [
-        TextureLevelStruct(level.shape[1], level.shape[0], padded.ctypes.data)
-        for level, padded in zip(levels, texels, strict=True)
+        TextureLevelStruct(level.shape[1], level.shape[0], owned.ctypes.data)
+        for level, owned in zip(levels, texels, strict=True)
     ]
     return OwningStruct((TextureLevelStruct * len(structs))(*structs), texels)
 
 
 def _pad_texels(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """(h + 2, w + 2, 4) texels of (h, w, 3) linear light, or of (h, w, 4) light and opacity."""
-    height, width = linear.shape[:2]
-    texels = np.full((height + 2, width + 2, 4), _MAX_TEXEL, dtype=np.uint16)
-    channels = texels[1:-1, 1:-1, : linear.shape[-1]]
-    np.rint(_MAX_TEXEL * linear, out=channels, casting="unsafe")
+    """(h + 2, w + 2, c) texels of (h, w, c) linear light, or of light and opacity."""
+    height, width, channels = linear.shape
+    # One number more: the kernel reads four at once.
+    buffer = np.zeros((height + 2) * (width + 2) * channels + 1, dtype=np.uint16)
+    texels = buffer[:-1].reshape(height + 2, width + 2, channels)
+    np.rint(_MAX_TEXEL * linear, out=texels[1:-1, 1:-1], casting="unsafe")
     texels[0], texels[-1] = texels[-2], texels[1]
     texels[:, 0], texels[:, -1] = texels[:, -2], texels[:, 1]
     return texels

@@ -125,7 +125,7 @@ class TracedMesh:
     uv: Floats | None = None
     """(m, 3, 2) texture coordinates, beside the texture index."""
     textures: tuple[Levels, ...] = ()
-    """Linear texels of each texture, at all levels."""
+    """Texels of each texture, at all levels."""
     samplings: tuple[TextureSampling, ...] = ()
     """How each texture is sampled."""
     uv_gradients: Floats | None = None

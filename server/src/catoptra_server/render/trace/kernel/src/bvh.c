@@ -177,7 +177,7 @@ double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock
         const double *uv = mesh->uv + 6 * at;
         float s = (float)(uv[0] + u * uv[2] + v * uv[4]);
         float t = (float)(uv[1] + u * uv[3] + v * uv[5]);
-        TexelSquare square = sample_texels(texture, texture->levels, s, t, 1);
+        TexelSquare square = sample_texels(texture, 0, s, t, 1);
         opacity *= (double)mix_texels(&square)[3];
     }
     return opacity;

@@ -108,27 +108,58 @@ find_coordinates(const FacetPlane *plane, const RayBlock *rays, int has_origins,
     }
 }
 
-static void read_image(const Texture *texture, const TexturePoints *points, Vec3 radiance,
-                       float result[3][BLOCK_RAYS]) {
-    TexelSquare squares[BLOCK_RAYS];
-    /* All texels are requested before the first is used. */
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        squares[lane] =
-            sample_texels(texture, texture->levels, points->u[lane], points->v[lane], 1);
+/* Texels of some rays of a block, each at a level of its own, requested from memory; `sharp` rays
+ * read the image alone. */
+static void find_block_texels(const Texture *texture, const int32_t level[BLOCK_RAYS],
+                              uint32_t rays, uint32_t sharp, const TexturePoints *points,
+                              TexelSquare squares[BLOCK_RAYS]) {
+    float u[BLOCK_RAYS], v[BLOCK_RAYS], fx[BLOCK_RAYS], fy[BLOCK_RAYS];
+    int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        Texel colour = mix_texels(&squares[lane]);
-        set_lane(result, lane, multiply(radiance, (Vec3){colour[0], colour[1], colour[2]}));
+        width[lane] = texture->levels[level[lane]].width;
+        height[lane] = texture->levels[level[lane]].height;
+        u[lane] = points->u[lane], v[lane] = points->v[lane];
+    }
+    if (__builtin_expect(texture->sampling, 0))
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        column[lane] = find_texel(u[lane], width[lane], &fx[lane]);
+        row[lane] = find_texel(v[lane], height[lane], &fy[lane]);
+    }
+    for (uint32_t left = rays; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        squares[lane].fx = fx[lane], squares[lane].fy = fy[lane];
+        place_texels(texture, level[lane], column[lane], row[lane], &squares[lane]);
     }
 }
 
-static void read_levels(const Texture *texture, const TexturePoints *points, Vec3 radiance,
-                        float result[3][BLOCK_RAYS]) {
-    TexelChoice texels[BLOCK_RAYS];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        texels[lane] = find_level_texels(texture, choose_level(texture, points->texels[lane]),
-                                         points->u[lane], points->v[lane]);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(result, lane, multiply(radiance, mix_levels(&texels[lane])));
+/* One radiance times the texture at all points. */
+static void read_texture(const Texture *texture, const TexturePoints *points, int is_any_large,
+                         Vec3 radiance, float result[3][BLOCK_RAYS]) {
+    TexelSquare fine[BLOCK_RAYS], coarse[BLOCK_RAYS];
+    int32_t level[BLOCK_RAYS] = {0};
+    float weight[BLOCK_RAYS];
+    uint32_t mixed = 0, sharp = 0xffff;
+    for (int lane = 0; is_any_large && lane < BLOCK_RAYS; lane++) {
+        LevelChoice choice = choose_level(texture, points->texels[lane]);
+        level[lane] = choice.level, weight[lane] = choice.weight;
+        mixed |= (uint32_t)(choice.weight > 0.0f) << lane;
+        sharp &= ~((uint32_t)(choice.level > 0 || choice.weight > 0.0f) << lane);
+    }
+    /* All texels are requested before the first is used. */
+    find_block_texels(texture, level, 0xffff, sharp, points, fine);
+    if (mixed) {
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            level[lane] += (int32_t)(mixed >> lane & 1);
+        find_block_texels(texture, level, mixed, 0, points, coarse);
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        Texel colour = mix_texels(&fine[lane]);
+        if (mixed >> lane & 1)
+            colour += weight[lane] * (mix_texels(&coarse[lane]) - colour);
+        set_lane(result, lane, multiply(radiance, (Vec3){colour[0], colour[1], colour[2]}));
+    }
 }
 
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
@@ -142,8 +173,6 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
         find_coordinates(plane, rays, 1, texture->levels, &steps, &points);
     else
         find_coordinates(plane, rays, 0, texture->levels, &steps, &points);
-    if (measure_footprints(&points))
-        read_levels(texture, &points, radiance, result);
-    else
-        read_image(texture, &points, radiance, result);
+    int is_any_large = measure_footprints(&points);
+    read_texture(texture, &points, is_any_large, radiance, result);
 }

@@ -46,10 +46,12 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
-/* Linear texels with a border of one texel repeated from the other side. */
+/* The image itself: (height, width, channels) sRGB bytes. Of coarser levels: linear light as uint16,
+ * 65535 = white, (height + 2, width + 2, channels), with a border of one texel repeated from the
+ * other side, and two readable bytes behind the last. */
 typedef struct {
     int32_t width, height; /* without border */
-    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, opaque */
+    const void *texels;
 } TextureLevel;
 
 enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
@@ -57,7 +59,9 @@ enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
 typedef struct {
     int32_t num_levels;
     int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
+    int32_t channels; /* 3, or 4 with opacity */
     const TextureLevel *levels; /* the image, then each of half the sides of the one before */
+    const float *light; /* (256,) linear light of sRGB bytes, 65535 = white */
 } Texture;
 
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */

@@ -109,12 +109,12 @@ typedef struct {
 
 static inline TexelChoice find_level_texels(const Texture *texture, LevelChoice choice, float u,
                                             float v) {
-    const TextureLevel *fine = texture->levels + choice.level;
     int is_image = choice.level == 0 && choice.weight == 0.0f;
-    TexelChoice texels = {.fine = sample_texels(texture, fine, u, v, is_image),
-                          .weight = choice.weight};
+    TexelChoice texels;
+    texels.weight = choice.weight;
+    texels.fine = sample_texels(texture, choice.level, u, v, is_image);
     if (choice.weight > 0.0f)
-        texels.coarse = sample_texels(texture, fine + 1, u, v, 0);
+        texels.coarse = sample_texels(texture, choice.level + 1, u, v, 0);
     return texels;
 }
 

@@ -1,8 +1,8 @@
 /* Bilinear look-up in linear light. Float64 twin: world/shading.py:sample_texture.
  *
- * Texels are 16-bit linear light: textured frames wait for memory, of which floats take twice as
- * much, and sRGB bytes would have to be decoded one by one. A step is a 40th of a grey level where
- * the sRGB curve is steepest. In a header, for most of a textured frame's time is spent here.
+ * The image is the scene's own array of sRGB bytes, decoded by a table; coarser levels are 16-bit
+ * linear light. The table's values have 16 bits, too: a step is a 40th of a grey level where the
+ * sRGB curve is steepest. In a header, for most of a textured frame's time is spent here.
  */
 #ifndef CATOPTRA_TEXTURES_H
 #define CATOPTRA_TEXTURES_H
@@ -17,7 +17,10 @@
 
 /* The four texels around a point, and the point between them. */
 typedef struct {
-    const uint16_t *upper, *lower; /* left texels of both rows */
+    const uint8_t *upper, *lower; /* left texels of both rows */
+    const float *light;           /* of the image's bytes; NULL for texels of 16-bit light */
+    int32_t right;                /* bytes from left texels to right ones */
+    int32_t channels;
     float fx, fy;
 } TexelSquare;
 
@@ -32,17 +35,46 @@ static inline int32_t find_texel(float coordinate, int32_t size, float *fraction
     return texel;
 }
 
-/* Texels around texture coordinates, requested from memory; the texture repeats. */
-static inline TexelSquare find_texels(const TextureLevel *texture, float u, float v) {
-    TexelSquare square;
-    size_t stride = (size_t)texture->width + 2;
-    size_t column = (size_t)find_texel(u, texture->width, &square.fx);
-    size_t row = (size_t)find_texel(v, texture->height, &square.fy);
-    square.upper = texture->texels + 4 * (row * stride + column);
-    square.lower = square.upper + 4 * stride;
-    __builtin_prefetch(square.upper);
-    __builtin_prefetch(square.lower);
-    return square;
+/* The texels of the image left and right, above and below a bordered column and row, requested from
+ * memory; `square` has the point between them. The texture repeats. */
+static inline void place_image_texels(const Texture *texture, int32_t column, int32_t row,
+                                      TexelSquare *square) {
+    int32_t width = texture->levels->width, height = texture->levels->height;
+    int32_t left = column - 1, above = row - 1, right = 1, below = 1;
+    /* Before the first texel and behind the last lie the last and the first. */
+    if ((uint32_t)left >= (uint32_t)(width - 1))
+        left = width - 1, right = 1 - width;
+    if ((uint32_t)above >= (uint32_t)(height - 1))
+        above = height - 1, below = 1 - height;
+    ptrdiff_t size = texture->channels, stride = size * width;
+    square->light = texture->light;
+    square->channels = texture->channels;
+    square->right = texture->channels * right;
+    square->upper = (const uint8_t *)texture->levels->texels + above * stride + left * size;
+    square->lower = square->upper + below * stride;
+    __builtin_prefetch(square->upper);
+    __builtin_prefetch(square->lower);
+}
+
+/* The same of a coarser level, which has a border. */
+static inline void place_coarse_texels(const Texture *texture, const TextureLevel *level,
+                                       int32_t column, int32_t row, TexelSquare *square) {
+    square->light = NULL;
+    square->channels = texture->channels;
+    square->right = (int32_t)sizeof(uint16_t) * texture->channels;
+    ptrdiff_t size = square->right, stride = size * (level->width + 2);
+    square->upper = (const uint8_t *)level->texels + row * stride + column * size;
+    square->lower = square->upper + stride;
+    __builtin_prefetch(square->upper);
+    __builtin_prefetch(square->lower);
+}
+
+static inline void place_texels(const Texture *texture, int32_t level, int32_t column, int32_t row,
+                                TexelSquare *square) {
+    if (level)
+        place_coarse_texels(texture, texture->levels + level, column, row, square);
+    else
+        place_image_texels(texture, column, row, square);
 }
 
 /* A coordinate between the centres of the first and of the last texel. */
@@ -55,35 +87,67 @@ static inline float snap_coordinate(float coordinate, int32_t size) {
     return (__builtin_floorf(coordinate * (float)size) + 0.5f) / (float)size;
 }
 
-/* Texels around coordinates, by the texture's own way to continue and to interpolate. */
-static inline TexelSquare sample_texels(const Texture *texture, const TextureLevel *level, float u,
-                                        float v, int is_image) {
-    if (__builtin_expect(texture->sampling, 0)) {
-        if (is_image && texture->sampling & SAMPLE_NEAREST) {
-            u = snap_coordinate(u, level->width);
-            v = snap_coordinate(v, level->height);
-        }
-        u = texture->sampling & SAMPLE_CLAMP_U ? clamp_coordinate(u, level->width) : u;
-        v = texture->sampling & SAMPLE_CLAMP_V ? clamp_coordinate(v, level->height) : v;
+/* Coordinates at which a look-up that repeats and interpolates gives that of the texture. */
+static inline void adjust_coordinates(const Texture *texture, int32_t level, int is_image,
+                                      float *u, float *v) {
+    int32_t width = texture->levels[level].width, height = texture->levels[level].height;
+    if (is_image && texture->sampling & SAMPLE_NEAREST) {
+        *u = snap_coordinate(*u, width);
+        *v = snap_coordinate(*v, height);
     }
-    return find_texels(level, u, v);
+    *u = texture->sampling & SAMPLE_CLAMP_U ? clamp_coordinate(*u, width) : *u;
+    *v = texture->sampling & SAMPLE_CLAMP_V ? clamp_coordinate(*v, height) : *v;
+}
+
+/* Texels around coordinates, by the texture's own way to continue and to interpolate. */
+static inline TexelSquare sample_texels(const Texture *texture, int32_t level, float u, float v,
+                                        int is_image) {
+    if (__builtin_expect(texture->sampling, 0))
+        adjust_coordinates(texture, level, is_image, &u, &v);
+    TexelSquare square;
+    int32_t column = find_texel(u, texture->levels[level].width, &square.fx);
+    int32_t row = find_texel(v, texture->levels[level].height, &square.fy);
+    place_texels(texture, level, column, row, &square);
+    return square;
 }
 
 typedef float Texel __attribute__((vector_size(16)));
 typedef uint16_t TexelBits __attribute__((vector_size(8)));
 
-static inline Texel load_texel(const uint16_t *texel) {
+/* Without opacity. */
+static inline Texel load_image_texel(const float *light, const uint8_t *bytes) {
+    return (Texel){light[bytes[0]], light[bytes[1]], light[bytes[2]], 0.0f};
+}
+
+/* With the next texel's red in place of an opacity that is not there. */
+static inline Texel load_coarse_texel(const uint8_t *texel) {
     TexelBits bits;
     __builtin_memcpy(&bits, texel, sizeof bits);
     return __builtin_convertvector(bits, Texel);
 }
 
-/* Linear colour at the point. a + f (b - a) is exact for equal texels. */
+/* Linear colour and opacity at the point. a + f (b - a) is exact for equal texels. */
 static inline Texel mix_texels(const TexelSquare *square) {
-    Texel a = load_texel(square->upper), b = load_texel(square->upper + 4);
-    Texel c = load_texel(square->lower), d = load_texel(square->lower + 4);
+    const uint8_t *at[4] = {square->upper, square->upper + square->right, square->lower,
+                            square->lower + square->right};
+    Texel a, b, c, d;
+    if (square->light) {
+        a = load_image_texel(square->light, at[0]), b = load_image_texel(square->light, at[1]);
+        c = load_image_texel(square->light, at[2]), d = load_image_texel(square->light, at[3]);
+        /* 257 times a byte is the same part of 65535. */
+        if (__builtin_expect(square->channels == 4, 0)) {
+            a[3] = 257.0f * (float)at[0][3], b[3] = 257.0f * (float)at[1][3];
+            c[3] = 257.0f * (float)at[2][3], d[3] = 257.0f * (float)at[3][3];
+        }
+    } else {
+        a = load_coarse_texel(at[0]), b = load_coarse_texel(at[1]);
+        c = load_coarse_texel(at[2]), d = load_coarse_texel(at[3]);
+    }
     Texel upper = a + square->fx * (b - a), lower = c + square->fx * (d - c);
-    return (upper + square->fy * (lower - upper)) * (1.0f / MAX_TEXEL);
+    Texel mixed = (upper + square->fy * (lower - upper)) * (1.0f / MAX_TEXEL);
+    if (square->channels == 3)
+        mixed[3] = 1.0f;
+    return mixed;
 }
 
 #endif
