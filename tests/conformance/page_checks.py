@@ -174,6 +174,8 @@ def check_floor_plan(server: ServerUnderTest) -> None:
     document = get_document(server, f"/api/floor_plan.json?{urlencode({'class': class_name})}")
     data = np.frombuffer(base64.b64decode(document["picture"]), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise CheckFailed("the picture of the floor plan is no PNG")
     low, high = np.array(document["bounds"]).reshape(2, 2)
     height, width = picture.shape[:2]
     px_per_m = width / (high[0] - low[0])

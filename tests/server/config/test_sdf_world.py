@@ -13,6 +13,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.__main__ import main
 from catoptra_server.config.sdf_world import ImportedWorld, import_sdf
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.config.world_file import read_world
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
@@ -27,6 +28,7 @@ from catoptra_server.world.world_description import (
     SphereBand,
     World,
 )
+from helpers.configs import ROBOTS
 from helpers.gazebo_house import SAE_FROM_SDF, matrix, write_house
 
 BOX = "<geometry><box><size>1 2 3</size></box></geometry>"
@@ -395,6 +397,49 @@ def test_command_writes_the_world_and_lists_what_is_left_out(
     out.parent.mkdir()
     assert main(["import", str(path), "--out", str(out)]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        f"{out}: 1 shapes, 1 lights", "left out:", "      1 world/physics"
-    ]  # fmt: skip
+        f"{out}: 1 shapes, 1 lights, the start Start at -0.9, 0 m",
+        "left out:",
+        "      1 world/physics",
+    ]
     assert read_world(out)[0].items[0].world_from_item.to_rpy() == Pose.identity().to_rpy()
+
+
+def import_by_command(folder: Path, text: str) -> tuple[World, Path]:
+    """World of the file that the command writes, and the file."""
+    path = folder / "arena.world"
+    path.write_text(in_world(text))
+    out = folder / "arena.ini"
+    assert main(["import", str(path), "--out", str(out)]) == 0
+    world, file = read_world(out)
+    assert file.unknown_names() == []
+    return world, out
+
+
+def test_start_is_not_in_a_box_without_a_floor_around_it(tmp_path: Path) -> None:
+    (start,) = import_by_command(tmp_path, model(BOX) + model(BOX, name="n", pose="9 0 0 0 0 0"))[
+        0
+    ].starts
+    assert 0.5 + 0.4 <= start.location_m[0] <= 8.5 - 0.4
+
+
+@pytest.mark.parametrize("floor", ["", "<include><uri>model://ground_plane</uri></include>"])
+def test_command_finds_a_start_where_a_robot_has_room(tmp_path: Path, floor: str) -> None:
+    walls = "".join(
+        model(BOX.replace("1 2 3", "0.2 6 3"), name=f"w{x}", pose=f"{x} 0 1.5 0 0 0")
+        for x in (-3, 0, 3)
+    )
+    world, out = import_by_command(tmp_path, floor + walls)
+    (start,) = world.starts
+    assert 0.6 < abs(start.location_m[0]) < 2.4
+    startup = read_startup_config([ROBOTS / "p2at_omni.ini"], out)
+    assert startup.world.starts == (start,)
+
+
+def test_world_that_cannot_be_loaded_has_no_start_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty.stl").touch()
+    world, _ = import_by_command(tmp_path, mesh("empty.stl"))
+    assert world.starts == ()
+    assert "no start: " in (line := capsys.readouterr().out.splitlines()[0])
+    assert "empty.stl" in line

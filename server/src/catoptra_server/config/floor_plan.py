@@ -200,8 +200,8 @@ def _look_down(plan: FloorPlan, caster: SceneRayCaster, height_m: float, block: 
     has_floor[:] = (np.abs(distances - height_m) <= _FLOOR_DEPTH_M).reshape(has_floor.shape)
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5
-    floor = np.flatnonzero(has_floor & ~plan.obstacles[block])
-    plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, floor)] = True
+    others = np.flatnonzero(~plan.obstacles[block])
+    plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, others)] = True
 
 
 def _find_inside(caster: SceneRayCaster, origins: Floats, candidates: _Indices) -> _Indices:

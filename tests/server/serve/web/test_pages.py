@@ -9,6 +9,7 @@ import io
 import json
 import math
 import threading
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -243,7 +244,7 @@ def test_floor_plan_is_the_picture_of_the_map(tmp_path: Path) -> None:
     robot, _ = read_robot(ROBOTS / "p2at_omni.ini")
     world, _ = read_world(WORLDS / "four_legged_2006.ini")
     info = build_server_info((robot,), world, clock="lockstep", plans={})
-    plan = floor_plan(build_scene(world), info, *measure_robot(robot))
+    plan: Any = floor_plan(build_scene(world), info, *measure_robot(robot))
     picture = decode_picture(plan)
     height, width = picture.shape[:2]
     assert max(picture.shape) == 1000
@@ -262,7 +263,7 @@ def test_floor_plan_is_the_picture_of_the_map(tmp_path: Path) -> None:
     assert (picture == plan["colours"]["obstacle"]).all(axis=-1).any()
 
 
-def decode_picture(plan: dict[str, Any]) -> npt.NDArray[np.uint8]:
+def decode_picture(plan: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
     image = Image.open(io.BytesIO(base64.b64decode(plan["picture"])))
     return np.asarray(image)
 
