@@ -213,12 +213,28 @@ def test_mesh_is_found_scaled_by_axis_and_relative_to_the_world_file(tmp_path: P
         ("<ambient>0 0 1</ambient>", (0.0, 0.0, 1.0), False),
         ("<diffuse>0 0 0 1</diffuse><emissive>0 1 0 1</emissive>", (0.0, 1.0, 0.0), True),
         ("<diffuse>0 1 0 1</diffuse><lighting>false</lighting>", (0.0, 1.0, 0.0), True),
+        ("<script><name>Gazebo/Red</name></script>", (1.0, 0.0, 0.0), False),
+        ("<script><uri>a</uri><name> Gazebo/Turquoise </name></script>", (0.0, 1.0, 1.0), False),
+        ("<script><name>Gazebo/YellowGlow</name></script>", (1.0, 1.0, 0.0), True),
+        ("<script><name>Gazebo/LightOff</name></script>", (1.0, 0.0, 0.0), True),
+        (
+            "<script><name>Gazebo/Red</name></script><ambient>0 0 1</ambient>",
+            (1.0, 0.0, 0.0),
+            False,
+        ),
+        (
+            "<script><name>Gazebo/Red</name></script><diffuse>0 0 1</diffuse>",
+            (0.0, 0.0, 1.0),
+            False,
+        ),
+        ("<script/><diffuse>0 0 1</diffuse><double_sided>0</double_sided>", (0.0, 0.0, 1.0), False),
     ],
 )
 def test_material_is_its_colour(
     tmp_path: Path, material: str, colour: tuple[float, ...], unlit: bool
 ) -> None:
-    world, _ = import_text(tmp_path, model(f"{BOX}<material>{material}</material>"))
+    world, imported = import_text(tmp_path, model(f"{BOX}<material>{material}</material>"))
+    assert imported.left_out == {}
     found = world.items[0].material
     assert found is not None
     assert (found.albedo, found.unlit) == (colour, unlit)
@@ -280,7 +296,28 @@ def test_what_has_no_counterpart_is_counted(tmp_path: Path) -> None:
     _, imported = import_text(tmp_path, text)
     assert imported.left_out == {
         "world/physics": 1, "world/actor": 1, "scene/sky": 1, "model/plugin": 1,
-        "visual/transparency": 1, "geometry/heightmap": 1,
+        "visual/transparency, drawn opaque": 1, "geometry/heightmap": 1,
+    }  # fmt: skip
+
+
+def test_look_that_is_left_out_is_counted_by_name(tmp_path: Path) -> None:
+    scripts = "".join(
+        model(f"{BOX}<material><script><name>{name}</name></script></material>", name=f"m{i}")
+        for i, name in enumerate(
+            ("Gazebo/Bricks", "Gazebo/Bricks", "Red", "Gazebo/RedTransparent", "Glow", "")
+        )
+    )
+    looks = "<transparency>{0}</transparency><material><double_sided>{0}</double_sided></material>"
+    looks = model(BOX + looks.format(0)) + model(BOX + looks.format(1), name="n")
+    lamps = "".join(
+        f"<light name='l{value}' type='point'><cast_shadows>{value}</cast_shadows></light>"
+        for value in (0, 1)
+    )
+    _, imported = import_text(tmp_path, scripts + looks + lamps)
+    assert imported.left_out == {
+        "material/script Gazebo/Bricks": 2, "material/script Red": 1, "material/script Glow": 1,
+        "material/script Gazebo/RedTransparent": 1, "material/double_sided": 1,
+        "visual/transparency, drawn opaque": 1, "light/cast_shadows of false: it casts them": 1,
     }  # fmt: skip
 
 
