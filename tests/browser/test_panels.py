@@ -235,6 +235,33 @@ def test_map_draws_layers_and_notes(page: Tab, full_live: OwnedServer) -> None:
     _click_button(page, "map", "Fit")
 
 
+def test_map_shows_the_plan_of_the_floor_which_is_requested_once(page: Tab) -> None:
+    tiles = "document.querySelectorAll('#panel-map .plan-legend .tile')"
+    page.wait_for(f"{tiles}.length === 2", "legend of the plan", _LIMIT_S)
+    colour = "(i) => getComputedStyle(i).backgroundColor.match(/\\d+/g).map(Number)"
+    counts = page.evaluate(
+        f"""(() => {{
+          const canvas = document.querySelector("#panel-map canvas");
+          const {{ width, height }} = canvas;
+          const {{ data }} = canvas.getContext("2d").getImageData(0, 0, width, height);
+          const near = (rgb) => {{
+            let count = 0;
+            for (let i = 0; i < data.length; i += 4)
+              count += rgb.every((value, k) => Math.abs(data[i + k] - value) < 40);
+            return count / (data.length / 4);
+          }};
+          return [...{tiles}].map({colour}).map(near);
+        }})()"""
+    )
+    free, obstacle = counts
+    assert 0.05 < free < 0.6
+    assert 0.005 < obstacle < 0.2
+    entries = (
+        "performance.getEntriesByType('resource').filter((e) => e.name.includes('floor_plan'))"
+    )
+    assert page.evaluate(f"{entries}.length") == 1
+
+
 def _move_map(tab: Tab, canvas: str) -> None:
     """Pan and zoom by mouse and keys."""
     x, y = tab.centre_of(canvas)

@@ -76,7 +76,8 @@ STREAM_REQUESTS = {
 
 
 PAGE_ADDRESSES = (
-    *("/", "/static/main.js", "/api/server.json", "/api/floor_plan.json", "/missing"),
+    *("/", "/static/main.js", "/api/server.json", "/missing"),
+    f"/api/floor_plan.json?class={CLASS}",
     f"/api/camera_table.json?class={CLASS}&camera={OMNI}",
 )
 

@@ -32,8 +32,9 @@ def test_page_of_a_server_has_its_files_and_describes_it(tmp_path: Path) -> None
             assert b"<!DOCTYPE html>" in response.read()
         with urllib.request.urlopen(f"{link}/api/server.json") as response:
             description = json.load(response)
-        with urllib.request.urlopen(f"{link}/api/floor_plan.json") as response:
-            assert json.load(response)["segments"]
+        plan = f"{link}/api/floor_plan.json?class=USARBot.OmniP2AT"
+        with urllib.request.urlopen(plan) as response:
+            assert json.load(response)["picture"]
     assert description["clock"] == "realtime"
     assert description["classes"][0]["class_name"] == "USARBot.OmniP2AT"
 

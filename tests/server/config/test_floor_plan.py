@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.config import floor_plan
+from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan, find_start
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
 
 GREY = Material((0.5, 0.5, 0.5))
@@ -71,3 +72,39 @@ def test_world_without_anything_has_no_free_place() -> None:
     )
     assert not plan.has_floor.any()
     assert not plan.obstacles.any()
+
+
+def test_plan_does_not_depend_on_the_rays_that_are_cast_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    boxes = [
+        (Box((0.4, 0.4, height)), (0.5, y, -0.5 * height)) for y, height in ((0.2, 2), (-1, 1))
+    ]
+    whole = draw_plan(*boxes)
+    monkeypatch.setattr(floor_plan, "_BLOCK", 1000)
+    plan = draw_plan(*boxes)
+    for name in ("triangles", "has_floor", "obstacles"):
+        np.testing.assert_array_equal(getattr(plan, name), getattr(whole, name))
+
+
+def place_walls(*x_m: float, floor: tuple[float, float] | None = None) -> SceneMesh:
+    """Walls of 4 m along y, and a floor of 3 x 3 m if it has a centre."""
+    items = [
+        Item(f"{i}", Box((0.2, 4.0, 1.0)), Pose.from_rpy((x, 0.0, -0.5)), GREY)
+        for i, x in enumerate(x_m)
+    ]
+    if floor is not None:
+        pose = Pose.from_rpy((*floor, 0.0))
+        items.append(Item("floor", Rectangle((3.0, 3.0)), pose, GREY))
+    return build_scene(World("w", tuple(items)))
+
+
+def test_start_is_on_the_floor_and_without_any_between_obstacles() -> None:
+    x, y = find_start(place_walls(-3.0, 3.0, floor=(1.5, 1.0))) or (0.0, 0.0)
+    assert 0.4 <= x <= 2.5
+    assert y <= 2.1
+    # Between two walls, where 1.2 m are free on all sides.
+    x, y = find_start(place_walls(-3.0, 0.0, 3.0)) or (0.0, 0.0)
+    assert 1.2 < abs(x) < 1.8
+    assert abs(y) < 0.1
+    assert find_start(build_scene(World("w", ()))) is not None

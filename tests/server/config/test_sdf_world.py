@@ -13,6 +13,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.__main__ import main
 from catoptra_server.config.sdf_world import ImportedWorld, import_sdf
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.config.world_file import read_world
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
@@ -27,6 +28,7 @@ from catoptra_server.world.world_description import (
     SphereBand,
     World,
 )
+from helpers.configs import ROBOTS
 from helpers.gazebo_house import SAE_FROM_SDF, matrix, write_house
 
 BOX = "<geometry><box><size>1 2 3</size></box></geometry>"
@@ -228,12 +230,28 @@ def test_mesh_is_found_scaled_by_axis_and_relative_to_the_world_file(tmp_path: P
         ("<ambient>0 0 1</ambient>", (0.0, 0.0, 1.0), False),
         ("<diffuse>0 0 0 1</diffuse><emissive>0 1 0 1</emissive>", (0.0, 1.0, 0.0), True),
         ("<diffuse>0 1 0 1</diffuse><lighting>false</lighting>", (0.0, 1.0, 0.0), True),
+        ("<script><name>Gazebo/Red</name></script>", (1.0, 0.0, 0.0), False),
+        ("<script><uri>a</uri><name> Gazebo/Turquoise </name></script>", (0.0, 1.0, 1.0), False),
+        ("<script><name>Gazebo/YellowGlow</name></script>", (1.0, 1.0, 0.0), True),
+        ("<script><name>Gazebo/LightOff</name></script>", (1.0, 0.0, 0.0), True),
+        (
+            "<script><name>Gazebo/Red</name></script><ambient>0 0 1</ambient>",
+            (1.0, 0.0, 0.0),
+            False,
+        ),
+        (
+            "<script><name>Gazebo/Red</name></script><diffuse>0 0 1</diffuse>",
+            (0.0, 0.0, 1.0),
+            False,
+        ),
+        ("<script/><diffuse>0 0 1</diffuse><double_sided>0</double_sided>", (0.0, 0.0, 1.0), False),
     ],
 )
 def test_material_is_its_colour(
     tmp_path: Path, material: str, colour: tuple[float, ...], unlit: bool
 ) -> None:
-    world, _ = import_text(tmp_path, model(f"{BOX}<material>{material}</material>"))
+    world, imported = import_text(tmp_path, model(f"{BOX}<material>{material}</material>"))
+    assert imported.left_out == {}
     found = world.items[0].material
     assert found is not None
     assert (found.albedo, found.unlit) == (colour, unlit)
@@ -295,7 +313,28 @@ def test_what_has_no_counterpart_is_counted(tmp_path: Path) -> None:
     _, imported = import_text(tmp_path, text)
     assert imported.left_out == {
         "world/physics": 1, "world/actor": 1, "scene/sky": 1, "model/plugin": 1,
-        "visual/transparency": 1, "geometry/heightmap": 1,
+        "visual/transparency, drawn opaque": 1, "geometry/heightmap": 1,
+    }  # fmt: skip
+
+
+def test_look_that_is_left_out_is_counted_by_name(tmp_path: Path) -> None:
+    scripts = "".join(
+        model(f"{BOX}<material><script><name>{name}</name></script></material>", name=f"m{i}")
+        for i, name in enumerate(
+            ("Gazebo/Bricks", "Gazebo/Bricks", "Red", "Gazebo/RedTransparent", "Glow", "")
+        )
+    )
+    looks = "<transparency>{0}</transparency><material><double_sided>{0}</double_sided></material>"
+    looks = model(BOX + looks.format(0)) + model(BOX + looks.format(1), name="n")
+    lamps = "".join(
+        f"<light name='l{value}' type='point'><cast_shadows>{value}</cast_shadows></light>"
+        for value in (0, 1)
+    )
+    _, imported = import_text(tmp_path, scripts + looks + lamps)
+    assert imported.left_out == {
+        "material/script Gazebo/Bricks": 2, "material/script Red": 1, "material/script Glow": 1,
+        "material/script Gazebo/RedTransparent": 1, "material/double_sided": 1,
+        "visual/transparency, drawn opaque": 1, "light/cast_shadows of false: it casts them": 1,
     }  # fmt: skip
 
 
@@ -412,6 +451,49 @@ def test_command_writes_the_world_and_lists_what_is_left_out(
     out.parent.mkdir()
     assert main(["import", str(path), "--out", str(out)]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        f"{out}: 1 shapes, 1 lights", "left out:", "      1 world/physics"
-    ]  # fmt: skip
+        f"{out}: 1 shapes, 1 lights, the start Start at -0.9, 0 m",
+        "left out:",
+        "      1 world/physics",
+    ]
     assert read_world(out)[0].items[0].world_from_item.to_rpy() == Pose.identity().to_rpy()
+
+
+def import_by_command(folder: Path, text: str) -> tuple[World, Path]:
+    """World of the file that the command writes, and the file."""
+    path = folder / "arena.world"
+    path.write_text(in_world(text))
+    out = folder / "arena.ini"
+    assert main(["import", str(path), "--out", str(out)]) == 0
+    world, file = read_world(out)
+    assert file.unknown_names() == []
+    return world, out
+
+
+def test_start_is_not_in_a_box_without_a_floor_around_it(tmp_path: Path) -> None:
+    (start,) = import_by_command(tmp_path, model(BOX) + model(BOX, name="n", pose="9 0 0 0 0 0"))[
+        0
+    ].starts
+    assert 0.5 + 0.4 <= start.location_m[0] <= 8.5 - 0.4
+
+
+@pytest.mark.parametrize("floor", ["", "<include><uri>model://ground_plane</uri></include>"])
+def test_command_finds_a_start_where_a_robot_has_room(tmp_path: Path, floor: str) -> None:
+    walls = "".join(
+        model(BOX.replace("1 2 3", "0.2 6 3"), name=f"w{x}", pose=f"{x} 0 1.5 0 0 0")
+        for x in (-3, 0, 3)
+    )
+    world, out = import_by_command(tmp_path, floor + walls)
+    (start,) = world.starts
+    assert 0.6 < abs(start.location_m[0]) < 2.4
+    startup = read_startup_config([ROBOTS / "p2at_omni.ini"], out)
+    assert startup.world.starts == (start,)
+
+
+def test_world_that_cannot_be_loaded_has_no_start_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty.stl").touch()
+    world, _ = import_by_command(tmp_path, mesh("empty.stl"))
+    assert world.starts == ()
+    assert "no start: " in (line := capsys.readouterr().out.splitlines()[0])
+    assert "empty.stl" in line

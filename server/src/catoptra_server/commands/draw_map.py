@@ -1,8 +1,7 @@
 """`catoptra-server map WORLD --out PLAN.png`: a world from above, as a robot meets it.
 
-Seen from a robot's height downwards, in pale colours; what is within the heights of the robot is
-dark, and the floor is green where the base has room to turn. x runs to the right, y down, as seen
-from above. Drawn at twice the size, so that edges are smooth.
+The plan of `config/floor_plan.py` with marks. x runs to the right, y down, as seen from above.
+Drawn at twice the size, so that edges are smooth.
 """
 
 from __future__ import annotations
@@ -14,20 +13,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.elementary import cos, hypot, sin
-from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan
+from catoptra_protocol.optics.elementary import cos, sin
+from catoptra_server.config.floor_plan import (
+    FREE,
+    OBSTACLE,
+    PAPER,
+    FloorPlan,
+    draw_floor_plan,
+    measure_robot,
+)
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.runtime.options import CommandParser, int_within
-from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.textures import linear_light
 from catoptra_server.world.world_description import World, srgb_from_linear
 
 if TYPE_CHECKING:
@@ -39,13 +42,8 @@ _Point = tuple[float, float]
 # Of the finished picture; all lengths below, too.
 _SIZE_PX, _TEXT_PX, _FOOT_PX = 1000, 15, 92
 _SCALE = 2
-_PAPER: _Rgb = (250, 250, 248)
 _INK: _Rgb = (40, 44, 52)
-_OBSTACLE: _Rgb = (74, 80, 92)
-_FREE: _Rgb = (116, 190, 120)
 _START: _Rgb = (204, 72, 16)
-# Shares of the seen colour, and of the free floor's.
-_SEEN_SHARE, _FREE_SHARE = 0.4, 0.45
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -82,18 +80,17 @@ def _draw_map(
 
     marks = [start.location_m[:2] for start in world.starts]
     marks += [(landmark.x_m, landmark.y_m) for landmark in world.landmarks]
-    length_m, width_m, _ = robot.drive.collision_size_m
+    height_m, radius_m = measure_robot(robot)
     plan = draw_floor_plan(
         scene,
-        height_m=collision_height_m(robot),
+        height_m=height_m,
         points_m=np.array(marks or [(0.0, 0.0)]),
         size_px=_SCALE * size_px,
     )
-    radius_m = 0.5 * hypot(length_m, width_m)
-    pixels = _colour_plan(plan, scene, radius_m)
+    pixels = plan.colour(scene, radius_m)
     height, width = pixels.shape[:2]
     size = max(width, _SCALE * 420), height + _SCALE * _FOOT_PX
-    image = Image.new("RGB", size, _PAPER)
+    image = Image.new("RGB", size, PAPER)
     image.paste(Image.fromarray(pixels), (0, 0))
     sheet = _Sheet(ImageDraw.Draw(image), plan, (size[0], height))
     sheet.draw_axes()
@@ -104,24 +101,9 @@ def _draw_map(
     sheet.draw_names()
     sheet.draw_foot(
         f"{world.name}: free for {robot.class_name} to turn, {2 * radius_m:.2f} m wide and "
-        f"{collision_height_m(robot):.2f} m high"
+        f"{height_m:.2f} m high"
     )
     image.reduce(_SCALE).save(path)
-
-
-def _colour_plan(plan: FloorPlan, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
-    """(h, w, 3) picture of a plan, without marks."""
-    # One colour a triangle; that of a texture is its mean. The last row is for no triangle.
-    means = [linear_light(one).mean(axis=(0, 1)) for one in scene.textures]
-    tints = np.array([*means, np.ones(3)])
-    seen = srgb_from_linear(scene.albedo * tints[scene.texture_index])
-    paper = np.array(_PAPER)
-    seen = np.concatenate((255.0 * seen, paper[None]))[plan.triangles]
-    picture = _SEEN_SHARE * seen + (1.0 - _SEEN_SHARE) * paper
-    free = plan.find_free(radius_m)
-    picture[free] = _FREE_SHARE * np.array(_FREE) + (1.0 - _FREE_SHARE) * picture[free]
-    picture[plan.obstacles] = _OBSTACLE
-    return picture.round().astype(np.uint8)
 
 
 class _Sheet:
@@ -187,7 +169,7 @@ class _Sheet:
         ahead = cos(yaw_rad), sin(yaw_rad)
         tip = x + 13.0 * _SCALE * ahead[0], y + 13.0 * _SCALE * ahead[1]
         points = _arrow(tip, ahead, 24.0 * _SCALE)
-        self._draw.polygon(points, fill=_START, outline=_PAPER, width=_SCALE)
+        self._draw.polygon(points, fill=_START, outline=PAPER, width=_SCALE)
         self._add_name(name, (x, y), _START)
 
     def draw_names(self) -> None:
@@ -200,7 +182,7 @@ class _Sheet:
             box = next(free, places[0])
             self._boxes.append(box)
             self._draw.text((box[0] - left, box[1] - top), name, font=self._font, fill=colour,
-                stroke_width=2 * _SCALE, stroke_fill=_PAPER)  # fmt: skip
+                stroke_width=2 * _SCALE, stroke_fill=PAPER)  # fmt: skip
 
     def _is_clear(self, box: tuple[float, float, float, float]) -> bool:
         left, top, right, bottom = box
@@ -223,11 +205,7 @@ class _Sheet:
         self._write(f"{metres:g} m", right + 10 * _SCALE, y)
         self._write(text, left, y + line)
         x, y = left, y + 2 * line
-        free = tuple(
-            round(_FREE_SHARE * a + (1 - _FREE_SHARE) * b)
-            for a, b in zip(_FREE, _PAPER, strict=True)
-        )
-        for colour, name in ((free, "free"), (_OBSTACLE, "obstacle"), (_START, "start")):
+        for colour, name in ((FREE, "free"), (OBSTACLE, "obstacle"), (_START, "start")):
             side = 6 * _SCALE
             self._draw.rectangle((x, y - side, x + 2 * side, y + side), fill=colour)
             self._write(name, x + 3 * side, y)

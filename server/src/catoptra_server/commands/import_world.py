@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.config.floor_plan import find_start, format_start
 from catoptra_server.config.sdf_world import import_sdf
+from catoptra_server.config.world_file import read_world
 from catoptra_server.runtime.options import CommandParser
+from catoptra_server.world.scene_mesh import build_scene
 
 _EXIT_REJECTED = 2
 # A world that lacks its models lists each of them.
@@ -36,10 +39,11 @@ def main(arguments: Sequence[str]) -> int:
     try:
         world = import_sdf(parsed.world, parsed.models, parsed.out.parent)
         parsed.out.write_text(world.text, encoding="utf-8")
+        start = _add_start(parsed.out, world.text)
     except (CatoptraError, OSError) as error:
         print(f"catoptra-server import: {error}", file=sys.stderr)
         return _EXIT_REJECTED
-    print(f"{parsed.out}: {world.num_items} shapes, {world.num_lights} lights")
+    print(f"{parsed.out}: {world.num_items} shapes, {world.num_lights} lights, {start}")
     left_out = sorted(world.left_out.items())
     if left_out:
         print("left out:")
@@ -48,3 +52,15 @@ def main(arguments: Sequence[str]) -> int:
     if num_further := len(left_out[_MAX_LISTED:]):
         print(f"  and {num_further} further kinds")
     return 0
+
+
+def _add_start(path: Path, text: str) -> str:
+    """Add a start to a world file, and describe it; a world that cannot be loaded has none."""
+    try:
+        start = find_start(build_scene(read_world(path)[0]))
+    except CatoptraError as error:
+        return f"no start: {error}"
+    if start is None:
+        return "no start: there is no free floor"
+    path.write_text(text + format_start(start) + "\n", encoding="utf-8")
+    return "the start Start at {:g}, {:g} m".format(*start)

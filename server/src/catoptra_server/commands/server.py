@@ -458,6 +458,7 @@ def load_deferred_modules(renderer: str) -> None:
 def load_view_modules() -> None:
     """Load all modules of the live page: 0.2 s and 13 MB, for which no other port waits."""
     importlib.import_module("catoptra_server.serve.web.web_server")
+    importlib.import_module("PIL.ImageDraw")  # for the plan of the map
 
 
 async def _load_view(view: Listener, stop: asyncio.Event) -> bool:

@@ -1,7 +1,8 @@
 """A world from above: what a robot's heights meet, and where its base has floor and room.
 
 A raster, for pictures and for a first free place; robots are placed and stopped by exact outlines
-(`world/obstacle_grid.py`). Columns run along x, rows along y.
+(`world/obstacle_grid.py`). Columns run along x, rows along y. A picture of it is pale; what is
+within the heights of the robot is dark, and the floor is green where the base has room to turn.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import matmul
+from catoptra_protocol.optics.elementary import hypot, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.simulation.collision_index import collision_height_m
+from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import linear_from_srgb, srgb_from_linear
 
 _Indices = npt.NDArray[np.intp]
 
@@ -29,8 +33,22 @@ _MARGIN_M = 0.5
 _FLOOR_DEPTH_M = 0.05
 # Triangles of which corners and middles of the sides are drawn: of a fine mesh there are many.
 _SMALL_PX = 2.0
+# Rays that are cast at once: with their hits 10 MB.
+_BLOCK = 65536
 # Thickness of a wall, and what a block rises above half a robot. A room is wider and higher.
 _MAX_WALL_M, _MAX_BLOCK_M = 1.0, 1.5
+# Colours in sRGB, with the shares of what is seen from above and of free floor.
+PAPER, OBSTACLE = (250, 250, 248), (74, 80, 92)
+_GREEN = (116, 190, 120)
+_SEEN_SHARE, _FREE_SHARE = 0.4, 0.45
+FREE = tuple(
+    round(_FREE_SHARE * a + (1.0 - _FREE_SHARE) * b) for a, b in zip(_GREEN, PAPER, strict=True)
+)
+# A mast that carries an omnidirectional camera; a Pioneer turns within 0.36 m.
+_START_HEIGHT_M = 1.0
+# Free on all sides of a start, as much as there is.
+_START_RADII_M = (2.0, 1.2, 0.8, 0.6, 0.4)
+_START_PLAN_PX = 800
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +81,58 @@ class FloorPlan:
         count = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size]
         free: Bools = count + sums[:-size, :-size] == 0
         return free
+
+    def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
+        """(h, w, 3) picture, free for a base of a radius."""
+        # One colour a triangle; that of a texture is its mean. The last row is for no triangle.
+        means = [
+            linear_from_srgb(np.asarray(one)[..., :3] / 255.0).mean(axis=(0, 1))
+            for one in scene.textures
+        ]
+        tints = np.array([*means, np.ones(3)])
+        seen = srgb_from_linear(scene.albedo * tints[scene.texture_index])
+        paper = np.array(PAPER)
+        seen = np.concatenate((255.0 * seen, paper[None]))[self.triangles]
+        picture = _SEEN_SHARE * seen + (1.0 - _SEEN_SHARE) * paper
+        free = self.find_free(radius_m)
+        picture[free] = _FREE_SHARE * np.array(_GREEN) + (1.0 - _FREE_SHARE) * picture[free]
+        picture[self.obstacles] = OBSTACLE
+        return picture.round().astype(np.uint8)
+
+
+def measure_robot(robot: RobotDescription) -> tuple[float, float]:
+    """Height of a robot, and the radius of the circle in which its base turns; metres."""
+    length_m, width_m, _ = robot.drive.collision_size_m
+    return collision_height_m(robot), 0.5 * hypot(length_m, width_m)
+
+
+def find_start(scene: SceneMesh) -> tuple[float, float] | None:
+    """Place with the most room, nearest to the middle of the plan; None without a free one.
+
+    On the floor; anywhere between obstacles in a scene without any.
+    """
+    points_m = np.zeros((0 if len(scene) else 1, 2))
+    plan = draw_floor_plan(
+        scene, height_m=_START_HEIGHT_M, points_m=points_m, size_px=_START_PLAN_PX
+    )
+    if not (plan.has_floor & ~plan.obstacles).any():
+        plan.has_floor[:] = True
+    height, width = plan.has_floor.shape
+    middle = np.array((0.5 * width, 0.5 * height)) / plan.px_per_m + plan.origin_m
+    for radius_m in _START_RADII_M:
+        rows, columns = np.nonzero(plan.find_free(radius_m))
+        if len(rows):
+            points = np.stack((columns + 0.5, rows + 0.5), axis=-1) / plan.px_per_m
+            points += plan.origin_m
+            x, y = points[np.square(points - middle).sum(axis=1).argmin()].round(2).tolist()
+            return x + 0.0, y + 0.0  # no negative zeros
+    return None
+
+
+def format_start(start: tuple[float, float]) -> str:
+    """Line of a world file with a start."""
+    x, y = start
+    return f"PlayerStarts=(Tag=Start,Location=(X={x!r},Y={y!r},Z=0))"
 
 
 def draw_floor_plan(
@@ -103,26 +173,35 @@ def draw_floor_plan(
     middles = 0.5 * (small + np.roll(small, -1, axis=1))
     columns, rows = np.concatenate((small, middles)).reshape(-1, 2).astype(np.intp).T
     obstacles[rows.clip(0, height - 1), columns.clip(0, width - 1)] = True
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    origins = np.stack((x.ravel(), y.ravel(), np.full(x.size, -height_m)), axis=-1)
-    origins[:, :2] = origins[:, :2] / px_per_m + low
-    caster = commit_ray_caster(scene)
-    down = np.broadcast_to((0.0, 0.0, 1.0), origins.shape)
-    distances, triangles = caster.closest_triangles(origins, down)
-    has_floor = np.abs(distances - height_m) <= _FLOOR_DEPTH_M
-    shape = height, width
     plan = FloorPlan(
         (float(low[0]), float(low[1])),
         px_per_m,
-        triangles.reshape(shape),
-        has_floor.reshape(shape),
+        np.zeros((height, width), dtype=np.int32),
+        np.zeros((height, width), dtype=bool),
         obstacles,
     )
+    caster = commit_ray_caster(scene)
+    for first in range(0, height, rows_each := _BLOCK // width + 1):
+        _look_down(plan, caster, height_m, slice(first, first + rows_each))
+    return plan
+
+
+def _look_down(plan: FloorPlan, caster: SceneRayCaster, height_m: float, block: slice) -> None:
+    """Fill in some rows of a plan what is seen from a height downwards."""
+    triangles, has_floor = plan.triangles[block], plan.has_floor[block]
+    columns, rows = np.meshgrid(
+        np.arange(triangles.shape[1]) + 0.5, block.start + np.arange(len(triangles)) + 0.5
+    )
+    origins = np.stack((columns.ravel(), rows.ravel(), np.full(columns.size, -height_m)), axis=-1)
+    origins[:, :2] = origins[:, :2] / plan.px_per_m + plan.origin_m
+    down = np.broadcast_to((0.0, 0.0, 1.0), origins.shape)
+    distances, found = caster.closest_triangles(origins, down)
+    triangles[:] = found.reshape(triangles.shape)
+    has_floor[:] = (np.abs(distances - height_m) <= _FLOOR_DEPTH_M).reshape(has_floor.shape)
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5
-    floor = np.flatnonzero(has_floor & ~plan.obstacles.ravel())
-    plan.obstacles.ravel()[_find_inside(caster, origins, floor)] = True
-    return plan
+    others = np.flatnonzero(~plan.obstacles[block])
+    plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, others)] = True
 
 
 def _find_inside(caster: SceneRayCaster, origins: Floats, candidates: _Indices) -> _Indices:

@@ -13,20 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan
+from catoptra_server.config.floor_plan import find_start, format_start
 from catoptra_server.world.mesh_files import load_mesh_lights
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Item, MeshFile, World
 
 log = logging.getLogger(__name__)
 
-# A mast that carries an omnidirectional camera; a Pioneer turns within 0.36 m.
-_ROBOT_HEIGHT_M = 1.0
-# Free on all sides of the start, as much as there is.
-_START_RADII_M = (2.0, 1.2, 0.8, 0.6, 0.4)
-_PLAN_PX = 800
 # Heights of level areas are counted in steps; of the largest area a share is a floor. A table or a
 # step has less, a storey more.
 _STEP_M, _FLOOR_SHARE = 0.02, 0.3
@@ -54,9 +48,7 @@ def describe_mesh_world(path: Path) -> str:
     scene = build_scene(World(path.name, (Item(path.stem, shape, Pose.identity(), None),)))
     floor_z = _find_floor(scene)
     scene = replace(scene, corners=scene.corners - (0.0, 0.0, floor_z))
-    middle = 0.5 * (scene.box_min + scene.box_max)[:2]
-    plan = draw_floor_plan(scene, height_m=_ROBOT_HEIGHT_M, points_m=middle[None], size_px=_PLAN_PX)
-    start = _find_start(plan, middle)
+    start = find_start(scene)
     notes = _describe(path, shape, scene, floor_z, start)
     for note in notes:
         log.info("%s: %s", path, note)
@@ -66,7 +58,7 @@ def describe_mesh_world(path: Path) -> str:
     lines += [] if load_mesh_lights(shape) else [_LIGHTS]
     lines.append(f'Meshes=(Name="{name}",File="{path.name}"{member},Position=(Z={-floor_z!r}))')
     if start is not None:
-        lines.append(f"PlayerStarts=(Tag=Start,Location=(X={start[0]!r},Y={start[1]!r},Z=0))")
+        lines.append(format_start(start))
     return "\n".join((*(f"; {note}" for note in notes), "[Catoptra.World]", *lines, ""))
 
 
@@ -85,18 +77,6 @@ def _find_floor(scene: SceneMesh) -> float:
     area = np.bincount(index, areas)
     lowest = int(np.argmax(area >= _FLOOR_SHARE * area.max()))
     return round(float(np.average(z[index == lowest], weights=areas[index == lowest])), 3)
-
-
-def _find_start(plan: FloorPlan, middle: Floats) -> tuple[float, float] | None:
-    """Place with the most room, the nearest to the middle among equals; None without a free one."""
-    for radius_m in _START_RADII_M:
-        rows, columns = np.nonzero(plan.find_free(radius_m))
-        if len(rows):
-            points = np.stack((columns + 0.5, rows + 0.5), axis=-1) / plan.px_per_m
-            points += plan.origin_m
-            x, y = points[np.square(points - middle).sum(axis=1).argmin()].round(2).tolist()
-            return x + 0.0, y + 0.0  # no negative zeros
-    return None
 
 
 def _describe(

@@ -9,7 +9,10 @@ A file is foreign: a DTD, which could define entities, is rejected; elements, de
 length of chains of frames are limited; an include that includes itself is an error; and no URI
 leads out of the folders that the user names, neither by `..` nor by a link.
 
-Source: SDFormat 1.11, http://sdformat.org/spec, and its pose frame semantics.
+A material that is a script is read by its name, where that is one of Gazebo's plain colours.
+
+Sources: SDFormat 1.11, http://sdformat.org/spec, and its pose frame semantics; Gazebo classic,
+media/materials/scripts/gazebo.material.
 """
 
 from __future__ import annotations
@@ -56,21 +59,43 @@ _STANDARD_MODELS = {
     "<plane><size>100 100</size></plane></geometry><material><diffuse>0.7 0.7 0.7 1</diffuse>"
     "</material></visual></link></model>",
 }
+# Diffuse colours of Gazebo's materials without a texture.
+_COLOURS = {
+    "Grey": (0.7, 0.7, 0.7),
+    "DarkGrey": (0.175, 0.175, 0.175),
+    "White": (1.0, 1.0, 1.0),
+    "FlatBlack": (0.1, 0.1, 0.1),
+    "Black": (0.0, 0.0, 0.0),
+    "Red": (1.0, 0.0, 0.0),
+    "RedBright": (0.87, 0.26, 0.07),
+    "Green": (0.0, 1.0, 0.0),
+    "Blue": (0.0, 0.0, 1.0),
+    "SkyBlue": (0.0, 0.0, 1.0),
+    "Yellow": (1.0, 1.0, 0.0),
+    "ZincYellow": (0.9725, 0.9529, 0.2078),
+    "Purple": (1.0, 0.0, 1.0),
+    "Turquoise": (0.0, 1.0, 1.0),
+    "Orange": (1.0, 0.5088, 0.0468),
+    "Gold": (0.8, 0.64869, 0.120759),
+    "Pioneer2Body": (0.681193, 0.000923, 0.000923),
+}
+# Those that emit light, by the colour of it; others `<name>Glow`.
+_GLOWS = {"LightOn": "Green", "LightOff": "Red", "JointAnchor": "White"}
 # Elements that are read, by the element around them, and those that no picture shows.
 _READ = {
     "world": "model include light frame scene",
     "model": "link frame joint model include pose",
     "link": "pose visual light",
-    "visual": "pose geometry material cast_shadows",
-    "material": "ambient diffuse emissive pbr lighting",
+    "visual": "pose geometry material cast_shadows transparency",
+    "material": "ambient diffuse emissive pbr lighting script double_sided",
     "mesh": "uri scale",
-    "light": "pose diffuse direction intensity attenuation",
+    "light": "pose diffuse direction intensity attenuation cast_shadows",
     "scene": "ambient background",
     "include": "uri name pose placement_frame",
 }
 _INVISIBLE = frozenset(
     "static self_collide allow_auto_disable enable_wind gravity kinematic inertial specular "
-    "magnetic_field atmosphere wind cast_shadows visibility_flags meta".split()
+    "magnetic_field atmosphere wind visibility_flags meta".split()
 )
 _COPY_NUMBER = re.compile(r"[ ._-]*\d+$")
 _FALSE = ("0", "false")
@@ -373,12 +398,19 @@ class _Importer:
         """Yield the members of a visual's material; none for that of its mesh file."""
         if _text(visual, "cast_shadows") in _FALSE:
             yield "CastShadow=false"
+        if _read_numbers(visual.find("transparency"), file, [0.0])[0] > 0.0:
+            self._left_out["visual/transparency, drawn opaque"] += 1
         material = visual.find("material")
         if material is None:
             return
         self._count_unread(material)
-        colour = _read_colour(material, "diffuse", file) or _read_colour(material, "ambient", file)
-        light = _read_colour(material, "emissive", file) or [0.0]
+        if (_text(material, "double_sided") or "false") not in _FALSE:
+            self._left_out["material/double_sided"] += 1
+        named, emitted = self._read_script(material)
+        diffuse, ambient = (_read_colour(material, name, file) for name in ("diffuse", "ambient"))
+        # What the material states itself comes before its script, as in Gazebo.
+        colour = diffuse or named or ambient
+        light = _read_colour(material, "emissive", file) or emitted or [0.0]
         is_luminous = max(light) > 0.0 and max(light) >= max(colour or [0.0])
         if max(light) > 0.0 and not is_luminous:
             self._left_out["material/emissive beside a brighter diffuse colour"] += 1
@@ -392,8 +424,22 @@ class _Importer:
         if is_luminous or _text(material, "lighting") in _FALSE:
             yield "Unlit=true"
 
+    def _read_script(self, material: Element) -> tuple[list[float], list[float]]:
+        """Colour and emitted light of a material's script; empty where there is none."""
+        name = _text(material, "script/name")
+        if not name:
+            return [], []
+        plain = name.removeprefix("Gazebo/")
+        glow = _GLOWS.get(plain, plain.removesuffix("Glow"))
+        if plain == name or glow not in _COLOURS:
+            self._left_out[f"material/script {_UNSAFE.sub('_', name[:100])}"] += 1
+            return [], []
+        return [*_COLOURS[glow]], [] if glow == plain else [*_COLOURS[glow]]
+
     def _write_light(self, light: Element, pose: Pose, file: Path) -> None:
         self._count_unread(light)
+        if _text(light, "cast_shadows") in _FALSE:
+            self._left_out["light/cast_shadows of false: it casts them"] += 1
         colour = _read_colour(light, "diffuse", file) or [1.0] * 3
         (brightness,) = _read_numbers(light.find("intensity"), file, [1.0])
         if light.get("type") == "directional":

@@ -81,8 +81,8 @@ async def encode_without_blocking(rgb: Image, encoding: ImageType | ImageEncodin
         both; for the stream the payload.
     """
     if is_quick(rgb, encoding):
-        return _encode_image(rgb, encoding)
-    return await asyncio.to_thread(_encode_image, rgb, encoding)
+        return encode_image(rgb, encoding)
+    return await asyncio.to_thread(encode_image, rgb, encoding)
 
 
 def is_quick(rgb: Image, encoding: ImageType | ImageEncoding) -> bool:
@@ -105,12 +105,13 @@ def crop(rgb: Image, x: int, y: int, width: int, height: int) -> Image:
     return rgb[top:bottom, left:right]
 
 
-def _encode_image(rgb: Image, encoding: ImageType | ImageEncoding) -> Payload:
+def encode_image(rgb: Image, encoding: ImageType | ImageEncoding) -> Payload:
+    """Encode an image; for the arguments see `encode_without_blocking`."""
     if encoding is ImageEncoding.RAW:
         return np.ascontiguousarray(rgb).data.cast("B")
     # The stream does not choose a quality; GOOD is the image port's default.
     if encoding is ImageEncoding.JPEG:
-        return payload_of_reply(_encode_image(rgb, ImageType.GOOD))
+        return payload_of_reply(encode_image(rgb, ImageType.GOOD))
     if encoding is ImageType.RAW:
         return _encode_raw(rgb)
     if _cv2 is None:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import dataclasses
+import io
 import json
 import math
 import threading
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
+from PIL import Image
 
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.image_plane import ImagePlane
@@ -26,8 +32,10 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.robot_file import read_robots
+from catoptra_server.__main__ import main
+from catoptra_server.config.floor_plan import measure_robot
+from catoptra_server.config.robot_file import read_robot, read_robots
+from catoptra_server.config.world_file import read_world
 from catoptra_server.serve.stream.replies import build_server_info
 from catoptra_server.serve.web import pages as pages_module
 from catoptra_server.serve.web.pages import (
@@ -37,11 +45,10 @@ from catoptra_server.serve.web.pages import (
     describe_server,
     floor_plan,
     read_page_files,
-    section_segments,
 )
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
-from helpers.configs import ROBOTS
+from catoptra_server.world.world_description import World
+from helpers.configs import ROBOTS, WORLDS
 from helpers.fake_simulation import SERVER_INFO
 from helpers.live_page import FILES
 from helpers.worlds import make_test_world
@@ -233,91 +240,38 @@ def pixels_of_model(camera: OmniCamera, theta_rad: Floats, azimuth_rad: float) -
     return pixels
 
 
-WHITE = Material((1.0, 1.0, 1.0))
+def test_floor_plan_is_the_picture_of_the_map(tmp_path: Path) -> None:
+    robot, _ = read_robot(ROBOTS / "p2at_omni.ini")
+    world, _ = read_world(WORLDS / "four_legged_2006.ini")
+    info = build_server_info((robot,), world, clock="lockstep", plans={})
+    plan: Any = floor_plan(build_scene(world), info, *measure_robot(robot))
+    picture = decode_picture(plan)
+    height, width = picture.shape[:2]
+    assert max(picture.shape) == 1000
+    xmin, ymin, xmax, ymax = plan["bounds"]
+    assert (xmax - xmin) / width == pytest.approx((ymax - ymin) / height, rel=2e-3)
+    for start in world.starts:
+        assert xmin < start.location_m[0] < xmax
+        assert ymin < start.location_m[1] < ymax
+    # Without the marks on it, and at the resolution before it is reduced.
+    out = tmp_path / "plan.png"
+    words = ["map", "four_legged_2006", "--size", "500", "--out", str(out)]
+    assert main(words) == 0
+    drawn = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(int)
+    map_ = np.asarray(Image.open(out)).astype(int)[: drawn.shape[0], : drawn.shape[1]]
+    assert (np.abs(drawn - map_).max(axis=-1) <= 2).mean() > 0.9
+    assert (picture == plan["colours"]["obstacle"]).all(axis=-1).any()
 
 
-def make_world(*items: Item) -> World:
-    return World(name="test", items=items, lights=(), starts=(), landmarks=())
+def decode_picture(plan: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
+    image = Image.open(io.BytesIO(base64.b64decode(plan["picture"])))
+    return np.asarray(image)
 
 
-def box(name: str, size_m: tuple[float, float, float], x_m: float, z_m: float) -> Item:
-    return Item(name, Box(size_m), Pose.from_rpy((x_m, 0.0, z_m)), WHITE)
-
-
-FLOOR = Item("floor", Rectangle((6.0, 4.0)), Pose.identity(), WHITE)
-WALL = box("wall", (0.1, 3.0, 1.0), 2.0, -0.5)
-
-
-def total_length(segments: Floats) -> float:
-    return float(np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum())
-
-
-def test_wall_is_its_outline_and_the_floor_nothing() -> None:
-    plan = floor_plan(build_scene(make_world(FLOOR, WALL)))
-    segments = np.array(plan["segments"])
-    assert total_length(segments) == pytest.approx(2.0 * (0.1 + 3.0), abs=1e-3)
-    assert plan["bounds"] == pytest.approx([1.95, -1.5, 2.05, 1.5])
-    assert plan["height_m"] == 0.3
-    lengths = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
-    assert np.all(np.diff(lengths) <= 1e-9)
-
-
-@pytest.mark.parametrize("height_m", [0.05, 1.05])
-def test_plane_below_and_above_an_item_meets_nothing(height_m: float) -> None:
-    scene = build_scene(make_world(box("shelf", (1.0, 1.0, 0.5), 0.0, -0.6)))
-    assert floor_plan(scene, height_m)["segments"] == []
-
-
-def test_world_without_walls_has_the_bounds_of_the_floor_and_an_empty_one_a_square() -> None:
-    assert floor_plan(build_scene(make_world(FLOOR)))["bounds"] == [-3.0, -2.0, 3.0, 2.0]
-    assert floor_plan(build_scene(make_world()))["bounds"] == [-0.5, -0.5, 0.5, 0.5]
-
-
-# z of the corners of a triangle over (0, 0), (1, 0), (0, 1), cut at z = 0, and the segment.
-TRIANGLES = {
-    "apart": ((1.0, 2.0, 3.0), None),
-    "in the plane": ((0.0, 0.0, 0.0), None),
-    "one corner touches from below": ((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)),
-    "an edge in the plane": ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0)),
-    "halves": ((-1.0, 1.0, 1.0), (0.5, 0.0, 0.0, 0.5)),
-    "through a corner": ((-1.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.5)),
-}
-
-
-@pytest.mark.parametrize(("heights", "expected"), TRIANGLES.values(), ids=TRIANGLES.keys())
-def test_triangle_in_hard_cases(
-    heights: tuple[float, float, float], expected: tuple[float, ...] | None
-) -> None:
-    corners = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
-    corners[0, :, 2] = heights
-    found = section_segments(corners, 0.0)
-    if expected is None or expected[:2] == expected[2:]:
-        assert len(found) == 0
-    else:
-        first, second = (
-            np.sort(found.reshape(2, 2), axis=0),
-            np.sort(np.reshape(expected, (2, 2)), axis=0),
-        )
-        np.testing.assert_allclose(first, second, atol=1e-12)
-
-
-def test_segments_beyond_the_limit_are_the_shortest_ones() -> None:
-    # Upright triangles of growing width, more than one block of them.
-    width = np.random.default_rng(5).permutation(np.linspace(0.01, 10.0, 70000))
-    corners = np.zeros((len(width), 3, 3))
-    corners[:, :, 1] = np.arange(len(width))[:, None]
-    corners[:, 1, 0] = 2.0 * width
-    corners[:, 0:2, 2] = 1.0
-    corners[:, 2, 2] = -1.0
-    found = section_segments(corners, 0.0, max_segments=100)
-    expected = np.sort(width)[::-1][:100]
-    np.testing.assert_allclose(np.abs(found[:, 2] - found[:, 0]), expected, rtol=1e-12)
-
-
-def test_edge_that_two_triangles_share_is_listed_once() -> None:
-    triangle = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
-    corners = np.stack((triangle, triangle[[0, 2, 1]]))
-    assert len(section_segments(corners, 0.0)) == 1
+def test_floor_plan_of_an_empty_world_is_paper() -> None:
+    scene = build_scene(World("empty", ()))
+    picture = decode_picture(floor_plan(scene, SERVER_INFO, 0.6, 0.3))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) == 1
 
 
 def describe(name: str) -> Any:
@@ -391,8 +345,8 @@ def make_pages() -> WebPages:
 async def test_files_and_descriptions_are_found() -> None:
     pages = make_pages()
     assert await pages.find("/", {}) is FILES["/"]
-    for path, key in [("/api/server.json", "classes"), ("/api/floor_plan.json", "segments")]:
-        document = await pages.find(path, {"ignored": "1"})
+    for path, key in [("/api/server.json", "classes"), ("/api/floor_plan.json", "picture")]:
+        document = await pages.find(path, CAMERA | {"ignored": "1"})
         assert document is not None
         assert document.content_type.startswith("application/json")
         assert json.loads(document.body)[key]
@@ -408,6 +362,7 @@ async def test_files_and_descriptions_are_found() -> None:
         *(("/static/../web_pages.py", {}), ("/static//etc/passwd", {}), ("/api", {})),
         *(("/static/main.js\0", {}), ("/static/%2e%2e/x", {}), ("/api/camera_table.json", {})),
         ("/api/camera_table.json", CAMERA | {"camera": "Other"}),
+        *(("/api/floor_plan.json", {}), ("/api/floor_plan.json", {"class": "Other"})),
         ("/api/camera_table.json", {"camera": CAMERA["camera"]}),
     ],
 )
@@ -442,7 +397,7 @@ async def test_description_for_many_requests_is_made_once_although_one_is_cancel
 async def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     results = iter([ZeroDivisionError("injected"), {}])
 
-    def make(_: object) -> object:
+    def make(*_: object) -> object:
         result = next(results)
         if isinstance(result, Exception):
             raise result
@@ -451,5 +406,36 @@ async def test_description_when_it_fails_is_tried_again(monkeypatch: pytest.Monk
     monkeypatch.setattr(pages_module, "floor_plan", make)
     pages = make_pages()
     with pytest.raises(ZeroDivisionError):
-        await pages.find("/api/floor_plan.json", {})
-    assert await pages.find("/api/floor_plan.json", {}) is not None
+        await pages.find("/api/floor_plan.json", CAMERA)
+    assert await pages.find("/api/floor_plan.json", CAMERA) is not None
+
+
+async def test_floor_plans_are_drawn_one_at_a_time_and_once_for_robots_of_a_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[float] = []
+    running: list[float] = []
+
+    def draw(_scene: object, _info: object, height_m: float, _radius_m: float) -> object:
+        running.append(height_m)
+        assert len(running) == 1
+        drawn.append(height_m)
+        # Others would begin meanwhile.
+        asyncio.run_coroutine_threadsafe(asyncio.sleep(0), loop).result()
+        running.remove(height_m)
+        return {"number": len(drawn)}
+
+    loop = asyncio.get_running_loop()
+    monkeypatch.setattr(pages_module, "floor_plan", draw)
+    twin = replace(ROBOT, class_name="Twin")
+    drive = replace(ROBOT.drive, collision_dimensions_m=(2.0, 1.0, 3.0))
+    others = [replace(ROBOT, class_name=f"Large{i}", drive=drive) for i in range(2)]
+    info = replace(SERVER_INFO, robots=(ROBOT, twin, *others))
+    pages = WebPages(FILES, info, build_scene(make_test_world()))
+    names = [robot.class_name for robot in info.robots] * 20
+    found = await asyncio.gather(
+        *(pages.find("/api/floor_plan.json", {"class": name}) for name in names)
+    )
+    assert len({one.etag for one in found if one is not None}) == len(drawn) == 2
+    assert None not in found
+    assert found[0] is found[1] is not found[2] is found[3]

@@ -1,8 +1,9 @@
 """All that the page reads by GET: files, and descriptions of the server as JSON.
 
 Addresses are looked up in tables: a request never names a file. Descriptions that take time are
-made at the first request, in a thread: robots with cameras and sensors, a section of the world for
-the map, and a table for each omnidirectional camera.
+made at the first request, in a thread, and kept: robots with cameras and sensors, a plan of the
+world for robots of each size, and a table for each omnidirectional camera. However many clients
+ask, one plan is drawn at a time, and each once.
 
 **No formula of a camera in JavaScript.** A table has 4096 image radii by incidence angle, within
 1e-4 px of the model for all shipped cameras, and a new mirror needs no line in the page. A
@@ -18,21 +19,27 @@ single viewpoint theta is the angle of things far away, and the ray begins on th
 from __future__ import annotations
 
 import asyncio
+import base64
 import dataclasses
 import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractAsyncContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import arctan, hypot, tan
+from catoptra_protocol.optics.elementary import arctan, tan
 from catoptra_protocol.optics.image_plane import DistortedProjection
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_server.config.floor_plan import FREE, OBSTACLE, draw_floor_plan, measure_robot
+from catoptra_server.frames.frame import encode_image
 from catoptra_server.frames.plan.camera import POLYGON_COUNTS
 from catoptra_server.render.renderer import has_mesh_viewpoint
 from catoptra_server.render.renderer_kind import RendererKind
@@ -55,16 +62,12 @@ _CONTENT_TYPES = {
 }
 _JSON = "application/json; charset=utf-8"
 _CAMERA_TABLE = "/api/camera_table.json"
+_FLOOR_PLAN = "/api/floor_plan.json"
 # Interpolated linearly, 4096 entries miss 3e-5 px at 640 px and a rim of 120 degrees.
 _NUM_ENTRIES = 4096
 _DIAGONAL = math.sqrt(0.5)
-# Height of a robot's sensors: walls, furniture and landmarks are cut, floors and carpets are not.
-_HEIGHT_M = 0.3
-_MAX_SEGMENTS = 4000
-# Triangles that are cut at once: 20 MB of temporary arrays.
-_BLOCK = 65536
-# A millimetre: shorter ones are invisible on any map.
-_MIN_LENGTH_M = 1e-3
+# Longer side of a plan. A picture of noise would have 3 MB.
+_PLAN_PX = 1000
 _JsonObject = dict[str, object]
 # Path and, for a camera, class and name.
 _Key = tuple[str, ...]
@@ -86,13 +89,17 @@ class WebPages:
         self._files = files
         self._makers: dict[_Key, Callable[[], object]] = {
             ("/api/server.json",): lambda: describe_server(server_info),
-            ("/api/floor_plan.json",): lambda: floor_plan(scene),
         }
+        plans: dict[tuple[float, float], Callable[[], object]] = {}
         for robot in server_info.robots:
+            size = measure_robot(robot)
+            make_plan = partial(floor_plan, scene, server_info, *size)
+            self._makers[_FLOOR_PLAN, robot.class_name] = plans.setdefault(size, make_plan)
             for omni in robot.omni_cameras:
                 key = (_CAMERA_TABLE, robot.class_name, omni.name)
                 self._makers[key] = _table_maker(omni.camera)
-        self._resources: dict[_Key, asyncio.Task[WebResource]] = {}
+        self._plan_turn = asyncio.Lock()
+        self._resources: dict[Callable[[], object], asyncio.Task[WebResource]] = {}
 
     def close(self) -> None:
         """Wait for nothing more."""
@@ -106,12 +113,15 @@ class WebPages:
         key: _Key = (path,)
         if path == _CAMERA_TABLE:
             key = path, query.get("class", ""), query.get("camera", "")
-        if key not in self._makers:
+        elif path == _FLOOR_PLAN:
+            key = path, query.get("class", "")
+        if (make := self._makers.get(key)) is None:
             return None
-        task = self._resources.get(key)
+        task = self._resources.get(make)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
-            task = asyncio.create_task(_make_resource(self._makers[key]))
-            self._resources[key] = task
+            turn = self._plan_turn if path == _FLOOR_PLAN else nullcontext()
+            task = asyncio.create_task(_make_resource(make, turn))
+            self._resources[make] = task
         # Shielded: other requests wait for the same one.
         return await asyncio.shield(task)
 
@@ -120,10 +130,13 @@ def _table_maker(camera: OmniCamera) -> Callable[[], object]:
     return lambda: camera_table(camera)
 
 
-async def _make_resource(make: Callable[[], object]) -> WebResource:
-    return await asyncio.to_thread(
-        lambda: WebResource.from_body(_JSON, json.dumps(make(), allow_nan=False).encode())
-    )
+async def _make_resource(
+    make: Callable[[], object], turn: AbstractAsyncContextManager[None]
+) -> WebResource:
+    async with turn:
+        return await asyncio.to_thread(
+            lambda: WebResource.from_body(_JSON, json.dumps(make(), allow_nan=False).encode())
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,76 +306,28 @@ def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
     return {"surface_r_m": r.tolist(), "surface_z_m": z.tolist()}
 
 
-def floor_plan(scene: SceneMesh, height_m: float = _HEIGHT_M) -> dict[str, object]:
-    """Section as a JSON object: segments [x1, y1, x2, y2] and bounds, metres in the world frame.
+def floor_plan(
+    scene: SceneMesh, info: ServerInfo, height_m: float, radius_m: float
+) -> dict[str, object]:
+    """Plan as a JSON object: a picture, columns along x, and its bounds, metres in the world frame.
 
     Args:
         scene: Triangles of the world.
-        height_m: Height of the plane above the origin of the world.
+        info: Server, whose landmarks and starts lie on the plan.
+        height_m: Height of the robots.
+        radius_m: Radius in which their base turns.
     """
-    segments = section_segments(scene.corners, -height_m)  # z points down
-    points = segments.reshape(-1, 2)
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else _scene_bounds(scene)
+    points = [start.location_m[:2] for start in info.start_poses]
+    points += [(landmark.x_m, landmark.y_m) for landmark in info.landmarks]
+    points_m = np.array(points or [(0.0, 0.0)])
+    plan = draw_floor_plan(scene, height_m=height_m, points_m=points_m, size_px=_PLAN_PX)
+    picture = encode_image(plan.colour(scene, radius_m), ImageEncoding.PNG)
+    x, y = plan.origin_m
+    height, width = plan.obstacles.shape
     return {
-        "segments": np.round(segments, 4).tolist(),
-        "bounds": [*map(float, low), *map(float, high)],
+        "bounds": [x, y, x + width / plan.px_per_m, y + height / plan.px_per_m],
         "height_m": height_m,
+        "radius_m": radius_m,
+        "colours": {"free": FREE, "obstacle": OBSTACLE},
+        "picture": base64.b64encode(picture).decode(),
     }
-
-
-def section_segments(corners: Floats, z_m: float, *, max_segments: int = _MAX_SEGMENTS) -> Floats:
-    """Segments (m, 4) in which a level plane cuts triangles, the longest ones, sorted by length.
-
-    Args:
-        corners: (n, 3, 3) triangles.
-        z_m: Plane.
-        max_segments: Largest number of segments.
-    """
-    longest = np.zeros((0, 4))
-    for first in range(0, len(corners), _BLOCK):
-        cut = _cut_triangles(corners[first : first + _BLOCK], z_m)
-        # Both sides of a thin wall, and each shared edge, are one line on a map.
-        longest = _longest(np.concatenate((longest, cut)), max_segments)
-    return longest
-
-
-def _cut_triangles(corners: Floats, z_m: float) -> Floats:
-    """Segments (m, 4) of triangles (n, 3, 3); those that lie in the plane have none."""
-    # A corner in the plane counts as above: each triangle then has 0 or 2 crossed edges.
-    is_above = corners[..., 2] <= z_m
-    num_above = is_above.sum(axis=1)
-    corners, is_above = corners[crossed := (num_above % 3 != 0)], is_above[crossed]
-    if not len(corners):
-        return np.zeros((0, 4))
-    # The corner that is alone on one side comes first: the edges to both others are crossed.
-    is_alone = is_above == (is_above.sum(axis=1) == 1)[:, None]
-    order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
-    apex, *others = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
-    ends = []
-    for other in others:
-        part = (z_m - apex[:, 2]) / (other[:, 2] - apex[:, 2])
-        ends.append(apex[:, :2] + part[:, None] * (other[:, :2] - apex[:, :2]))
-    return np.concatenate(ends, axis=1)
-
-
-def _longest(segments: Floats, max_segments: int) -> Floats:
-    """Longest segments, longest first, each once."""
-    length_m = hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    segments, length_m = segments[visible := length_m >= _MIN_LENGTH_M], length_m[visible]
-    order = np.argsort(-length_m, kind="stable")
-    segments = segments[order]
-    # To a tenth of a millimetre, and in either direction, a segment is drawn once.
-    keys = np.round(segments * 1e4)
-    is_reversed = (keys[:, 0] > keys[:, 2]) | (
-        (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
-    )
-    keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
-    _, first = np.unique(keys, axis=0, return_index=True)
-    return segments[np.sort(first)[:max_segments]]
-
-
-def _scene_bounds(scene: SceneMesh) -> tuple[Floats, Floats]:
-    """Bounds of a world without walls; a square of one metre without any triangle."""
-    if not len(scene):
-        return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
-    return scene.box_min[:2], scene.box_max[:2]

@@ -1,6 +1,6 @@
 /** The items of the map: each function draws one, in CSS pixels, by the pen and the view given. */
 
-import { colour } from "./canvas.js";
+import { colour, isDark } from "./canvas.js";
 import { STATUSES } from "./landmarks.js";
 import { compose } from "./scan_geometry.js";
 import { positionEllipse } from "./beliefs.js";
@@ -57,15 +57,13 @@ export function drawGrid(pen, view, width, height) {
   pen.stroke();
 }
 
-/** Segments [x1, y1, x2, y2] of the floor plan. */
-export function drawWalls(pen, view, segments) {
-  setLine(pen, "wall", 1.25);
-  pen.beginPath();
-  for (const [x1, y1, x2, y2] of segments) {
-    pen.moveTo(...view.toScreen(x1, y1));
-    pen.lineTo(...view.toScreen(x2, y2));
-  }
-  pen.stroke();
+/** Picture of a floor plan, whose columns run along x: up on the screen. */
+export function drawPlan(pen, view, { bounds, light, dark }) {
+  const pixel = ((bounds[2] - bounds[0]) * view.scale) / light.width;
+  pen.save();
+  pen.transform(0, -pixel, pixel, 0, ...view.toScreen(bounds[0], bounds[1]));
+  pen.drawImage(isDark() ? dark : light, 0, 0);
+  pen.restore();
 }
 
 /** Corners of a robot in its own frame: its rectangle, the front drawn out to a point. */
@@ -95,9 +93,28 @@ export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash
   pen.stroke();
 }
 
+const LABEL_FONT = "11px system-ui, sans-serif";
+
+/** Labels [text, left, top, name of the colour] of marks, right or left of them where that is clear. */
+export function drawClearLabels(pen, labels) {
+  const drawn = labels.map(([, x, y]) => ({ left: x - 5, right: x + 5, y }));
+  pen.font = LABEL_FONT;
+  for (const [text, x, y, name] of labels) {
+    const { width } = pen.measureText(text);
+    const left = [x + 9, x - 9 - width].find((start) =>
+      drawn.every(
+        (one) => start >= one.right || start + width <= one.left || Math.abs(y - one.y) >= 12,
+      ),
+    );
+    if (left === undefined) continue;
+    drawn.push({ left, right: left + width, y });
+    drawLabel(pen, text, left, y, name);
+  }
+}
+
 /** Text beside a point, on a halo of the background. */
 export function drawLabel(pen, text, left, top, name = "ink", align = "left") {
-  pen.font = "11px system-ui, sans-serif";
+  pen.font = LABEL_FONT;
   pen.textAlign = align;
   pen.textBaseline = "middle";
   pen.lineJoin = "round";

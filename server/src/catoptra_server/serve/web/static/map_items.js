@@ -15,8 +15,9 @@ import {
   sizeOf,
 } from "./scan_geometry.js";
 
-/** More names than these would cover each other and the map. */
+/** More names of robots than these would cover each other and the map. */
 const MAX_NAMED = 20;
+const MAX_MARKS = 200;
 
 export class MapItems {
   #context;
@@ -34,30 +35,32 @@ export class MapItems {
 
   /** Draw robots, of which one or none is selected. */
   draw(pen, robots, robot) {
-    this.#drawStarts(pen);
-    if (this.#choice.shows("landmark")) this.#drawLandmarks(pen);
+    const labels = this.#drawStarts(pen);
+    if (this.#choice.shows("landmark")) labels.push(...this.#drawLandmarks(pen));
+    draw.drawClearLabels(pen, labels);
     for (const other of robots)
       if (other !== robot) this.#drawRobot(pen, other, "muted", robots.length <= MAX_NAMED);
     if (robot) this.#drawSelected(pen, this.#context.state, robot);
   }
 
+  /** Draw the starts; their labels. */
   #drawStarts(pen) {
-    for (const start of this.#context.server.start_poses.slice(0, 200)) {
+    return this.#context.server.start_poses.slice(0, MAX_MARKS).map((start) => {
       draw.drawStart(pen, this.#view, start);
-      if (this.#view.scale < 45) continue;
       const [left, top] = this.#view.toScreen(...start.location_m);
-      draw.drawLabel(pen, shorten(start.name, 24), left + 8, top + 8, "muted");
-    }
+      return [shorten(start.name, 24), left, top, "ink"];
+    });
   }
 
+  /** Draw the landmarks; their labels. */
   #drawLandmarks(pen) {
     const current = this.#context.landmarks;
     const landmarks = current?.length ? current : this.#context.server.landmarks;
-    for (const { name, x_m, y_m, status } of landmarks) {
+    return landmarks.slice(0, MAX_MARKS).map(({ name, x_m, y_m, status }) => {
       const [left, top] = this.#view.toScreen(x_m, y_m);
       drawMark(pen, left, top, status ?? "hidden", 5);
-      if (this.#view.scale > 90) draw.drawLabel(pen, shorten(name, 24), left + 9, top, "muted");
-    }
+      return [shorten(name, 24), left, top, "muted"];
+    });
   }
 
   #drawRobot(pen, robot, name, isNamed) {

@@ -4,7 +4,7 @@
  */
 
 import { clearedCanvas, onColourScheme, onResize } from "../canvas.js";
-import { fetchJson } from "../connection.js";
+import { DECODING, fetchJson } from "../connection.js";
 import * as draw from "../map_drawing.js";
 import { MapItems } from "../map_items.js";
 import {
@@ -33,16 +33,37 @@ const MAX_ROBOTS = 200;
 
 /** Create the panel; the plan follows, so that the pictures do not wait for it. */
 export function create(section, context) {
-  const map = new MapPanel(section, context);
-  fetchJson("/api/floor_plan.json").then(
-    (plan) => map.setPlan(plan),
-    (error) => context.report(error),
-  );
+  new MapPanel(section, context);
 }
 
-/** Extent of the plan, or of start poses and landmarks where the plan is empty. */
-function boundsOf({ segments, bounds }, { start_poses, landmarks }) {
-  if (segments.length) return bounds;
+/** Plan for a class of robots, with its picture for a light page and for a dark one. */
+async function loadPlan(className) {
+  const plan = await fetchJson(`/api/floor_plan.json?class=${encodeURIComponent(className)}`);
+  if (plan === null) return null;
+  const bytes = Uint8Array.from(atob(plan.picture), (byte) => byte.charCodeAt(0));
+  const light = await createImageBitmap(new Blob([bytes], { type: "image/png" }), DECODING);
+  const dark = make("canvas", { width: light.width, height: light.height });
+  const pen = dark.getContext("2d");
+  pen.filter = "invert(1) hue-rotate(180deg)";
+  pen.drawImage(light, 0, 0);
+  return { ...plan, light, dark };
+}
+
+/** Meaning of the colours of a plan. */
+function* legendOf({ colours, height_m, radius_m }) {
+  const texts = {
+    free: ["free", `Floor where a base of ${radius_m.toFixed(2)} m on all sides has room`],
+    obstacle: ["obstacle", `What is lower than the robot, ${height_m.toFixed(2)} m`],
+  };
+  for (const [name, [text, title]] of Object.entries(texts)) {
+    const tile = make("i", { className: "tile" });
+    tile.style.background = `rgb(${colours[name]})`;
+    yield make("span", { title }, tile, text);
+  }
+}
+
+/** Extent of start poses and landmarks, until there is a plan. */
+function boundsOf({ start_poses, landmarks }) {
   const points = [
     ...start_poses.map(({ location_m }) => location_m),
     ...landmarks.map(({ x_m, y_m }) => [x_m, y_m]),
@@ -64,7 +85,8 @@ class MapPanel {
   #canvas;
   #view;
   #redraw;
-  #plan = { segments: [] };
+  #plans = new Map();
+  #legend = make("span", { className: "plan-legend" });
   #isFitted = false;
   #choice;
   #followButton;
@@ -101,9 +123,20 @@ class MapPanel {
     });
   }
 
-  setPlan(plan) {
-    this.#plan = plan;
-    this.#redraw();
+  /** Plan for a class, requested once; undefined until it has arrived. */
+  #planFor(className) {
+    if (className !== undefined && !this.#plans.has(className)) {
+      this.#plans.set(className, undefined);
+      loadPlan(className).then(
+        (plan) => {
+          this.#plans.set(className, plan);
+          if (plan) this.#legend.replaceChildren(...legendOf(plan));
+          this.#redraw();
+        },
+        (error) => this.#context.report(error),
+      );
+    }
+    return this.#plans.get(className);
   }
 
   #tools() {
@@ -125,7 +158,8 @@ class MapPanel {
     const items = LAYERS.map(({ id, label, title }) =>
       this.#choice.makeBox(id, label, id, { title }),
     );
-    return make("div", { className: "layers", role: "group", ariaLabel: "Layers" }, ...items);
+    const group = { className: "layers", role: "group", ariaLabel: "Layers" };
+    return make("div", group, ...items, this.#legend);
   }
 
   get #isFollowing() {
@@ -182,14 +216,15 @@ class MapPanel {
     const state = this.#context.state;
     const robots = (state?.reply.robots ?? []).slice(0, MAX_ROBOTS);
     const robot = (state?.reply.robots ?? []).find(({ name }) => name === this.#paths.robot);
-    if (!this.#isFitted)
-      this.#view.fit(boundsOf(this.#plan, this.#context.server), this.#layers.clientHeight);
+    const { server } = this.#context;
+    const plan = this.#planFor(robot?.class_name ?? server.classes[0]?.class_name);
+    if (!this.#isFitted) this.#view.fit(plan?.bounds ?? boundsOf(server), this.#layers.clientHeight);
     if (robot && this.#isFollowing) {
       const { x, y } = planarPose(robot.world_from_robot);
       this.#view.centre = { x, y };
     }
+    if (plan) draw.drawPlan(pen, this.#view, plan);
     draw.drawGrid(pen, this.#view, width, height);
-    draw.drawWalls(pen, this.#view, this.#plan.segments);
     this.#items.draw(pen, robots, robot);
     if (this.#isPlacing) this.#drawPlacing(pen, width);
     draw.drawAxes(pen, 14, 42);
