@@ -1,5 +1,8 @@
 """Differences of the pictures with effects by their criteria from those with all effects, in all
 light: .venv/bin/python tests/measurements/finished_picture.py [SIDE_PX]
+
+With --sheet FILE instead: the pictures of the field, rescue and the warehouse at night (a 25th of
+the light), by day and at noon (four times as much), at one exposure.
 """
 
 from __future__ import annotations
@@ -8,6 +11,9 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+from PIL import Image
 
 from helpers.finished_pictures import draw_pair, find_differences
 
@@ -33,5 +39,20 @@ def main(side_px: int = 240) -> None:
             )
 
 
+def draw_sheet(path: str, side_px: int = 240) -> None:
+    """Write the pictures of three worlds, a row each, at night, by day and at noon."""
+    rows = [
+        [
+            draw_pair(world, factor, width_px=side_px, exposure=factor)[0].image.rgb
+            for factor in (0.04, 1.0, 4.0)
+        ]
+        for world in ("four_legged_2006", "rescue", "warehouse")
+    ]
+    Image.fromarray(np.concatenate([np.concatenate(row, axis=1) for row in rows])).save(path)
+
+
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:2] == ["--sheet"]:
+        draw_sheet(*sys.argv[2:])
+    else:
+        main(*map(int, sys.argv[1:]))

@@ -20,7 +20,8 @@ from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import linear_from_srgb, srgb_from_linear
+from catoptra_server.world.textures import linear_light
+from catoptra_server.world.world_description import srgb_from_linear
 
 _Indices = npt.NDArray[np.intp]
 
@@ -85,10 +86,7 @@ class FloorPlan:
     def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
         """(h, w, 3) picture, free for a base of a radius."""
         # One colour a triangle; that of a texture is its mean. The last row is for no triangle.
-        means = [
-            linear_from_srgb(np.asarray(one)[..., :3] / 255.0).mean(axis=(0, 1))
-            for one in scene.textures
-        ]
+        means = [linear_light(one).mean(axis=(0, 1)) for one in scene.textures]
         tints = np.array([*means, np.ones(3)])
         seen = srgb_from_linear(scene.albedo * tints[scene.texture_index])
         paper = np.array(PAPER)
