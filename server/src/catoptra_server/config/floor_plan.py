@@ -73,13 +73,14 @@ class FloorPlan:
     def find_free(self, radius_m: float) -> Bools:
         """(h, w) places with floor and no obstacle all over a square of a half size."""
         reach = math.ceil(radius_m * self.px_per_m)
-        # Sums over the square, as differences of sums over rectangles from the first pixel.
-        blocked = (self.obstacles | ~self.has_floor).astype(np.int32)
-        padded = np.pad(blocked, ((reach + 1, reach), (reach + 1, reach)))
-        sums = padded.cumsum(axis=0).cumsum(axis=1)
-        size = 2 * reach + 1
-        count = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size]
-        free: Bools = count + sums[:-size, :-size] == 0
+        counts = (self.obstacles | ~self.has_floor).astype(np.int32)
+        for axis, size in enumerate(counts.shape):
+            # Sums over a stretch, as differences of sums from the first pixel.
+            sums = np.insert(counts.cumsum(axis=axis), 0, 0, axis=axis)
+            first = np.arange(size) - reach
+            counts = sums.take((first + 2 * reach + 1).clip(max=size), axis)
+            counts -= sums.take(first.clip(min=0), axis)
+        free: Bools = counts == 0
         return free
 
     def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
@@ -200,7 +201,8 @@ def _look_down(plan: FloorPlan, caster: SceneRayCaster, height_m: float, block: 
     has_floor[:] = (np.abs(distances - height_m) <= _FLOOR_DEPTH_M).reshape(has_floor.shape)
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5
-    others = np.flatnonzero(~plan.obstacles[block])
+    # Below what is inside of a body there is at least its bottom.
+    others = np.flatnonzero(~plan.obstacles[block] & (triangles >= 0))
     plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, others)] = True
 
 
