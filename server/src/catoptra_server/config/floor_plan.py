@@ -27,8 +27,8 @@ _Indices = npt.NDArray[np.intp]
 if TYPE_CHECKING:
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
-# Beyond the outermost obstacle or point.
-_MARGIN_M = 0.5
+# Beyond the outermost obstacle or point; for a start a robot may have room beside all of them.
+_MARGIN_M, _START_MARGIN_M = 0.5, 1.0
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
 # Triangles of which corners and middles of the sides are drawn: of a fine mesh there are many.
@@ -114,7 +114,11 @@ def find_start(scene: SceneMesh) -> tuple[float, float] | None:
     """
     points_m = np.zeros((0 if len(scene) else 1, 2))
     plan = draw_floor_plan(
-        scene, height_m=_START_HEIGHT_M, points_m=points_m, size_px=_START_PLAN_PX
+        scene,
+        height_m=_START_HEIGHT_M,
+        points_m=points_m,
+        size_px=_START_PLAN_PX,
+        margin_m=_START_MARGIN_M,
     )
     if not (plan.has_floor & ~plan.obstacles).any():
         plan.has_floor[:] = True
@@ -137,7 +141,12 @@ def format_start(start: tuple[float, float]) -> str:
 
 
 def draw_floor_plan(
-    scene: SceneMesh, *, height_m: float, points_m: Floats, size_px: int
+    scene: SceneMesh,
+    *,
+    height_m: float,
+    points_m: Floats,
+    size_px: int,
+    margin_m: float = _MARGIN_M,
 ) -> FloorPlan:
     """Floor plan of a scene.
 
@@ -146,6 +155,7 @@ def draw_floor_plan(
         height_m: Height of the robot, which meets what is lower.
         points_m: (n, 2) points that the plan contains, too.
         size_px: Number of pixels of the longer side.
+        margin_m: Distance from the outermost obstacle or point to the border.
     """
     # Loaded by who needs plans: with Pillow in 20 ms.
     from PIL import Image, ImageDraw
@@ -159,7 +169,7 @@ def draw_floor_plan(
     extent = np.concatenate((outlines.reshape(-1, 2), points_m))
     if not len(outlines) and len(scene):
         extent = np.concatenate((extent, scene.box_min[None, :2], scene.box_max[None, :2]))
-    low, high = extent.min(axis=0) - _MARGIN_M, extent.max(axis=0) + _MARGIN_M
+    low, high = extent.min(axis=0) - margin_m, extent.max(axis=0) + margin_m
     px_per_m = size_px / float((high - low).max())
     width, height = (max(round(float(side) * px_per_m), 1) for side in high - low)
     image = Image.new("1", (width, height))
