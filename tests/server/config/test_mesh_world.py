@@ -90,11 +90,24 @@ def test_mesh_file_of_another_unit_is_asked_for(
 def test_mesh_file_without_free_floor_has_no_start(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = tmp_path / "rod.stl"
-    trimesh.creation.box((0.2, 0.2, 3.0)).export(path)
+    path = tmp_path / "tile.stl"
+    trimesh.creation.box((0.3, 0.3, 0.02)).export(path)
     with caplog.at_level(logging.INFO):
         assert read(path).starts == ()
     assert "no free floor for a start: give a Location" in "\n".join(caplog.messages)
+
+
+@pytest.mark.parametrize("size_m", [(0.2, 0.2, 3.0), (0.6, 2.0, 1.0), (0.1, 0.1, 0.1)])
+def test_thing_stands_on_the_ground_and_the_start_is_beside_it(
+    tmp_path: Path, size_m: tuple[float, float, float]
+) -> None:
+    path = tmp_path / "thing.stl"
+    trimesh.creation.box(size_m).export(path)
+    world = read(path)
+    assert build_scene(world).box_max[2] == pytest.approx(0.0, abs=1e-6)
+    (start,) = world.starts
+    x, y = np.abs(start.location_m[:2])
+    assert x > 0.5 * size_m[0] + 0.35 or y > 0.5 * size_m[1] + 0.35
 
 
 @pytest.mark.parametrize("name", ["none.glb", 'a"b.stl'])

@@ -451,7 +451,7 @@ def test_command_writes_the_world_and_lists_what_is_left_out(
     out.parent.mkdir()
     assert main(["import", str(path), "--out", str(out)]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        f"{out}: 1 shapes, 1 lights, the start Start at -0.9, 0 m",
+        f"{out}: 1 shapes, 1 lights, the start Start at -1.3, 0 m",
         "left out:",
         "      1 world/physics",
     ]

@@ -455,3 +455,12 @@ def test_damaged_stl_is_left_to_trimesh(tmp_path: Path, length: int) -> None:
 def test_other_formats_are_left_to_trimesh(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(HEADER.encode() + BODY)
     assert read_triangle_file(tmp_path / name) is None
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_file_of_points_alone_is_rejected_as_such(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"points{suffix}"
+    cloud = trimesh.PointCloud(np.random.default_rng(0).random((50, 3)))
+    trimesh.Scene(cloud).export(path) if suffix == ".glb" else cloud.export(path)
+    with pytest.raises(ConfigError, match="a mesh with triangles: this file has none"):
+        load_mesh_file(MeshFile(path))

@@ -45,3 +45,14 @@ def test_hostile_file_is_rejected_in_one_line(
     with pytest.raises(ConfigError, match=reason) as error:
         load_mesh_file(MeshFile(path))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "missing"),
+    [("Part Studio 1.mtl", "Part Studio 1.mtl"), ("m.mtl Part Studio.MTL", "Part Studio.MTL")],
+)
+def test_missing_library_is_named_whole(tmp_path: Path, line: str, missing: str) -> None:
+    path = write(tmp_path, f"mtllib {line}\n{TRIANGLE}", "newmtl a\n")
+    with pytest.raises(ConfigError) as error:
+        load_mesh_file(MeshFile(path))
+    assert error.value.value == missing

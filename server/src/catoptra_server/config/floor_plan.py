@@ -28,8 +28,8 @@ _Indices = npt.NDArray[np.intp]
 if TYPE_CHECKING:
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
-# Beyond the outermost obstacle or point.
-_MARGIN_M = 0.5
+# Beyond the outermost obstacle or point; for a start a robot may have room beside all of them.
+_MARGIN_M, _START_MARGIN_M = 0.5, 1.0
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
 # Triangles of which corners and middles of the sides are drawn: of a fine mesh there are many.
@@ -74,13 +74,14 @@ class FloorPlan:
     def find_free(self, radius_m: float) -> Bools:
         """(h, w) places with floor and no obstacle all over a square of a half size."""
         reach = math.ceil(radius_m * self.px_per_m)
-        # Sums over the square, as differences of sums over rectangles from the first pixel.
-        blocked = (self.obstacles | ~self.has_floor).astype(np.int32)
-        padded = np.pad(blocked, ((reach + 1, reach), (reach + 1, reach)))
-        sums = padded.cumsum(axis=0).cumsum(axis=1)
-        size = 2 * reach + 1
-        count = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size]
-        free: Bools = count + sums[:-size, :-size] == 0
+        counts = (self.obstacles | ~self.has_floor).astype(np.int32)
+        for axis, size in enumerate(counts.shape):
+            # Sums over a stretch, as differences of sums from the first pixel.
+            sums = np.insert(counts.cumsum(axis=axis), 0, 0, axis=axis)
+            first = np.arange(size) - reach
+            counts = sums.take((first + 2 * reach + 1).clip(max=size), axis)
+            counts -= sums.take(first.clip(min=0), axis)
+        free: Bools = counts == 0
         return free
 
     def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
@@ -111,7 +112,11 @@ def find_start(scene: SceneMesh) -> tuple[float, float] | None:
     """
     points_m = np.zeros((0 if len(scene) else 1, 2))
     plan = draw_floor_plan(
-        scene, height_m=_START_HEIGHT_M, points_m=points_m, size_px=_START_PLAN_PX
+        scene,
+        height_m=_START_HEIGHT_M,
+        points_m=points_m,
+        size_px=_START_PLAN_PX,
+        margin_m=_START_MARGIN_M,
     )
     if not (plan.has_floor & ~plan.obstacles).any():
         plan.has_floor[:] = True
@@ -134,7 +139,12 @@ def format_start(start: tuple[float, float]) -> str:
 
 
 def draw_floor_plan(
-    scene: SceneMesh, *, height_m: float, points_m: Floats, size_px: int
+    scene: SceneMesh,
+    *,
+    height_m: float,
+    points_m: Floats,
+    size_px: int,
+    margin_m: float = _MARGIN_M,
 ) -> FloorPlan:
     """Floor plan of a scene.
 
@@ -143,6 +153,7 @@ def draw_floor_plan(
         height_m: Height of the robot, which meets what is lower.
         points_m: (n, 2) points that the plan contains, too.
         size_px: Number of pixels of the longer side.
+        margin_m: Distance from the outermost obstacle or point to the border.
     """
     # Loaded by who needs plans: with Pillow in 20 ms.
     from PIL import Image, ImageDraw
@@ -156,7 +167,7 @@ def draw_floor_plan(
     extent = np.concatenate((outlines.reshape(-1, 2), points_m))
     if not len(outlines) and len(scene):
         extent = np.concatenate((extent, scene.box_min[None, :2], scene.box_max[None, :2]))
-    low, high = extent.min(axis=0) - _MARGIN_M, extent.max(axis=0) + _MARGIN_M
+    low, high = extent.min(axis=0) - margin_m, extent.max(axis=0) + margin_m
     px_per_m = size_px / float((high - low).max())
     width, height = (max(round(float(side) * px_per_m), 1) for side in high - low)
     image = Image.new("1", (width, height))
@@ -198,7 +209,8 @@ def _look_down(plan: FloorPlan, caster: SceneRayCaster, height_m: float, block: 
     has_floor[:] = (np.abs(distances - height_m) <= _FLOOR_DEPTH_M).reshape(has_floor.shape)
     # At half the height: a shelf may begin where the robot ends.
     origins[:, 2] *= 0.5
-    others = np.flatnonzero(~plan.obstacles[block])
+    # Below what is inside of a body there is at least its bottom.
+    others = np.flatnonzero(~plan.obstacles[block] & (triangles >= 0))
     plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, others)] = True
 
 

@@ -1,7 +1,8 @@
 """A mesh file as a world: its unit, axes, extent and floor, light, and a start on free floor.
 
 Robots drive on the plane z = 0. The floor is the lowest height at which a share of the level area
-lies; the mesh is moved to have it there.
+lies, or the lowest point of a mesh that has no room for a robot; the mesh is moved to have it
+there.
 """
 
 from __future__ import annotations
@@ -47,8 +48,12 @@ def describe_mesh_world(path: Path) -> str:
     shape = MeshFile(path, up=up) if up else MeshFile(path)
     scene = build_scene(World(path.name, (Item(path.stem, shape, Pose.identity(), None),)))
     floor_z = _find_floor(scene)
-    scene = replace(scene, corners=scene.corners - (0.0, 0.0, floor_z))
-    start = find_start(scene)
+    start = find_start(_raise_scene(scene, floor_z))
+    if start is None:
+        # No room, but a thing: a robot stands beside it.
+        lowest_z = round(float(scene.box_max[2]), 3)
+        start = find_start(_raise_scene(scene, lowest_z))
+        floor_z = floor_z if start is None else lowest_z
     notes = _describe(path, shape, scene, floor_z, start)
     for note in notes:
         log.info("%s: %s", path, note)
@@ -60,6 +65,10 @@ def describe_mesh_world(path: Path) -> str:
     if start is not None:
         lines.append(format_start(start))
     return "\n".join((*(f"; {note}" for note in notes), "[Catoptra.World]", *lines, ""))
+
+
+def _raise_scene(scene: SceneMesh, floor_z: float) -> SceneMesh:
+    return replace(scene, corners=scene.corners - (0.0, 0.0, floor_z))
 
 
 def _find_floor(scene: SceneMesh) -> float:

@@ -104,6 +104,8 @@ def load_mesh_file(shape: MeshFile, textures: TextureReader) -> list[MeshPart]:
         reason = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
         raise _mesh_file_error(shape, f"a readable mesh file ({reason})") from error
     losses.log()
+    if not meshes:
+        raise _mesh_file_error(shape, "a mesh with triangles: this file has none, as one of points")
     if not any(len(mesh.corners) for mesh in meshes):
         raise _mesh_file_error(
             shape,

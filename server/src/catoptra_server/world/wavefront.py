@@ -32,6 +32,7 @@ from catoptra_server.world.textures import REPEATED, TextureSampling, add_opacit
 from catoptra_server.world.world_description import Rgb
 
 _LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
+_LIBRARY_END = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 _MAX_MATERIALS = 10_000
 # Options of a texture: how many words follow at most, numbers all of them but for the last three.
 _OPTION_WORDS = {
@@ -113,16 +114,16 @@ def _place(uv: Floats, paint: _Paint) -> Floats:
 
 
 def _read_libraries(names: str, assets: MeshAssets) -> Iterator[bytes]:
-    """Yield the content of libraries: of one whose name has spaces, or of each word."""
+    """Yield the content of libraries, whose names may have spaces."""
     try:
         yield assets.get(names)
         return
     except FileNotFoundError as error:
-        if len(words := names.split()) == 1:
+        if len(parts := _LIBRARY_END.split(names)) == 1:
             assets.report_missing(names, "materials", error)
             return
-    for word in words:
-        yield from _read_libraries(word, assets)
+    for part in parts:
+        yield from _read_libraries(part, assets)
 
 
 def _split_materials(text: str) -> dict[str, list[list[str]]]:
