@@ -14,6 +14,7 @@ from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.objects import CameraState, Shutter
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
@@ -162,6 +163,38 @@ def test_change_by_the_self_view_is_that_between_frames_with_and_without_the_bod
             assert stated.largest == pytest.approx(expected, abs=0.02)
             assert stated.visible_share == pytest.approx(share, abs=2 / levels.size)
             assert (expected > 5.0) == (height_m > 0.0)
+
+
+def test_change_by_the_self_view_behind_a_surface_that_blends_is_counted(
+    engine: EngineName,
+) -> None:
+    body = place_cube(0.05, 0.03, -0.5)
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    scene = build_scene(world)
+    # The boxes stand above the floor: of what blends, all is before the body or beside it.
+    pane = np.array([[-9.0, -9.0, -0.75], [9.0, -9.0, -0.75], [0.0, 9.0, -0.75]])
+    corners = scene.corners.copy()
+    corners[-1] = pane
+    blended = np.arange(len(scene)) == len(scene) - 1
+    scene = replace(
+        scene,
+        corners=corners,
+        coverage=np.where(blended[:, None], [1.4] * 3, np.inf),
+        blended=blended,
+        two_sided=blended,
+    )
+    state = replace(STATE, objects=(body,), ego_body=body, has_shadows=False)
+    request = TraceRequest(is_linear=True, thresholds={"SelfView": Threshold(255.0)})
+    with open_engine(engine, world, scene=scene) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        levels = find_changes(
+            rays.render_linear(state), rays.render_linear(replace(state, objects=())), UNCHANGED
+        )
+        change = rays.render(state, request).changes["SelfView"]
+        hits = rays.find_hits(state)
+    assert not (hits.object > 0).any()
+    assert levels.max() > 3.0
+    assert change.largest == pytest.approx(levels.max(), abs=0.02)
 
 
 def test_change_by_the_self_view_beside_shadows_that_nobody_measures_has_no_number(
