@@ -136,11 +136,7 @@ class FacePass(Generic[_LayoutT]):
     ) -> tuple[int, int]:
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent.
 
-        Args:
-            scene: What is drawn.
-            clip_from_scene: Map of each face.
-            viewpoint: (3,) in the scene's frame.
-            batches: Those of what blends, which is drawn alone; None for all else.
+        Batches of what blends are drawn alone; None for all else.
         """
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)

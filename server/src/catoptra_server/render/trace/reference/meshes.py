@@ -67,11 +67,7 @@ def find_first_hits(
 ) -> FirstHits:
     """First hits on any of the meshes; of equal distances the earlier mesh's.
 
-    Args:
-        meshes: All that may be met.
-        rays: The rays.
-        begin: (n,) distances behind which hits lie; None: all count.
-        least_coverage: What blended triangles are met from on: 1 where they are surfaces.
+    Behind (n,) distances, and on blended triangles from a coverage on: 1 where they are surfaces.
     """
     count = len(rays.origins)
     nothing = np.full(count, NOTHING, dtype=np.int32)
