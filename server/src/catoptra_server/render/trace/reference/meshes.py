@@ -140,8 +140,9 @@ class TracedMesh:
     def opacities(self, hits: FirstHits) -> Floats:
         """(n,) opacities where rays meet the mesh."""
         assert isinstance(self.surface.filter, _FacetFilter), "what blends has a coverage"
+        assert self.blended is not None, "none blends"
         coverage = self.surface.filter.find_coverage(hits.triangle, hits.weights)
-        return np.minimum(0.5 * coverage, 1.0)
+        return np.where(self.blended[hits.triangle], np.minimum(0.5 * coverage, 1.0), 1.0)
 
     def shading_normals(self, hits: FirstHits, directions: Floats) -> Floats:
         """(n, 3) unit normals that light is reflected by where (n, 3) directions meet the mesh."""
