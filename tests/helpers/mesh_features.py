@@ -428,9 +428,7 @@ def _alpha() -> None:
     add(
         "MASK behind BLEND",
         {TOP_LEFT: light(0.5, 0, 0.5), TOP_RIGHT: light(0.5, 0.5, 0.0)},
-        lambda: textured(100, alphaMode="MASK").square(
-            0.2, pbr(1, 0, 0, 0.5, alphaMode="BLEND")
-        ),
+        lambda: textured(100, alphaMode="MASK").square(0.2, pbr(1, 0, 0, 0.5, alphaMode="BLEND")),
     )
     add(
         "BLEND from behind of two sides",
@@ -1247,6 +1245,7 @@ def _plys_and_stls() -> None:
     add("ply colours of faces", orange)(
         lambda f: _ply(f, form="binary_little_endian", face_colour=by_bytes)
     )
+
     def with_alpha(folder: Path, form: str, alpha: int) -> Path:
         path = _ply(folder, form=form, colour=by_bytes)
         ply = path.read_bytes().replace(b"uchar blue\n", b"uchar blue\nproperty uchar alpha\n")

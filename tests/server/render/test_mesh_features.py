@@ -21,6 +21,7 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.ray_caster import commit_ray_caster, commit_to_reference
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.mesh_features import (
@@ -39,7 +40,6 @@ MAX_LEVELS = 3
 CAMERA = PerspectiveCamera(96, 96, math.radians(70.0))
 HEIGHT_M = 2.5
 ABOVE = Pose.from_rpy((0.0, 0.0, -HEIGHT_M), (0.0, -0.5 * math.pi, 0.0))
-
 
 
 def write_world(folder: Path, mesh: Path, row: Feature) -> Path:
@@ -119,6 +119,29 @@ def test_light_passes_holes_and_is_stopped_beside_them(device: GlDevice, tmp_pat
         assert np.abs(lit - np.array(light(5**-0.5))).max() <= MAX_LEVELS
         assert dark.tolist() == [0, 0, 0]
         assert (lit == free).all()
+
+
+@pytest.mark.parametrize(("opacity", "is_surface"), [(0.5, True), (0.49, False)])
+def test_what_blends_casts_shadows_and_has_a_range_from_half_of_the_opacity(
+    device: GlDevice, tmp_path: Path, opacity: float, is_surface: bool
+) -> None:
+    high = {"mesh": 0, "translation": [0, 0, 0.5], "scale": [0.5, 0.5, 1]}
+    document = Gltf(**pbr(1, 1, 1, opacity, alphaMode="BLEND")).square(0.0, pbr(1, 1, 1))
+    glass, floor = document.json["meshes"][0]["primitives"]
+    document.json["meshes"] = [{"primitives": [glass]}, {"primitives": [floor]}]
+    document.json["nodes"] = [high, {"mesh": 1, "scale": [2, 2, 1]}]
+    document.json["scenes"] = [{"nodes": [0, 1]}]
+    sun = "(Type=Directional,Direction=(X=2,Y=0,Z=1),Colour=(R=255,G=255,B=255))"
+    path = write_world(tmp_path, document.write(tmp_path), Feature("", document.write, lights=sun))
+    world, _ = read_world(path)
+    expected = light(0.0 if is_surface else 5**-0.5)
+    for picture in draw(device, path, has_shadows=True).values():
+        for x in (0.8, 1.0, 1.2):
+            assert np.abs(picture[pixel_of((x, 0.1))] - np.array(expected)).max() <= MAX_LEVELS
+    above, down = np.array([[0.1, 0.05, -2.5]]), np.array([[0.0, 0.0, 1.0]])
+    for commit in (commit_ray_caster, commit_to_reference):
+        distance = commit(build_scene(world)).distances(above, down)
+        assert distance == pytest.approx(2.0 if is_surface else 2.5, abs=1e-5)
 
 
 def test_features_are_many_and_their_names_differ() -> None:

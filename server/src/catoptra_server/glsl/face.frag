@@ -2,7 +2,7 @@
 // Twin: catoptra_server.world.shading.facet_radiance, then the other functions of that file.
 #ifdef LEAST_LAYER
 #include "include/layer_samples.glsl"
-uniform LAYER_SAMPLER depth_before;  // of the layer before, 1 / LEAST_LAYER the least coverage
+uniform LAYER_SAMPLER depth_before;  // of the layer that is nearer than this one
 layout(location = 1) out float depth;
 #endif
 #ifdef SHADOWS

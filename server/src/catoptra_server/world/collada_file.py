@@ -19,7 +19,6 @@ import numpy as np
 from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.world.mesh_assets import (
-    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -171,7 +170,7 @@ class _EffectMaterials:
             emission=emission,
             two_sided=bool(effect.double_sided) or opacity < 1.0,
             opacity=opacity,
-            cutoff=BLEND_CUTOFF if opacity < 1.0 else 0.0,
+            cutoff=0.5 if opacity < 1.0 else 0.0,
             blends=opacity < 1.0,
         )
 

@@ -42,14 +42,7 @@ from catoptra_protocol.optics.elementary import cos, matmul, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.world.mesh_assets import (
-    BLEND_CUTOFF,
-    WHITE,
-    FileMaterial,
-    FileMesh,
-    Losses,
-    MeshAssets,
-)
+from catoptra_server.world.mesh_assets import WHITE, FileMaterial, FileMesh, Losses, MeshAssets
 from catoptra_server.world.textures import (
     Texture,
     TextureSampling,
@@ -444,11 +437,7 @@ class _Materials:
             factor = glossy.get("diffuseFactor", WHITE)
             albedo, info = _glossy_albedo(glossy), glossy.get("diffuseTexture")
         mode = entry.get("alphaMode", "OPAQUE")
-        cutoffs = {
-            "OPAQUE": 0.0,
-            "MASK": float(entry.get("alphaCutoff", 0.5)),
-            "BLEND": BLEND_CUTOFF,
-        }
+        cutoffs = {"OPAQUE": 0.0, "MASK": float(entry.get("alphaCutoff", 0.5)), "BLEND": 0.5}
         has_holes = cutoffs[mode] > 0.0
         use = None if info is None else self._use(info, user, has_opacity=has_holes)
         if "occlusionTexture" in entry:

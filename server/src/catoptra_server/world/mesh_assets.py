@@ -36,8 +36,6 @@ log = logging.getLogger(__name__)
 WHITE: Rgb = (1.0, 1.0, 1.0)
 # Without a texture and without a colour, in formats that define none.
 MID_GREY: Rgb = (0.5, 0.5, 0.5)
-BLEND_CUTOFF = 0.5
-"""Opacity at which what blends is a surface for all but pictures."""
 # Byte 188 of sRGB is half the light.
 _GREY: Texture = np.full((1, 1, 3), 188, dtype=np.uint8)
 
@@ -63,7 +61,7 @@ class FileMaterial:
     cutoff: float = 0.0
     """Opacity below which a point is no surface; 0 for surfaces without holes."""
     blends: bool = False
-    """Whether what lies behind shows through; the cutoff is then `BLEND_CUTOFF`."""
+    """Whether what lies behind shows through; the cutoff is then one half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

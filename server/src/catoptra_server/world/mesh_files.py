@@ -31,7 +31,6 @@ from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.world.collada_file import read_collada
 from catoptra_server.world.gltf import FileLight, read_gltf, read_lights
 from catoptra_server.world.mesh_assets import (
-    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -43,7 +42,6 @@ from catoptra_server.world.scene_mesh import MeshPart
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.textures import (
     MeshAppearance,
-    Texture,
     TextureReader,
     clip_fractions,
     corner_albedos,
@@ -62,7 +60,6 @@ from catoptra_server.world.world_description import (
 log = logging.getLogger(__name__)
 # Ten times the largest coordinate of a world's file. A float32 has steps of 6 cm there.
 _MAX_COORDINATE_M = 1e6
-_OPAQUE_TEXEL = 255
 # Readers of further formats (archives, CAD files) exist in trimesh; their memory has no bound.
 _GLTF_SUFFIXES = (".glb", ".gltf")
 _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
@@ -315,8 +312,10 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         albedo = base * mesh.face_colours
     elif mesh.colours is not None:
         albedo, corner_albedo = corner_albedos(base * mesh.colours, faces)
-    coverage = _find_coverage(mesh, faces)
-    blends = material.blends and not _is_opaque(coverage, texture)
+    coverage, blends = _find_coverage(mesh, faces), material.blends
+    if blends and coverage is not None and (coverage >= 2.0).all():
+        # Many files say of all materials that they blend.
+        blends = texture is not None and bool((texture[..., 3:] < 255).any())
     return MeshAppearance(
         uv,
         albedo,
@@ -330,13 +329,6 @@ def _make_appearance(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> MeshAppe
         coverage=None if material.blends and not blends else coverage,
         blends=blends,
     )
-
-
-def _is_opaque(coverage: Floats | None, texture: Texture | None) -> bool:
-    """Whether nothing shows through a mesh that blends: many files say so of all materials."""
-    if coverage is None or (texture is not None and (texture[..., 3:] < _OPAQUE_TEXEL).any()):
-        return False
-    return bool((coverage >= 1.0 / BLEND_CUTOFF).all())
 
 
 def _find_coverage(mesh: FileMesh, faces: npt.NDArray[np.integer]) -> Floats | None:
@@ -507,7 +499,7 @@ def _add_alpha(
     if alphas is None or not alphas.any():
         return material, None
     limit = np.iinfo(alphas.dtype).max if alphas.dtype.kind in "iu" else 1.0
-    blended = replace(material, two_sided=True, cutoff=BLEND_CUTOFF, blends=True)
+    blended = replace(material, two_sided=True, cutoff=0.5, blends=True)
     return blended, clip_fractions(alphas / limit)
 
 

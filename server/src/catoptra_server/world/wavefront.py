@@ -20,7 +20,6 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.mesh_assets import (
-    BLEND_CUTOFF,
     MID_GREY,
     WHITE,
     FileMaterial,
@@ -180,7 +179,7 @@ def _make_paint(name: str, lines: list[list[str]], assets: MeshAssets, losses: L
             emission=emission,
             two_sided=blends,
             opacity=opacity,
-            cutoff=BLEND_CUTOFF if blends else 0.0,
+            cutoff=0.5 if blends else 0.0,
             blends=blends,
         ),
         scale,

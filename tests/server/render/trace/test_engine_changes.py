@@ -13,7 +13,8 @@ from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.objects import CameraState, Shutter
+from catoptra_server.world.objects import CameraState, FogMedium, Shutter
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
@@ -30,6 +31,7 @@ from helpers.shadows import (
     make_inward_facing_room,
     make_world,
 )
+from helpers.standing_things import blend_scene
 from helpers.trace_engines import ENGINES, open_engine
 from helpers.trace_kernels import make_omni_table
 
@@ -162,6 +164,58 @@ def test_change_by_the_self_view_is_that_between_frames_with_and_without_the_bod
             assert stated.largest == pytest.approx(expected, abs=0.02)
             assert stated.visible_share == pytest.approx(share, abs=2 / levels.size)
             assert (expected > 5.0) == (height_m > 0.0)
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_changes_by_shadows_and_fog_of_what_blends_are_those_between_frames(
+    engine: EngineName, table: RayTable
+) -> None:
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    scene = blend_scene(build_scene(world), seed=1)
+    counted = Threshold(255.0, visible_share=0.999)
+    request = TraceRequest(is_linear=True, thresholds={"Shadows": counted, "Fog": counted})
+    state = replace(STATE, fog=FogMedium(0.4, (0.3, 0.4, 0.5)))
+    with open_engine(engine, world, scene=scene) as opened:
+        rays = opened.prepare(table)
+        frame = rays.render(state, request)
+        others = {"Shadows": replace(state, has_shadows=False), "Fog": replace(state, fog=None)}
+        for name, other in others.items():
+            levels = find_changes(frame.image, rays.render_linear(other), UNCHANGED)
+            assert levels.max() > 1.0
+            # Lamps that cast no ray may add a quarter of a level to what is measured.
+            assert frame.changes[name].largest == pytest.approx(levels.max(), abs=0.3)
+
+
+def test_change_by_the_self_view_behind_a_surface_that_blends_is_counted(
+    engine: EngineName,
+) -> None:
+    body = place_cube(0.05, 0.03, -0.5)
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    scene = build_scene(world)
+    # The boxes stand above the floor: of what blends, all is before the body or beside it.
+    pane = np.array([[-9.0, -9.0, -0.75], [9.0, -9.0, -0.75], [0.0, 9.0, -0.75]])
+    corners = scene.corners.copy()
+    corners[-1] = pane
+    blended = np.arange(len(scene)) == len(scene) - 1
+    scene = replace(
+        scene,
+        corners=corners,
+        coverage=np.where(blended[:, None], [1.4] * 3, np.inf),
+        blended=blended,
+        two_sided=blended,
+    )
+    state = replace(STATE, objects=(body,), ego_body=body, has_shadows=False)
+    request = TraceRequest(is_linear=True, thresholds={"SelfView": Threshold(255.0)})
+    with open_engine(engine, world, scene=scene) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        levels = find_changes(
+            rays.render_linear(state), rays.render_linear(replace(state, objects=())), UNCHANGED
+        )
+        change = rays.render(state, request).changes["SelfView"]
+        hits = rays.find_hits(state)
+    assert not (hits.object > 0).any()
+    assert levels.max() > 3.0
+    assert change.largest == pytest.approx(levels.max(), abs=0.02)
 
 
 def test_change_by_the_self_view_beside_shadows_that_nobody_measures_has_no_number(

@@ -34,6 +34,7 @@ from helpers.rolled_rows import (
     moving_state,
     open_moving_rays,
 )
+from helpers.standing_things import blend_scene
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_omni_camera, make_plan
 
@@ -176,6 +177,24 @@ def test_exposure_without_motion_is_the_sharp_frame(rays: KernelRays) -> None:
         np.testing.assert_allclose(image, sharp, rtol=0.0, atol=2e-3)
         # 0.7 % of the values, 1.4 % with the AVX2 kernel.
         assert (np.abs(image - sharp) > 1e-6).mean() < 0.03
+
+
+@pytest.mark.parametrize("name", ["is fast", "passes an object"])
+def test_blur_of_blended_surfaces_is_the_mean_of_64_frames_by_any_threads(name: str) -> None:
+    setup = load_world_setup("four_legged_2006")
+    scene, frames = blend_scene(setup.scene), []
+    for threads in (1, 2, 3, 4):
+        with open_kernel(setup.world, scene=scene, threads=threads) as engine:
+            rays = engine.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=2)))
+            state = replace(STATES[name], has_shadows=True)
+            frames.append(expose(rays, state, BLUR).image)
+            if threads == 2:
+                assert_like(frames[-1], mean_frame(rays, state, 0.0, 64))
+                rows = expose(rays, state, ROLLING).image
+                sharp = rays.render_linear(camera_state_after(state, T_S * (100.5 / 240 - 0.5)))
+                assert (np.abs(rows[100] - sharp[100]).max(axis=-1) > 4e-3).mean() < 0.01
+            rays.close()
+    assert all((frame == frames[0]).all() for frame in frames)
 
 
 def test_exposure_when_traced_by_other_threads_has_the_same_bytes() -> None:

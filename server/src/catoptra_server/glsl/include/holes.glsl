@@ -17,7 +17,7 @@ float find_coverage()
 bool is_passed()
 {
     const float WHOLE = 0.99999;     // of a coverage of 1 at all corners, interpolation may lose
-#ifdef LEAST_LAYER
+#ifdef LEAST_LAYER                   // 1 over the least coverage of a layer
     return facet_filter.y < 1.5 || find_coverage() < 1.0 / float(LEAST_LAYER);
 #elif defined(OPAQUE)
     return facet_filter.y > 1.5 || find_coverage() < WHOLE;

@@ -6,7 +6,7 @@ For a mirror these are the faces of the cube, in an atlas; for a perspective cam
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import moderngl
 import numpy as np
@@ -88,10 +88,11 @@ class FacePass(Generic[_LayoutT]):
         self._resolved = context.framebuffer([self.texture]) if multi else None
         self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
         self.memory_bytes = image_bytes(self.texture, depth, *((colour,) if multi else ()))
-        """Size of the images of the faces, without those of layers."""
+        """Size of the images of the faces."""
         self._layers: _Layers | None = None
-        if scene.blended is not None:
+        if scene.blended.any():
             self._layers = _Layers(context, scene.programs, self._target, size, multi)
+            self.memory_bytes += image_bytes(*self._layers.images)
         self.counts = DrawCounts(0, 0, 0, 0)
 
     def draw(self, camera_state: CameraState) -> None:
@@ -136,11 +137,7 @@ class FacePass(Generic[_LayoutT]):
     ) -> tuple[int, int]:
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent.
 
-        Args:
-            scene: What is drawn.
-            clip_from_scene: Map of each face.
-            viewpoint: (3,) in the scene's frame.
-            batches: Those of what blends, which is drawn alone; None for all else.
+        Batches of what blends are drawn alone; None for all else.
         """
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
@@ -172,7 +169,9 @@ class _Layers:
     """Blended facets over what is opaque: one layer after the other, the nearest first.
 
     Each layer is the nearest of what lies behind the one before, sample by sample (Everitt 2001,
-    "Interactive Order-Independent Transparency").
+    "Interactive Order-Independent Transparency"). Sums are half floats: eight layers may lose half
+    a grey level. Where two surfaces are nearer to each other than float32 depths tell, as where
+    they coincide, one of them is shown, and trace may show the other.
     """
 
     def __init__(
@@ -202,8 +201,16 @@ class _Layers:
         self._blended = context.framebuffer([self._sum])
         self._program = programs.get(ProgramSpec("fullscreen_triangle", "layer", samples))
         self._triangle = context.vertex_array(self._program, [])
-        self._owned = [self._start, *self._cleared, *self._targets, self._blended, buffer]
-        self._owned += [self._colour, self._sum, *self._depths, self._triangle]
+        self._query = context.query(samples=True)
+        self.images: list[Any] = [self._colour, self._sum, *self._depths, buffer]
+        """All images of layers."""
+        self._owned: list[Any] = [
+            self._start,
+            *self._cleared,
+            *self._targets,
+            self._blended,
+            self._triangle,
+        ]
 
     def draw(self, batches: list[Batch], draw_facets: Callable[[], object]) -> None:
         """Draw the layers by batches, which a function draws into all faces."""
@@ -212,7 +219,6 @@ class _Layers:
         # Nothing yet, which lets all light through; and nothing is nearer than depth 1.
         self._blended.clear(0.0, 0.0, 0.0, 1.0)
         self._cleared[1].clear(1.0, 1.0, 1.0, 1.0)
-        query = self._context.query(samples=True)
         for layer in range(MAX_LAYERS):
             target, cleared = self._targets[layer % 2], self._cleared[layer % 2]
             # The depths of what is opaque; its colours are overwritten.
@@ -221,9 +227,9 @@ class _Layers:
             self._context.enable_only(moderngl.DEPTH_TEST)
             target.use()
             self._depths[1 - layer % 2].use(_DEPTH_UNIT)
-            with query:
+            with self._query:
                 draw_facets()
-            if not query.samples:
+            if not self._query.samples:
                 break
             self._add(
                 self._colour,
@@ -232,9 +238,7 @@ class _Layers:
             )
         self._add(self._sum, self._opaque, (moderngl.ONE, moderngl.SRC_ALPHA))
 
-    def _add(
-        self, image: moderngl.Texture, target: moderngl.Framebuffer, factors: tuple[int, ...]
-    ) -> None:
+    def _add(self, image: moderngl.Texture, target: moderngl.Framebuffer, factors: Any) -> None:
         """Blend an image into another by factors of colours, or of these and opacities."""
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = factors
@@ -245,7 +249,7 @@ class _Layers:
 
     def close(self) -> None:
         """Free the images."""
-        for resource in self._owned:
+        for resource in (*self._owned, *self.images):
             resource.release()
 
 

@@ -112,9 +112,7 @@ class SceneBatches:
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
         self._pieces: TrianglePieces | None = None
-        opaque: Definitions = () if scene.blended is None else (("OPAQUE", 1),)
-        batches = [self._make_batch(scene, int(g)) for g in np.unique(clusters.groups)]
-        self._batches = [self._bind(batch, (*batch.definitions, *opaque)) for batch in batches]
+        self._batches = [self._make_batch(scene, int(g)) for g in np.unique(clusters.groups)]
         self._layer_batches: dict[Definitions, list[Batch]] = {}
 
     @property
@@ -127,17 +125,19 @@ class SceneBatches:
         """Batches of blended facets alone, whose programs have further definitions."""
         if definitions not in self._layer_batches:
             self._layer_batches[definitions] = [
-                self._bind(batch, (*batch.definitions, *definitions)) for batch in self._batches
+                replace(
+                    batch, vertices=self._bind((*batch.definitions, *definitions), batch.attributes)
+                )
+                for batch in self._batches
             ]
         return self._layer_batches[definitions]
 
-    def _bind(self, batch: Batch, definitions: Definitions) -> Batch:
-        """A batch with the program of definitions."""
+    def _bind(self, definitions: Definitions, attributes: list[Any]) -> moderngl.VertexArray:
+        """Attributes of a batch, bound to a program of definitions."""
         program = self._programs.get(ProgramSpec("face", "face", definitions))
         if self._occlusion is not None:
             set_sampler(program, "occlusion_atlas", _OCCLUSION_UNIT)
-        vertices = self._context.vertex_array(program, batch.attributes)
-        return replace(batch, program=program, vertices=vertices)
+        return self._context.vertex_array(program, attributes)
 
     def _upload(self, scene: SceneMesh) -> dict[str, _VertexAttribute]:
         """Buffer and format of each attribute that some batch needs."""
@@ -174,10 +174,7 @@ class SceneBatches:
         }
 
     def _make_batch(self, scene: SceneMesh, index: int) -> Batch:
-        """Batch at an index: 0 for triangles without a texture, then one for each texture.
-
-        Without a program.
-        """
+        """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
         if scene.occlusion is not None:
@@ -188,6 +185,7 @@ class SceneBatches:
             names, definitions = [*names, "passing", "normal"], (*definitions, *FILTERED)
         if scene.emission is not None:
             names, definitions = [*names, "emission"], (*definitions, ("EMISSIVE", 1))
+        opaque: Definitions = () if scene.blended is None else (("OPAQUE", 1),)
         if scene.bent is not None:
             names = [*names, "bent_normal", "bend"]
             definitions = (*definitions, ("BENT", 1), ("NUM_SUNS", len(self._suns)))
@@ -202,6 +200,7 @@ class SceneBatches:
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             definitions=definitions,
             attributes=attributes,
+            vertices=self._bind((*definitions, *opaque), attributes),
             texture=None if index == 0 else self._textures[index - 1],
         )
 
@@ -217,9 +216,7 @@ class SceneBatches:
         program = self._programs.get(ProgramSpec("face", "range", definitions))
         positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
         attributes = [positions, *((*self._owned[name], name) for name in names)]
-        return replace(
-            batch, program=program, vertices=self._context.vertex_array(program, attributes)
-        )
+        return replace(batch, vertices=self._context.vertex_array(program, attributes))
 
     def draw(
         self,
@@ -306,12 +303,15 @@ class Batch:
     """Of programs that show its light."""
     attributes: list[Any]
     """Attributes of all triangles, for vertex arrays."""
+    vertices: moderngl.VertexArray
+    """The attributes, bound to the program that draws the batch."""
     texture: moderngl.Texture | None
     """Albedo texture, None without one."""
-    program: moderngl.Program | None = None
-    """Program that draws the batch; None before it is bound."""
-    vertices: moderngl.VertexArray | None = None
-    """The attributes, bound to the program."""
+
+    @property
+    def program(self) -> moderngl.Program:
+        """Program that draws the batch."""
+        return self.vertices.program
 
 
 FILTERED: Definitions = (("FILTERED", 1),)
@@ -324,7 +324,7 @@ def has_filter(scene: SceneMesh) -> bool:
 
 
 def facet_filter(scene: SceneMesh) -> Floats:
-    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`; 1 without a back, plus 2 if blended."""
+    """(n, 3, 2) coverage at corners, as `SceneMesh.coverage`; 1 without a back, 2 if blended."""
     values = np.zeros((len(scene), 3, 2))
     # A number that no opacity reaches, for facets without holes: OpenGL may know no infinity.
     values[..., 0] = 1e9 if scene.coverage is None else np.minimum(scene.coverage, 1e9)

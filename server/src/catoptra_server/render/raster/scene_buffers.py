@@ -145,8 +145,8 @@ class SceneBuffers:
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
-        self.blended: Bools | None = None
-        """(m,) clusters with facets that blend; None: none."""
+        self.blended: Bools = np.zeros(len(self.clusters.groups), dtype=bool)
+        """(m,) clusters with facets that blend."""
         if scene.blended is not None:
             order, offsets = self.clusters.order, self.clusters.offsets
             self.blended = np.logical_or.reduceat(scene.blended[order], offsets[:-1])

@@ -67,11 +67,7 @@ def find_first_hits(
 ) -> FirstHits:
     """First hits on any of the meshes; of equal distances the earlier mesh's.
 
-    Args:
-        meshes: All that may be met.
-        rays: The rays.
-        begin: (n,) distances behind which hits lie; None: all count.
-        least_coverage: What blended triangles are met from on: 1 where they are surfaces.
+    Behind (n,) distances, and on blended triangles from a coverage on: 1 where they are surfaces.
     """
     count = len(rays.origins)
     nothing = np.full(count, NOTHING, dtype=np.int32)
@@ -144,8 +140,9 @@ class TracedMesh:
     def opacities(self, hits: FirstHits) -> Floats:
         """(n,) opacities where rays meet the mesh."""
         assert isinstance(self.surface.filter, _FacetFilter), "what blends has a coverage"
+        assert self.blended is not None, "none blends"
         coverage = self.surface.filter.find_coverage(hits.triangle, hits.weights)
-        return np.minimum(0.5 * coverage, 1.0)
+        return np.where(self.blended[hits.triangle], np.minimum(0.5 * coverage, 1.0), 1.0)
 
     def shading_normals(self, hits: FirstHits, directions: Floats) -> Floats:
         """(n, 3) unit normals that light is reflected by where (n, 3) directions meet the mesh."""

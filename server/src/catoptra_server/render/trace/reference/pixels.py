@@ -113,8 +113,7 @@ def shade_layers(
         light = light if fog is None else fog.mix(light, hits.distance)
         opacity = np.ones(len(rows))
         static = np.flatnonzero(hits.object == STATIC_SCENE)
-        blended = static[scene.blended[hits.triangle[static]]]
-        opacity[blended] = scene.opacities(_take(hits, blended))
+        opacity[static] = scene.opacities(_take(hits, static))
         radiance[rows] += (passing[rows] * opacity)[:, None] * light
         passing[rows] *= 1.0 - opacity
         begin[rows] = hits.distance

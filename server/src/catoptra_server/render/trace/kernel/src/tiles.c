@@ -306,13 +306,14 @@ static uint32_t find_blended(const FrameState *state, const RayBlock *rays, cons
     return lanes;
 }
 
-static void add_parts(uint32_t lanes, const float parts[BLOCK_RAYS], float light[3][BLOCK_RAYS],
-                      float sums[3][BLOCK_RAYS]) {
-    for (; lanes; lanes &= lanes - 1) {
-        int lane = __builtin_ctz(lanes);
-        for (int channel = 0; channel < 3; channel++)
-            sums[channel][lane] += parts[lane] * light[channel][lane];
-    }
+/* Sums, of the first layer anew, of parts of the light of some rays. */
+static void add_parts(uint32_t lanes, int layer, const float parts[BLOCK_RAYS],
+                      float light[3][BLOCK_RAYS], float sums[3][BLOCK_RAYS]) {
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            if (lanes >> lane & 1)
+                sums[channel][lane] = (layer > 1 ? sums[channel][lane] : 0.0f) +
+                                      parts[lane] * light[channel][lane];
 }
 
 /* Blend what the active rays meet, the first hits being blended facets, front to back. Each layer
@@ -323,18 +324,15 @@ static void shade_layers(const FrameState *state, int tile, int32_t object, RayB
                          float clear[3][BLOCK_RAYS]) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     TileContent content = UNKNOWN_CONTENT;
-    float passing[BLOCK_RAYS], part[BLOCK_RAYS] = {0};
-    set_lanes(radiance, rays->active, (Vec3){0, 0, 0});
-    if (lost)
-        set_lanes(lost->radiance, rays->active, (Vec3){0, 0, 0});
-    if (clear)
-        set_lanes(clear, rays->active, (Vec3){0, 0, 0});
+    float begin[BLOCK_RAYS], passing[BLOCK_RAYS], part[BLOCK_RAYS];
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         passing[lane] = 1.0f;
     for (int layer = 1; rays->active; layer++) {
         _Alignas(64) float light[3][BLOCK_RAYS], clear_light[3][BLOCK_RAYS];
-        float begin[BLOCK_RAYS];
         LostLight layer_lost = {.rays = 0};
+        if (layer > 1)
+            find_layer(state, begin, layer <= MAX_LAYERS ? LEAST_LAYER : INFINITY, object, rays,
+                       hits);
         if (state->plan && tile != NO_PLAN)
             note_hits(state, tile, rays, hits);
         shade_hits(state, rays, hits, &content, light, lost ? &layer_lost : NULL,
@@ -351,17 +349,15 @@ static void shade_layers(const FrameState *state, int tile, int32_t object, RayB
             if (opacity == 1.0f)
                 rays->active &= ~(1u << lane);
         }
-        add_parts(lanes, part, light, radiance);
-        if (clear)
-            add_parts(lanes, part, clear_light, clear);
-        if (lost) {
-            add_parts(lanes & layer_lost.rays, part, layer_lost.radiance, lost->radiance);
-            lost->rays |= lanes & layer_lost.rays;
-        }
-        if (!rays->active)
-            return;
         memcpy(begin, rays->limit, sizeof begin);
-        find_layer(state, begin, layer < MAX_LAYERS ? LEAST_LAYER : INFINITY, object, rays, hits);
+        add_parts(lanes, layer, part, light, radiance);
+        if (clear)
+            add_parts(lanes, layer, part, clear_light, clear);
+        if (!lost)
+            continue;
+        set_lanes(layer_lost.radiance, ~layer_lost.rays, (Vec3){0, 0, 0});
+        add_parts(lanes, layer, part, layer_lost.radiance, lost->radiance);
+        lost->rays |= lanes & layer_lost.rays;
     }
 }
 
