@@ -346,7 +346,7 @@ def upload_texture(
     texture = context.texture(
         (width, height),
         channels,
-        image.tobytes(),
+        np.ascontiguousarray(image),
         internal_format=_SRGB8 if channels == 3 else _SRGB8_ALPHA8,
         alignment=1,
     )
@@ -354,7 +354,9 @@ def upload_texture(
     coarser = build_levels(image)[1:]
     texture.build_mipmaps(0, len(coarser))
     for number, level in enumerate(coarser, start=1):
-        encoded = _encode_srgb(level)
+        encoded = np.zeros(level.shape, dtype=np.uint8)
+        for row, light in zip(encoded, level, strict=True):
+            row[:] = _encode_srgb(light)
         encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
         texture.write(encoded.tobytes(), level=number)
     nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
