@@ -273,9 +273,11 @@ _ROWS_AT_ONCE = 64
 @cache
 def _light_of_pairs() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """(65536,) mean light of two sRGB bytes, at 256 times one plus the other; and mean opacity."""
-    opacity = np.arange(256, dtype=np.float32) / np.float32(255.0)
-    tables = [0.5 * (one[:, None] + one).ravel() for one in (light_of_bytes(), opacity)]
-    return tables[0], tables[1]
+    colour, opacity = (
+        np.asarray(0.5 * (one[:, None] + one), dtype=np.float32).ravel()
+        for one in (light_of_bytes(), np.arange(256, dtype=np.float32) / np.float32(255.0))
+    )
+    return colour, opacity
 
 
 def _halve_rows(planes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -379,7 +379,7 @@ def _find_thresholds() -> tuple[Indices, npt.NDArray[np.float32]]:
 
     Steps of light are a twentieth of the least difference between two bytes.
     """
-    exact = linear_from_srgb((np.arange(1, 256) - 0.5) / 255.0)
+    exact = linear_from_srgb(np.arange(0.5, 255.0, dtype=np.float64) / 255.0)
     nearest = exact.astype(np.float32)
     least = np.where(nearest < exact, np.nextafter(nearest, np.float32(2.0)), nearest)
     below = np.searchsorted(exact, np.linspace(0.0, 1.0, 2**16), side="right")
