@@ -10,6 +10,7 @@ from PIL import Image
 
 from catoptra_server.__main__ import main
 from helpers.configs import WORLDS
+from helpers.mesh_features import Gltf, pbr, png
 
 
 def draw(tmp_path: Path, world: str, *options: str) -> np.ndarray:  # type: ignore[type-arg] # (h, w, 3) uint8
@@ -27,6 +28,12 @@ def test_map_has_free_floor_obstacles_landmarks_and_starts(tmp_path: Path) -> No
     assert ((red > 200) & (green < 60) & (blue > 120)).sum() > 20  # magenta of the beacons
     plan = draw(tmp_path, str(WORLDS / "four_legged_2006.ini"))
     np.testing.assert_array_equal(plan, rgb)
+
+
+def test_world_with_an_opacity_in_a_texture_has_a_map(tmp_path: Path) -> None:
+    document = Gltf(**pbr(texture=0, alphaMode="MASK", doubleSided=True))
+    rgba = np.tile(np.uint8((0, 0, 255, 255)), (4, 4, 1))
+    assert draw(tmp_path, str(document.texture(png(rgba)).write(tmp_path))).any()
 
 
 def test_map_of_an_empty_robot_name_or_format_is_rejected_in_a_line(

@@ -272,6 +272,18 @@ def test_lamps_of_a_mesh_file_are_stretched_with_it(tmp_path: Path) -> None:
     assert stretched == pytest.approx((1.0 + 2.0 * (x - 1.0), -3.0 * y, 0.5 * z))
 
 
+def test_mesh_file_of_many_places_is_read_once_for_its_lights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "m.gltf").write_text('{"asset": {"version": "2.0"}}')
+    reads: list[str] = []
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (reads.append(path.name), read(path))[1])
+    lines = "\n".join(f"Meshes=(Name=m{x},File=m.gltf,Position=(X={x})))" for x in range(5))
+    read_world_text(tmp_path, lines.replace(")))", "))"))
+    assert reads.count("m.gltf") == 1
+
+
 def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
     (tmp_path / "m.stl").touch()
     item = read_world_text(tmp_path, "Meshes=(File=m.stl,Colour=(R=0,G=0,B=0),Unlit=true)").items[

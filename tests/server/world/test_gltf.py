@@ -267,3 +267,13 @@ def test_file_when_arbitrary_is_read_or_rejected(
     path = document.write(tmp_path_factory.getbasetemp())
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
     assert "\n" not in load_or_error(path)
+
+
+def test_materials_of_one_image_and_one_occlusion_share_their_product(tmp_path: Path) -> None:
+    dim = pbr(texture=0, occlusionTexture={"index": 0, "strength": 0.5})
+    document = Gltf(**dim).texture()
+    document.json["materials"].append(dict(dim, doubleSided=True))
+    primitives = document.json["meshes"][0]["primitives"]
+    primitives.append(dict(primitives[0], material=1))
+    first, second = load_mesh_file(MeshFile(document.write(tmp_path)))
+    assert first.appearance.texture is second.appearance.texture is not None

@@ -14,7 +14,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
+from catoptra_server.runtime.memory import BYTES_PER_TEXEL, PEAK_BYTES_PER_TEXEL, MemoryBudget
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.textures import (
     MAX_STRETCH,
@@ -191,24 +191,31 @@ def test_texture_that_announces_gigabytes_is_rejected_undecoded(
 
 
 def test_textures_count_together(tmp_path: Path) -> None:
-    image = make_quadrant_image()
-    image.resize((300, 300)).save(tmp_path / "q.png")
-    image.resize((300, 301)).save(tmp_path / "r.png")
-    num_bytes = BYTES_PER_TEXEL * 300 * 301
-    with TextureReader(MemoryBudget(2 * num_bytes - 1)) as textures:
-        textures.load(tmp_path / "q.png")
-        textures.load(tmp_path / "r.png")
-    with TextureReader(MemoryBudget(num_bytes)) as textures:
-        textures.load(tmp_path / "q.png")
-        with pytest.raises(ConfigError, match=r"'300 x 301 px'"):
-            textures.load(tmp_path / "r.png")
+    for number in range(3):
+        make_quadrant_image().resize((300, 300 + number)).save(tmp_path / f"{number}.png")
+    with TextureReader(MemoryBudget(3 * BYTES_PER_TEXEL * 300 * 301 - 1)) as textures:
+        textures.load(tmp_path / "0.png")
+        textures.load(tmp_path / "1.png")
+        with pytest.raises(ConfigError, match=r"'300 x 302 px'.*3 MiB"):
+            textures.load(tmp_path / "2.png")
+
+
+def test_texture_that_is_decoded_in_more_memory_than_there_is_is_rejected(tmp_path: Path) -> None:
+    path = tmp_path / "q.png"
+    path.write_bytes(make_announcing_png(300, 300))
+    with (
+        TextureReader(MemoryBudget(PEAK_BYTES_PER_TEXEL * 300 * 300 - 1)) as textures,
+        pytest.raises(ConfigError, match=r"'300 x 300 px'.*a smaller image"),
+    ):
+        textures.load(path)
 
 
 def test_image_is_held_and_counted_once_under_all_names_of_its_content(tmp_path: Path) -> None:
     for name in ("q.png", "r.png"):
         make_quadrant_image().resize((300, 300)).save(tmp_path / name)
     (tmp_path / "link.png").symlink_to(tmp_path / "q.png")
-    with TextureReader(MemoryBudget(BYTES_PER_TEXEL * 300 * 300)) as textures:
+    # Less than three of the four names would take.
+    with TextureReader(MemoryBudget(PEAK_BYTES_PER_TEXEL * 300 * 300)) as textures:
         first = textures.load(tmp_path / "q.png")
         data = (tmp_path / "q.png").read_bytes()
         for other in ("r.png", "link.png"):

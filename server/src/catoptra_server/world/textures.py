@@ -28,6 +28,7 @@ import warnings
 from concurrent import futures
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import IO, Any
 
@@ -38,7 +39,12 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.elementary import einsum
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget, count_processors
+from catoptra_server.runtime.memory import (
+    BYTES_PER_TEXEL,
+    PEAK_BYTES_PER_TEXEL,
+    MemoryBudget,
+    count_processors,
+)
 from catoptra_server.world.shading import decode_texels, light_of_bytes, sample_texture
 from catoptra_server.world.triangles import select_rows
 from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
@@ -96,13 +102,17 @@ class TextureReader:
         if key not in self._textures:
             image = _open_image(io.BytesIO(data), where)
             width, height = image.size
-            self.memory.reserve(
-                BYTES_PER_TEXEL * width * height,
-                where=where,
-                key="Texture",
-                value=f"{width} x {height} px",
-                remedy="a smaller image",
-            )
+            for memory, num_bytes in (
+                (self.memory.for_reading(), PEAK_BYTES_PER_TEXEL),
+                (self.memory, BYTES_PER_TEXEL),
+            ):
+                memory.reserve(
+                    num_bytes * width * height,
+                    where=where,
+                    key="Texture",
+                    value=f"{width} x {height} px",
+                    remedy="a smaller image",
+                )
             channels = 4 if has_opacity and not image.mode.startswith("I") else 3
             texture = self._textures[key] = np.zeros((height, width, channels), dtype=np.uint8)
             # Files wait in memory for their threads: not all of them.
@@ -245,20 +255,29 @@ def _halve_bytes(planes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """(c, h // 2, w) linear light of (c, h, w) bytes, as `_halve_rows` of their light has it."""
     if planes.shape[1] % 2:
         return _halve_rows(np.moveaxis(decode_texels(np.moveaxis(planes, 0, -1)), -1, 0))
-    # The mean of two bytes' light from a table of all pairs.
-    pairs = np.multiply(planes[:, 0::2], 256, dtype=np.intp) + planes[:, 1::2]
-    colour, opacity = _light_of_pairs()
-    return np.stack(
-        [(colour if channel < 3 else opacity).take(plane) for channel, plane in enumerate(pairs)]
-    )
+    channels, height, width = planes.shape
+    halved = np.zeros((channels, height // 2, width), dtype=np.float32)
+    # The mean of two bytes' light from a table of all pairs, whose numbers take eight bytes each:
+    # some rows at a time.
+    for channel, first in product(range(channels), range(0, height, _ROWS_AT_ONCE)):
+        rows = planes[channel, first : first + _ROWS_AT_ONCE]
+        pairs = np.multiply(rows[0::2], 256, dtype=np.intp) + rows[1::2]
+        half = halved[channel, first // 2 : (first + _ROWS_AT_ONCE) // 2]
+        _light_of_pairs()[channel // 3].take(pairs, out=half, mode="clip")
+    return halved
+
+
+_ROWS_AT_ONCE = 64
 
 
 @cache
 def _light_of_pairs() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """(65536,) mean light of two sRGB bytes, at 256 times one plus the other; and mean opacity."""
-    opacity = np.arange(256, dtype=np.float32) / np.float32(255.0)
-    tables = [0.5 * (one[:, None] + one).ravel() for one in (light_of_bytes(), opacity)]
-    return tables[0], tables[1]
+    colour, opacity = (
+        np.asarray(0.5 * (one[:, None] + one), dtype=np.float32).ravel()
+        for one in (light_of_bytes(), np.arange(256, dtype=np.float32) / np.float32(255.0))
+    )
+    return colour, opacity
 
 
 def _halve_rows(planes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

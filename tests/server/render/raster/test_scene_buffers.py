@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.raster import scene_batches, scene_buffers, shadow_maps
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.textures import Texture, TextureSampling
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import DIM_HEMISPHERE_LIGHT, box_item, floor_item, make_world
+from helpers.standing_things import pierce_scene
 from helpers.worlds import (
+    DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
     POINT_LIGHT,
     make_test_world,
@@ -89,6 +95,28 @@ def test_scene_without_and_with_shadows_has_two_sets_of_batches_each_built_once(
     shadowed = buffers.with_lighting(SHADOWED)
     assert shadowed is not buffers.plain
     assert buffers.with_lighting(SHADOWED) is shadowed
+    buffers.close()
+
+
+def test_textures_are_on_the_device_once_for_both_lightings_and_shadow_maps(
+    device: GlDevice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploaded = []
+
+    def record(context: moderngl.Context, image: Texture, *rest: TextureSampling) -> Any:
+        uploaded.append(image)
+        return scene_batches.upload_texture(context, image, *rest)
+
+    for module in (scene_buffers, shadow_maps):
+        monkeypatch.setattr(module, "upload_texture", record)
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    scene = pierce_scene(build_scene(world))
+    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), scene, world)
+    buffers.with_lighting(SHADOWED)
+    assert sum(image is scene.textures[0] for image in uploaded) == 1
     buffers.close()
 
 

@@ -371,7 +371,7 @@ def upload_texture(
     texture = context.texture(
         (width, height),
         channels,
-        image.tobytes(),
+        np.ascontiguousarray(image),
         internal_format=_SRGB8 if channels == 3 else _SRGB8_ALPHA8,
         alignment=1,
     )
@@ -379,7 +379,9 @@ def upload_texture(
     coarser = build_levels(image)[1:]
     texture.build_mipmaps(0, len(coarser))
     for number, level in enumerate(coarser, start=1):
-        encoded = _encode_srgb(level)
+        encoded = np.zeros(level.shape, dtype=np.uint8)
+        for row, light in zip(encoded, level, strict=True):
+            row[:] = _encode_srgb(light)
         encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
         texture.write(encoded.tobytes(), level=number)
     nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
@@ -402,7 +404,7 @@ def _find_thresholds() -> tuple[Indices, npt.NDArray[np.float32]]:
 
     Steps of light are a twentieth of the least difference between two bytes.
     """
-    exact = linear_from_srgb((np.arange(1, 256) - 0.5) / 255.0)
+    exact = linear_from_srgb(np.arange(0.5, 255.0, dtype=np.float64) / 255.0)
     nearest = exact.astype(np.float32)
     least = np.where(nearest < exact, np.nextafter(nearest, np.float32(2.0)), nearest)
     below = np.searchsorted(exact, np.linspace(0.0, 1.0, 2**16), side="right")

@@ -205,6 +205,14 @@ def test_image_is_the_scene_s_own_array_and_shared_by_its_samplings(textured: Sc
     assert held < 5.5 * image.shape[0] * image.shape[1]
 
 
+def test_rays_of_sensors_have_the_images_alone(textured: SceneMesh) -> None:
+    owned = texture_array(textured, lambda image: (image,))
+    levels = owned.owners[0]
+    assert isinstance(levels, OwningStruct)
+    assert owned.struct[0].num_levels == len(levels.owners) == 1
+    assert levels.owners[0] is textured.textures[0]
+
+
 def test_textures_when_there_are_none_are_one_empty_place() -> None:
     owned = texture_array(build_scene(make_test_world()))
     assert len(owned.struct) == 1

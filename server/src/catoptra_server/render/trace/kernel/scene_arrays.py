@@ -47,7 +47,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.library import KernelDevice
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
@@ -278,6 +278,9 @@ def texture_array(
     with ThreadPoolExecutor(count_processors()) as pool:
         levels = pool.map(lambda image: _texture_levels(find_levels(image)), images.values())
         owned = dict(zip(images, levels, strict=True))
+    if images:
+        # Gaps where float32s were: 60 of 625 MiB in a house of 87 textures.
+        release_freed_memory()
     light = np.rint(_MAX_TEXEL * light_of_bytes())
     structs = [
         TextureStruct(
