@@ -19,6 +19,7 @@ DOCUMENTS = (
     "client/README.md",
     "configs/README.md",
     "docs/EFFECTS.md",
+    "docs/MODELS.md",
     "docs/data-sets.md",
     "docs/environment.md",
     "docs/measured.md",

@@ -1,6 +1,6 @@
 """`catoptra-server map WORLD --out PLAN.png`: a world from above, as a robot meets it.
 
-The plan of `config/floor_plan.py` with marks. x runs to the right, y down, as seen from above.
+The plan of `simulation/floor_plan.py` with marks. x runs to the right, y down, as seen from above.
 Drawn at twice the size, so that edges are smooth.
 """
 
@@ -17,7 +17,11 @@ import numpy as np
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.elementary import cos, sin
-from catoptra_server.config.floor_plan import (
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.world_file import read_world
+from catoptra_server.runtime.options import CommandParser, int_within
+from catoptra_server.simulation.floor_plan import (
     FREE,
     OBSTACLE,
     PAPER,
@@ -25,10 +29,6 @@ from catoptra_server.config.floor_plan import (
     draw_floor_plan,
     measure_robot,
 )
-from catoptra_server.config.known_names import find_configuration
-from catoptra_server.config.robot_file import read_robot
-from catoptra_server.config.world_file import read_world
-from catoptra_server.runtime.options import CommandParser, int_within
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World, srgb_from_linear

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.floor_plan import find_start, format_start
 from catoptra_server.config.sdf_world import import_sdf
-from catoptra_server.config.world_file import read_world
+from catoptra_server.config.world_file import format_start, read_world
 from catoptra_server.runtime.options import CommandParser
+from catoptra_server.simulation.floor_plan import find_start
 from catoptra_server.world.scene_mesh import build_scene
 
 _EXIT_REJECTED = 2
@@ -62,5 +62,5 @@ def _add_start(path: Path, text: str) -> str:
         return f"no start: {error}"
     if start is None:
         return "no start: there is no free floor"
-    path.write_text(text + format_start(start) + "\n", encoding="utf-8")
+    path.write_text(text + format_start(*start) + "\n", encoding="utf-8")
     return "the start Start at {:g}, {:g} m".format(*start)

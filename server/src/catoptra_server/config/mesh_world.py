@@ -15,7 +15,8 @@ import numpy as np
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.floor_plan import find_start, format_start
+from catoptra_server.config.world_file import format_start
+from catoptra_server.simulation.floor_plan import find_start
 from catoptra_server.world.mesh_files import load_mesh_lights
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Item, MeshFile, World
@@ -63,7 +64,7 @@ def describe_mesh_world(path: Path) -> str:
     lines += [] if load_mesh_lights(shape) else [_LIGHTS]
     lines.append(f'Meshes=(Name="{name}",File="{path.name}"{member},Position=(Z={-floor_z!r}))')
     if start is not None:
-        lines.append(format_start(start))
+        lines.append(format_start(*start))
     return "\n".join((*(f"; {note}" for note in notes), "[Catoptra.World]", *lines, ""))
 
 

@@ -122,6 +122,11 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     return world, file
 
 
+def format_start(x_m: float, y_m: float) -> str:
+    """Line of a world file with a start."""
+    return f"PlayerStarts=(Tag=Start,Location=(X={x_m!r},Y={y_m!r},Z=0))"
+
+
 def _require_sendable(section: SectionReader, key: str, report: Report) -> None:
     """Raise ConfigError for a value that no line of the protocol can carry.
 

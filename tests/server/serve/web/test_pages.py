@@ -33,7 +33,6 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.__main__ import main
-from catoptra_server.config.floor_plan import measure_robot
 from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.serve.stream.replies import build_server_info
@@ -46,6 +45,7 @@ from catoptra_server.serve.web.pages import (
     floor_plan,
     read_page_files,
 )
+from catoptra_server.simulation.floor_plan import measure_robot
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.configs import ROBOTS, WORLDS

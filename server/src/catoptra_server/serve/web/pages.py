@@ -38,12 +38,12 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.requests import ImageEncoding
-from catoptra_server.config.floor_plan import FREE, OBSTACLE, draw_floor_plan, measure_robot
 from catoptra_server.frames.frame import encode_image
 from catoptra_server.frames.plan.camera import POLYGON_COUNTS
 from catoptra_server.render.renderer import has_mesh_viewpoint
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.serve.stream.replies import ServerInfo, landmarks_reply
+from catoptra_server.simulation.floor_plan import FREE, OBSTACLE, draw_floor_plan, measure_robot
 from catoptra_server.simulation.robot_description import RobotDescription, SensorDescription
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.simulation.sensors.sonar import SonarDescription

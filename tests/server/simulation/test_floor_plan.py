@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config import floor_plan
-from catoptra_server.config.floor_plan import FloorPlan, draw_floor_plan, find_start
+from catoptra_server.simulation import floor_plan
+from catoptra_server.simulation.floor_plan import FloorPlan, draw_floor_plan, find_start
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
 

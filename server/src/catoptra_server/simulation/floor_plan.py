@@ -132,12 +132,6 @@ def find_start(scene: SceneMesh) -> tuple[float, float] | None:
     return None
 
 
-def format_start(start: tuple[float, float]) -> str:
-    """Line of a world file with a start."""
-    x, y = start
-    return f"PlayerStarts=(Tag=Start,Location=(X={x!r},Y={y!r},Z=0))"
-
-
 def draw_floor_plan(
     scene: SceneMesh,
     *,
