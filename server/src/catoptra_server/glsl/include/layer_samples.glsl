@@ -1,4 +1,5 @@
 // Provides the type of an image with the samples of this fragment's texel, and the sample's number.
+// Twin: none, a name.
 #ifdef MULTISAMPLED
 #extension GL_ARB_sample_shading : require
 #define LAYER_SAMPLER sampler2DMS
