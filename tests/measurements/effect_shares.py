@@ -5,8 +5,9 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/effect_shares.py
 Prints processor milliseconds of all threads of a picture of
 configs/robots/p2at_omni_real.ini, 640 x 480 px, through `ViewCache` as in the server: the clean
 picture, what each effect alone adds, and what all together add, at rest and at 0.5 m/s and
-0.5 rad/s, with MaxChange=0.5; and what all add with MaxChange=8. With a second checkout that has its own environment, both draw in turns, and its figures
-follow in brackets: medians of frames that a disturbance meets alike.
+0.5 rad/s, with MaxChange=0.5; and what all add with MaxChange=8. With a second checkout that has
+its own environment, both draw in turns, and its figures follow in brackets: medians of frames that
+a disturbance meets alike.
 """
 
 from __future__ import annotations
