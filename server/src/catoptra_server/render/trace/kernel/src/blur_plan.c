@@ -509,7 +509,8 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
         for (int y = 1; y < AROUND - 1; y++)
             bends[y] = find_bends(rows + y - 1);
         for (int cell = 0; cell < CELLS * CELLS; cell++) {
-            int top = MAX_NEAR - reach + cell / CELLS * 2, left = MAX_NEAR - reach + cell % CELLS * 2;
+            int top = MAX_NEAR - reach + cell / CELLS * 2;
+            int left = MAX_NEAR - reach + cell % CELLS * 2;
             int bottom = top + 2 + 2 * reach, right = left + 2 + 2 * reach;
             Floats8 least = rows[top], most = rows[top], bend = bends[top + 1];
             for (int y = top + 1; y < bottom; y++) {

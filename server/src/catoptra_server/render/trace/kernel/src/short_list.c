@@ -66,7 +66,8 @@ static int is_met_from(const FrameState *state, int32_t triangle, const Vec3 cor
     if (isfinite(mesh->coverage[3 * (size_t)triangle]) || state->shift > 0.0f)
         return -1;
     float volume = dot(corners[0], cross(corners[1], corners[2]));
-    float least = MIN_VOLUME * length_of(corners[0]) * length_of(corners[1]) * length_of(corners[2]);
+    float least =
+        MIN_VOLUME * length_of(corners[0]) * length_of(corners[1]) * length_of(corners[2]);
     return fabsf(volume) > least ? volume < 0.0f : -1;
 }
 
