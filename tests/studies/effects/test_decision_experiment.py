@@ -91,17 +91,6 @@ def test_place_has_all_motions_and_all_effects_that_are_not_switched_off() -> No
     assert decisions == run_decision_study(study), "a trial repeats itself"
 
 
-def test_rule_of_the_study_is_in_place_of_the_file() -> None:
-    rules = [None, (8.0, 0.25)]
-    studies = [
-        DecisionStudy(1, worlds=("rescue",), width_px=48, rule=rule, num_processes=1)
-        for rule in rules
-    ]
-    one, other = map(run_decision_study, studies)
-    assert {(each.threshold, each.share_threshold) for each in one} == {(1.0, 1.0)}
-    assert {(each.threshold, each.share_threshold) for each in other} == {(8.0, 0.25)}
-
-
 def test_truth_of_motion_follows_the_motion() -> None:
     study = DecisionStudy(1, worlds=("four_legged_2006",), width_px=64, num_processes=1)
     decisions = run_decision_study(study)

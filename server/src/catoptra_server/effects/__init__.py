@@ -73,7 +73,7 @@ Spill = tuple[float, float]
 """Largest factor of light up to a pixel's well, and the largest part of what is above the well that
 reaches another pixel of the finished picture."""
 NO_SPILL: Spill = (0.0, 0.0)
-_SPILLING = "Blooming"
+_BLOOMING = "Blooming"
 
 # Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
 # by ring: the floor below the robot is near, the surroundings at the rim are far.
@@ -417,14 +417,12 @@ _IMAGE_BYTES_PER_PX, _SCENE_BYTES_PER_PX = 500, 30
 
 
 @lru_cache(maxsize=64)
-def following_gains(settings: EffectSettings) -> tuple[Gains, ...]:
-    """Factors from the light at each named effect to that of the finished picture, before any
-    decision."""
-    return chain_gains(settings, [possible_gains(one) for one in settings.settings])
+def following_factors(settings: EffectSettings) -> tuple[tuple[Gains, Spill], ...]:
+    """`chain_factors` before any decision."""
+    return chain_factors(settings, [_possible_gains(one) for one in settings.settings])
 
 
-def possible_gains(setting: EffectSetting) -> Gains:
-    """Factors of an effect, before any decision."""
+def _possible_gains(setting: EffectSetting) -> Gains:
     if setting.mode is EffectMode.NEVER:
         return UNCHANGED
     least, largest = setting.effect.gains
@@ -433,33 +431,26 @@ def possible_gains(setting: EffectSetting) -> Gains:
     return min(least, 1.0), max(largest, 1.0)
 
 
-def chain_gains(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Gains, ...]:
-    """Factors of a pixel's own light by all effects after each one, by the factors of each."""
-    least, largest, chained = 1.0, 1.0, []
+def chain_factors(
+    settings: EffectSettings, gains: Sequence[Gains]
+) -> tuple[tuple[Gains, Spill], ...]:
+    """Factors of a pixel's own light by all effects after each one, and the spill of the light
+    there, by the factors of each."""
+    least, largest, spill, chained = 1.0, 1.0, NO_SPILL, []
     for setting, factors in zip(reversed(settings.settings), reversed(gains), strict=True):
-        chained.append((least, largest))
-        if setting.effect.name != _SPILLING:  # whose factor is that of the spill
-            least, largest = least * factors[0], largest * factors[1]
-    return tuple(reversed(chained))
-
-
-def chain_spills(settings: EffectSettings, gains: Sequence[Gains]) -> tuple[Spill, ...]:
-    """Spill of the light at each named effect, by the factors of each."""
-    spill, after, chained = NO_SPILL, 1.0, []
-    for setting, (_, largest) in zip(reversed(settings.settings), reversed(gains), strict=True):
-        chained.append(spill)
-        if setting.effect.name == _SPILLING:
-            spill = (1.0, (largest - 1.0) * after)
+        chained.append(((least, largest), spill))
+        if setting.effect.name == _BLOOMING:  # whose factor is that of the spill
+            spill = (1.0, (factors[1] - 1.0) * largest)
         else:
-            spill = (spill[0] * largest, spill[1])
-        after *= largest
+            least, largest = least * factors[0], largest * factors[1]
+            spill = (spill[0] * factors[1], spill[1])
     return tuple(reversed(chained))
 
 
 def gains_after(settings: EffectSettings, effect_name: str) -> Gains:
     """Factors from the light at an effect to that of the finished picture."""
-    pairs = zip(settings.settings, following_gains(settings), strict=True)
-    return next((gains for one, gains in pairs if one.effect.name == effect_name), UNCHANGED)
+    pairs = zip(settings.settings, following_factors(settings), strict=True)
+    return next((gains for one, (gains, _) in pairs if one.effect.name == effect_name), UNCHANGED)
 
 
 def widest_gains(all_settings: Iterable[EffectSettings]) -> Gains:

@@ -37,12 +37,10 @@ from catoptra_server.effects import (
     SceneSummary,
     Spill,
     Threshold,
-    chain_gains,
-    chain_spills,
-    following_gains,
+    chain_factors,
+    following_factors,
     is_image_effect,
     is_scene_effect,
-    possible_gains,
 )
 from catoptra_server.world.objects import CameraState
 
@@ -269,12 +267,8 @@ def _thresholds(
             spill,
             decision.effect in before_mosaic,
         )
-        for setting, decision, gains, spill in zip(
-            settings.settings,
-            decisions,
-            chain_gains(settings, decided),
-            chain_spills(settings, decided),
-            strict=True,
+        for setting, decision, (gains, spill) in zip(
+            settings.settings, decisions, chain_factors(settings, decided), strict=True
         )
         if decision.enabled
     }
@@ -333,9 +327,8 @@ class _EffectEntry:
 
 @lru_cache(maxsize=64)
 def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
-    spills = chain_spills(settings, [possible_gains(one) for one in settings.settings])
-    rows = zip(settings.settings, following_gains(settings), spills, strict=True)
-    return tuple(_EffectEntry(setting, camera, gains, spill) for setting, gains, spill in rows)
+    rows = zip(settings.settings, following_factors(settings), strict=True)
+    return tuple(_EffectEntry(setting, camera, *factors) for setting, factors in rows)
 
 
 def _find_decision(

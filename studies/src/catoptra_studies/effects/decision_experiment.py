@@ -228,10 +228,6 @@ class _TrialWorld:
                 rim_rad=omni.camera.rim_rad,
             )
             omni = replace(omni, camera=camera)
-        if study.rule is not None:
-            max_change, visible_share = study.rule
-            rule = replace(omni.effects, max_change=max_change, visible_share=visible_share)
-            omni = replace(omni, effects=rule)
         self._robot, self._omni = robot, omni
         self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
         settings = self._omni.effects.settings
@@ -319,8 +315,6 @@ class DecisionStudy:
     seed: int = 0
     width_px: int | None = None
     """Side of a square image; None for the camera's own size."""
-    rule: tuple[float, float] | None = None
-    """MaxChange and VisibleShare; None for those of the robot file."""
     num_processes: int = field(default=_NUM_PROCESSES, compare=False)
 
 

@@ -15,9 +15,9 @@
 #include <string.h>
 
 /* A unit is finished when twice as many instants change no pixel by more, in grey levels, or by
- * more than a part of what may be left out: what is left is about half. Measured in tests/server/render/trace/test_engine_shutter.py. */
+ * more than may be left out: what is left is about half. Measured in
+ * tests/server/render/trace/test_engine_shutter.py. */
 #define TOLERANCE 3.5f
-#define TOLERANCE_PART 0.5f
 /* The same for the first division, which is compared with the sharp frame: where texture and light
  * differ by little at three instants they differ by little between these. */
 #define FIRST_TOLERANCE 1.5f
@@ -41,7 +41,7 @@ typedef struct {
     const RayOrder *order;
     const TileContent *content;
     Unit units[MAX_UNITS];
-    BlurResult *result;
+    int64_t *num_rays;
 } BlurTile;
 
 static float sharp_mean(const BlurTile *blur, int unit, int channel, int pixel) {
@@ -109,14 +109,15 @@ static void sample_unit(BlurTile *blur, const FrameState *moved, const TileConte
             add_to_instant(blur, active, radiance, &lost, &instant);
         for (int channel = 0; channel < 3; channel++)
             for (int lane = 0; lane < BLOCK_RAYS; lane++)
-                radiance[channel][lane] = active >> lane & 1 ? factor * radiance[channel][lane] : 0.0f;
+                radiance[channel][lane] =
+                    active >> lane & 1 ? factor * radiance[channel][lane] : 0.0f;
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             for (int channel = 0; channel < 3; channel++)
                 sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
     }
     if (is_measured)
         note_instant(blur, &instant, &blur->units[unit]);
-    blur->result->num_rays += order->blocks * BLOCK_RAYS;
+    *blur->num_rays += order->blocks * BLOCK_RAYS;
 }
 
 /* One instant, `phase` from -1/2 to 1/2 of the exposure, of all units that are not finished. */
@@ -150,7 +151,8 @@ static float update_means(const BlurTile *blur, Unit *one, int steps) {
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
             float mean = (one->inner[channel][pixel] + 0.5f * one->ends[channel][pixel]) /
                          (float)steps;
-            change = fmaxf(change, level_change(blur->state->frame, mean, one->mean[channel][pixel]));
+            change =
+                fmaxf(change, level_change(blur->state->frame, mean, one->mean[channel][pixel]));
             one->mean[channel][pixel] = mean;
         }
     return change;
@@ -187,7 +189,7 @@ static void blur_units(BlurTile *blur, int min_steps) {
             if (!one->is_active)
                 continue;
             float change = update_means(blur, one, steps);
-            float tolerance = steps > 2 ? fmaxf(TOLERANCE_PART * frame->blur_threshold, TOLERANCE)
+            float tolerance = steps > 2 ? fmaxf(frame->blur_threshold, TOLERANCE)
                                         : fmaxf(unseen, FIRST_TOLERANCE);
             int is_done = steps >= min_steps && change <= tolerance;
             one->is_changed |= steps > 2 || change > unseen;
@@ -215,7 +217,7 @@ static int integrate_unit(BlurTile *blur, const FrameState *still, const MovingS
                 sums[channel][order->lane_pixel[lane]] += factor * radiance[channel][lane];
     }
     memcpy(one->mean, sums, sizeof sums);
-    blur->result->num_rays += order->blocks * BLOCK_RAYS * scene->parts;
+    *blur->num_rays += order->blocks * BLOCK_RAYS * scene->parts;
     return 1;
 }
 
@@ -371,10 +373,9 @@ static int light_plane(const FrameState *state, int tile, TileContent *content) 
     return 1;
 }
 
-void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result) {
+void blur_tile(const FrameState *state, int tile, const TileContent *content, int64_t *num_rays) {
     int32_t number = state->rays->tiles[tile];
-    int steps = state->plan->instants[number];
-    int wanted = steps ? find_wanted_cells(state, tile) : 0;
+    int steps = state->plan->instants[number], wanted = state->plan->masks[number];
     if (!wanted)
         return;
     TileContent lit = *content;
@@ -389,7 +390,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
     blur.top = number / state->rays->tile_columns * TILE_PX;
     blur.order = state->is_rolling ? &state->view->by_row : &state->view->by_cell;
     blur.content = &lit;
-    blur.result = result;
+    blur.num_rays = num_rays;
     int is_any = 0;
     for (int unit = 0; unit < blur.order->units; unit++) {
         Unit *one = &blur.units[unit];

@@ -4,12 +4,8 @@
 
 #include "tiles.h"
 
-/* What a thread's tiles took. */
-typedef struct BlurResult {
-    int64_t num_rays;
-} BlurResult;
-
-/* Draw a tile again, as many instants as the frame's plan has for it; none leave it as it is. */
-void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result);
+/* Draw a tile again, as many instants as the frame's plan has for it, whose rays are counted; none
+ * leave it as it is. */
+void blur_tile(const FrameState *state, int tile, const TileContent *content, int64_t *num_rays);
 
 #endif

@@ -141,12 +141,6 @@ int enclose_moving_plane(const FrameState *state, int tile, int32_t triangle, Ve
     return 1;
 }
 
-static void light_background(const FrameState *state, MovingScene *scene) {
-    const Scene *lit = state->scene;
-    Vec3 light = vec3(lit->sharp_radiance + 3 * (size_t)lit->mesh->arrays.num_triangles);
-    scene->background = light;
-}
-
 /* The instants between the parts of the exposure, and the edges of a tile's beam in the world. */
 typedef struct {
     int count;
@@ -159,7 +153,8 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     const FrameState *state = scene->state;
     int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED));
+    moving->is_constant =
+        !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED));
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};
@@ -354,7 +349,8 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
             return 0;
     for (int i = 0; i < scene->count; i++)
         light_triangle(tile, scene, &scene->triangles[i]);
-    light_background(state, scene);
+    scene->background = vec3(state->scene->sharp_radiance +
+                             3 * (size_t)state->scene->mesh->arrays.num_triangles);
     return 1;
 }
 
@@ -373,18 +369,7 @@ int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *lis
     return 1;
 }
 
-static inline Floats load(const float *values) {
-    Floats loaded;
-    __builtin_memcpy(&loaded, values, sizeof loaded);
-    return loaded;
-}
-
-static inline int any(Masks masks) {
-    int32_t found = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        found |= masks[lane];
-    return found != 0;
-}
+static inline int any(Masks masks) { return bits16(masks != 0) != 0; }
 
 /* Bits of the times at which values, linear between those at the ends of the parts, are below
  * zero. */
@@ -468,10 +453,8 @@ static Floats count_bits(Masks bits, float weight) {
 /* Add a radiance for some of the times. */
 static void add_times(Vec3 light, Floats weights, float radiance[3][BLOCK_RAYS]) {
     float parts[3] = {light.x, light.y, light.z};
-    for (int channel = 0; channel < 3; channel++) {
-        Floats sum = load(radiance[channel]) + parts[channel] * weights;
-        __builtin_memcpy(radiance[channel], &sum, sizeof sum);
-    }
+    for (int channel = 0; channel < 3; channel++)
+        store16(load16(radiance[channel]) + parts[channel] * weights, radiance[channel]);
 }
 
 /* The same of a triangle from which a part of the sky is hidden. */
@@ -481,11 +464,9 @@ static void add_occluded_times(const MovingScene *scene, const Visible *visible,
     const MovingTriangle *triangle = visible->triangle;
     _Alignas(64) float inverse[MAX_PARTS + 1][BLOCK_RAYS], factors[BLOCK_RAYS];
     _Alignas(64) int32_t seen[BLOCK_RAYS];
-    for (int i = 0; i <= scene->parts; i++) {
-        Floats sum = project(directions, triangle->sum[i]);
-        __builtin_memcpy(inverse[i], &sum, sizeof sum);
-    }
-    __builtin_memcpy(seen, &visible->seen, sizeof seen);
+    for (int i = 0; i <= scene->parts; i++)
+        store16(project(directions, triangle->sum[i]), inverse[i]);
+    store_ints16(visible->seen, seen);
     OcclusionTimes times = {scene->parts, scene->bins, triangle->atlas,
                             (const float(*)[BLOCK_RAYS])inverse};
     find_mean_factors(scene->state->scene, triangle->triangle, &times, rays, seen, factors);
@@ -522,7 +503,7 @@ static void find_meetings(const MovingScene *scene, const Visible *visible,
 /* Add the light of a lamp over those times; 0 where it does not change evenly. */
 static int add_lamp(const MovingScene *scene, const MovingTriangle *triangle, const Light *light,
                     const Meeting meetings[MAX_PARTS + 1], float radiance[3][BLOCK_RAYS]) {
-    Floats sum = {0}, x = {0}, y = {0}, z = {0}, shared = {0};
+    Floats sum = {0}, x = {0}, y = {0}, z = {0}, last_share = {0};
     Masks is_uneven = {0};
     for (int i = 0; i <= scene->parts; i++) {
         const Pose *pose = &scene->poses[i];
@@ -546,9 +527,9 @@ static int add_lamp(const MovingScene *scene, const MovingTriangle *triangle, co
         last_y -= y;
         last_z -= z;
         Floats moved = last_x * last_x + last_y * last_y + last_z * last_z;
-        is_uneven |= (shared > 0.0f) & (meetings[i].share > 0.0f) &
+        is_uneven |= (last_share > 0.0f) & (meetings[i].share > 0.0f) &
                      ~(moved < MAX_EVEN_STEP * squared);
-        shared = meetings[i].share;
+        last_share = meetings[i].share;
     }
     if (any(is_uneven))
         return 0;
@@ -574,8 +555,8 @@ static int add_lamps(const MovingScene *scene, const Visible *visible, const Dir
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
     int32_t all = (int32_t)(0xffffffffu >> (32 - scene->parts * scene->bins));
-    Directions directions = {load(rays->direction[0]), load(rays->direction[1]),
-                             load(rays->direction[2]), {0}};
+    Directions directions = {load16(rays->direction[0]), load16(rays->direction[1]),
+                             load16(rays->direction[2]), {0}};
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         directions.times[lane] = rays->active >> lane & 1 ? all : 0;
     int count = 0;

@@ -1,11 +1,11 @@
-/* The exposure of a few pixels in one step: for each ray, the times at which it meets each triangle.
+/* The exposure of a few pixels in one step: when each ray meets each triangle.
  *
  * While the camera moves, a ray enters and leaves a triangle where it passes one of its edges. Each
  * edge is a plane through the viewpoint, whose side is nearly linear in time over a part of the
- * exposure: its sides at a few instants give the sides at 16 or 32 times, as the bits of a word, and
- * so do the distances of two triangles. What a ray sees of a triangle of one radiance is a count of
- * bits; of one from which a part of the sky is hidden, times a mean factor (blur_occlusion.h). Light
- * of lamps that nothing occludes changes as evenly as such a factor.
+ * exposure: its sides at a few instants give those at 16 or 32 times, as the bits of a word, and so
+ * do the distances of two triangles. What a ray sees of a triangle of one radiance is a count of
+ * bits; of one from which a part of the sky is hidden, times a mean factor (blur_occlusion.h).
+ * Light of lamps that nothing occludes changes as evenly as such a factor.
  * Source: Gribel et al. 2010, "Analytical motion blur rasterization with compression"; they keep
  * intervals, where we keep bits.
  */
@@ -34,7 +34,7 @@ typedef struct TriangleSet {
 typedef struct {
     Vec3 dual[MAX_PARTS + 1][3]; /* at the begin of the exposure, and at the end of each part */
     Vec3 sum[MAX_PARTS + 1];     /* of the three */
-    uint8_t across;              /* bit mask of those that are below zero for some rays of the tile */
+    uint8_t across;              /* bit mask of those that some rays of the tile have below zero */
     Vec3 radiance;               /* as sensed */
     int is_constant;             /* it is the same all over the part of the image, but for */
     int is_occluded;             /* the sky's share, which differs from point to point: */

@@ -7,6 +7,7 @@
 
 #include "encoding.h"
 #include "facet_plane.h"
+#include "lanes.h"
 #include "measures.h"
 #include "pixels.h"
 #include "tiles.h"
@@ -21,10 +22,9 @@
 #define MAX_STEP_PX 2.0f
 /* Levels of dilation: by 1, 2, 4 ... cells or tiles. */
 enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2, CELL_PIXELS = 4 };
-/* Bit of a mask: no pixel of the tile shows anything from farther than its neighbours' middles, so
- * that these bound its change with half a pixel of reserve. */
-enum { NEAR = 1 << CELLS * CELLS, AROUND = TILE_PX + 2 };
-#define NEAR_PX 1.0f
+/* A mask's bits beyond its cells: pixels, up to MAX_NEAR, of which no sample leaves the middle of
+ * the farthest, so that these bound its change with half a pixel of reserve; 0: it goes farther. */
+enum { NEAR = 1 << CELLS * CELLS, MAX_NEAR = 2, AROUND = TILE_PX + 2 * MAX_NEAR };
 
 static size_t count_tiles(const View *view) {
     return (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
@@ -35,7 +35,8 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     plan->cell_rows = CELLS * view->tile_rows;
     plan->cell_columns = CELLS * view->rays.tile_columns;
     plan->objects = malloc(sizeof(Pose) * 3 * (size_t)(num_objects + 1));
-    plan->means = malloc(sizeof(float) * CHANNELS * BLOCK_RAYS * (size_t)(view->rays.num_tiles + 1));
+    plan->means =
+        malloc(sizeof(float) * CHANNELS * BLOCK_RAYS * (size_t)(view->rays.num_tiles + 1));
     plan->speeds = calloc(tiles, sizeof(float));
     plan->instants = calloc(tiles, sizeof(uint16_t));
     plan->masks = calloc(tiles, 1);
@@ -101,7 +102,7 @@ static Vec3 place_back(const Pose *pose, Vec3 point) {
     return rotate_back(pose->rotation, subtract(point, vec3(pose->translation)));
 }
 
-/* Direction, from a pose, to the static point that is seen along `direction` at an inverse range. */
+/* Direction, from a pose, to the static point that is seen in a direction at an inverse range. */
 static Vec3 look_back(const BlurPlan *plan, const Pose *pose, Vec3 direction, float inverse) {
     Vec3 moved = subtract(vec3(plan->camera.translation), vec3(pose->translation));
     return unit(rotate_back(pose->rotation, add(direction, scale(inverse, moved))));
@@ -376,17 +377,17 @@ static int count_instants(const Frame *frame, float displacement) {
     return count;
 }
 
-static void want_cell(const FrameState *state, int row, int column, int cell, int count,
-                      int is_near) {
+/* A pixel's outermost samples are half of its side but for half a sample off its middle. */
+static int count_near(const FrameState *state, float displacement) {
+    float samples = (float)state->rays->samples;
+    float reach = 0.5f * displacement + 0.5f * (samples - 1.0f) / samples;
+    return reach <= 1.0f ? 1 : reach <= (float)MAX_NEAR ? MAX_NEAR : 0;
+}
+
+static void want_cell(const FrameState *state, int at, int cell, float displacement) {
     BlurPlan *plan = state->plan;
-    int at = row * state->rays->tile_columns + column;
-    plan->num_tiles += !plan->masks[at];
-    plan->masks[at] |= (uint8_t)(1 << cell | (is_near ? NEAR : 0));
-    plan->instants[at] = (uint16_t)count;
-    plan->max_instants = count > plan->max_instants ? count : plan->max_instants;
-    for (int level = 0; level < BEAM_LEVELS; level++)
-        plan->wanted[level][(row >> level) * state->view->levels[level].columns +
-                            (column >> level)] = 1;
+    plan->masks[at] |= (uint8_t)(1 << cell | NEAR * count_near(state, displacement));
+    plan->instants[at] = (uint16_t)count_instants(state->frame, displacement);
 }
 
 /* A row that is exposed later or earlier than the pose shows the scene displaced. */
@@ -414,9 +415,7 @@ static void choose_level(const FrameState *state, const uint8_t *cells, int leve
             for (int cell = 0; cell < CELLS * CELLS; cell++) {
                 float contrast = find_contrast(state, cells, row, column, cell);
                 if (is_blurred && is_visible(state, contrast, displacements[at]))
-                    want_cell(state, row, column, cell,
-                              count_instants(state->frame, displacements[at]),
-                              displacements[at] <= 2.0f * (NEAR_PX - 0.5f));
+                    want_cell(state, at, cell, displacements[at]);
                 if (is_rolled)
                     note_rolling(state, contrast,
                                  rolled[at] * 2.0f * offset / state->frame->readout);
@@ -455,7 +454,7 @@ static void fill_rim(const FrameState *state) {
     }
 }
 
-/* Light of a tile's pixels and of those beside it; 0 if one is not wholly on the mirror. */
+/* Light of a tile's pixels and of those around; 0 if one is not wholly on the mirror. */
 static int collect_pixels(const FrameState *state, int32_t number,
                           float light[CHANNELS][AROUND][AROUND]) {
     const View *view = state->view;
@@ -467,48 +466,97 @@ static int collect_pixels(const FrameState *state, int32_t number,
             int32_t tile = view->tile_at[number + i * columns + k];
             if (tile < 0 || !is_wholly_valid(state, tile))
                 return 0;
-            int top = i < 0 ? TILE_PX - 1 : 0, left = k < 0 ? TILE_PX - 1 : 0;
-            int bottom = i > 0 ? 1 : TILE_PX, right = k > 0 ? 1 : TILE_PX;
+            int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
+            int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
             const float *means = state->plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS;
             for (int channel = 0; channel < CHANNELS; channel++)
                 for (int y = top; y < bottom; y++)
                     for (int x = left; x < right; x++)
-                        light[channel][TILE_PX * i + y + 1][TILE_PX * k + x + 1] =
+                        light[channel][TILE_PX * i + y + MAX_NEAR][TILE_PX * k + x + MAX_NEAR] =
                             means[channel * BLOCK_RAYS + y * TILE_PX + x];
         }
     return 1;
 }
 
-/* Largest change between the pixels of a cell and of those beside it, or one that is visible. */
-static float find_near_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
-                                int cell) {
-    int top = cell / CELLS * 2, left = cell % CELLS * 2;
-    float contrast = 0.0f;
-    for (int channel = 0; channel < CHANNELS && contrast <= frame->blur_threshold; channel++) {
-        float low = light[channel][top][left], high = low;
-        for (int y = top; y < top + 4; y++)
-            for (int x = left; x < left + 4; x++) {
-                low = fminf(low, light[channel][y][x]);
-                high = fmaxf(high, light[channel][y][x]);
-            }
-        contrast = fmaxf(contrast, level_change(frame, high, low));
+/* Largest second difference of a row of pixels, along the axes and both diagonals. */
+static Floats8 find_bends(const Floats8 rows[3]) {
+    Floats8 left[3], right[3], twice = rows[1] + rows[1], bends = {0};
+    for (int i = 0; i < 3; i++) {
+        left[i] = __builtin_shufflevector(rows[i], rows[i], 0, 0, 1, 2, 3, 4, 5, 6);
+        right[i] = __builtin_shufflevector(rows[i], rows[i], 1, 2, 3, 4, 5, 6, 7, 7);
     }
-    return contrast;
+    for (int i = 0; i < 3; i++)
+        bends = most8(absolute8(left[i] + right[2 - i] - twice), bends);
+    return most8(absolute8(rows[0] + rows[2] - twice), bends);
 }
 
-int find_wanted_cells(const FrameState *state, int tile) {
-    int32_t number = state->rays->tiles[tile];
-    int wanted = state->plan->masks[number];
-    float light[CHANNELS][AROUND][AROUND];
+static float most_of_columns(Floats8 values, int first, int end) {
+    float most = values[first];
+    for (int i = first + 1; i < end; i++)
+        most = values[i] > most ? values[i] : most;
+    return most;
+}
+
+/* Bounds of the changes of a tile's cells by what moves so many pixels at most: by the contrast
+ * there, or by how little light bends. As much comes from before as from behind, so that even
+ * slopes stay as they are: edges, corners, ramps and lines of 0.3 to 3 px that pass the samples of
+ * a cell change it by at most 0.88 of the largest second difference. */
+static void bound_near_changes(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
+                               int reach, float bounds[CELLS * CELLS]) {
+    for (int channel = 0; channel < CHANNELS; channel++) {
+        Floats8 rows[AROUND], bends[AROUND];
+        memcpy(rows, light[channel], sizeof rows);
+        for (int y = 1; y < AROUND - 1; y++)
+            bends[y] = find_bends(rows + y - 1);
+        for (int cell = 0; cell < CELLS * CELLS; cell++) {
+            int top = MAX_NEAR - reach + cell / CELLS * 2;
+            int left = MAX_NEAR - reach + cell % CELLS * 2;
+            int bottom = top + 2 + 2 * reach, right = left + 2 + 2 * reach;
+            Floats8 least = rows[top], most = rows[top], bend = bends[top + 1];
+            for (int y = top + 1; y < bottom; y++) {
+                least = least8(rows[y], least);
+                most = most8(rows[y], most);
+            }
+            for (int y = top + 2; y < bottom - 1; y++)
+                bend = most8(bends[y], bend);
+            float low = -most_of_columns(-least, left, right);
+            float high = most_of_columns(most, left, right);
+            float change = fminf(high - low, most_of_columns(bend, left + 1, right - 1));
+            bounds[cell] = fmaxf(bounds[cell], level_change(frame, low, low + change) +
+                                                   spilt_levels(frame, high, change));
+        }
+    }
+}
+
+void choose_cells(const FrameState *state, int tile) {
+    uint8_t *mask = state->plan->masks + state->rays->tiles[tile];
+    int reach = *mask / NEAR;
+    _Alignas(32) float light[CHANNELS][AROUND][AROUND];
+    float bounds[CELLS * CELLS] = {0};
+    *mask %= NEAR;
     /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
-    if (!(wanted & NEAR) || state->rays->samples < 2 || !collect_pixels(state, number, light))
-        return wanted & ~NEAR;
-    wanted &= ~NEAR;
+    if (!*mask || !reach || state->rays->samples < 2 ||
+        !collect_pixels(state, state->rays->tiles[tile], light))
+        return;
+    bound_near_changes(state->frame, light, reach, bounds);
     for (int cell = 0; cell < CELLS * CELLS; cell++)
-        if (wanted >> cell & 1 &&
-            !is_visible(state, find_near_contrast(state->frame, light, cell), INFINITY))
-            wanted &= ~(1 << cell);
-    return wanted;
+        if (*mask >> cell & 1 && !is_visible(state, bounds[cell], INFINITY))
+            *mask &= (uint8_t)~(1 << cell);
+}
+
+void want_tiles(const FrameState *state) {
+    BlurPlan *plan = state->plan;
+    int columns = state->rays->tile_columns;
+    for (int tile = 0; tile < state->rays->num_tiles; tile++) {
+        int number = state->rays->tiles[tile], count = plan->instants[number];
+        if (!plan->masks[number])
+            continue;
+        plan->num_tiles++;
+        plan->max_instants = count > plan->max_instants ? count : plan->max_instants;
+        for (int level = 0; level < BEAM_LEVELS; level++)
+            plan->wanted[level][(number / columns >> level) * state->view->levels[level].columns +
+                                (number % columns >> level)] = 1;
+    }
 }
 
 int choose_instants(const FrameState *state) {

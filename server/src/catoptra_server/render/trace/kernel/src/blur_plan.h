@@ -1,8 +1,9 @@
 /* Where a frame's motion shows, and how many instants of its exposure that takes.
  *
  * The sharp frame says by how much each tile's surfaces move, in pixels, and how much pixels differ
- * within reach of that motion. A pixel changes by no more than that: most of a picture is left as
- * it is. All decisions follow from the sharp frame alone, not from threads.
+ * within reach of that motion, and how little light bends there. A pixel changes by no more than
+ * that: most of a picture is left as it is. All decisions follow from the sharp frame alone, not
+ * from threads.
  */
 #ifndef CATOPTRA_BLUR_PLAN_H
 #define CATOPTRA_BLUR_PLAN_H
@@ -19,10 +20,9 @@ typedef struct BlurPlan {
     float *means;  /* (t, 3, 16) of the sharp frame's pixels, linear */
     float *speeds; /* (tile rows, tile columns) largest displacement in the poses' whole time, px */
     int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
-    uint8_t *cells; /* (6, rows, columns) codes of the picture's least and greatest light by channel */
+    uint8_t *cells; /* (6, rows, columns) codes of the least and greatest light by channel */
     uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
-    uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row, and
-                          * whether what they show is near */
+    uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
     int num_tiles, max_instants;
     ChangeMeasure rolling; /* bound of the change by the rows' own times */
@@ -44,8 +44,9 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
 /* Decide on the number of instants of each tile; 0 if memory is short. */
 int choose_instants(const FrameState *state);
 
-/* Bit mask of a tile's cells that motion may change visibly, row by row: behind that decision, by
- * single pixels. */
-int find_wanted_cells(const FrameState *state, int tile);
+/* Drop those cells of a tile that motion does not change visibly, by single pixels; then take the
+ * tiles that have any. */
+void choose_cells(const FrameState *state, int tile);
+void want_tiles(const FrameState *state);
 
 #endif

@@ -56,7 +56,7 @@ struct Search {
     TriangleSet triangles; /* likewise */
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
-    BlurResult *blur; /* NULL while the sharp frame is drawn */
+    int64_t *blur_rays; /* NULL while the sharp frame is drawn */
 };
 
 int can_prove_coverage(const FrameState *state) {
@@ -285,7 +285,7 @@ static void list_triangles(Search *search, const CandidateList *kept, const Beam
                            TileContent *content) {
     /* Tiles of a moving frame list what they show during the exposure themselves, in
      * clear air and from one viewpoint. */
-    if (search->blur && content->object == OBJECT_NONE && !has_fog(search->state) &&
+    if (search->blur_rays && content->object == OBJECT_NONE && !has_fog(search->state) &&
         !search->state->rays->origins &&
         collect_triangles(search->state, kept, &search->triangles))
         content->triangles = &search->triangles;
@@ -397,8 +397,8 @@ static void render_closed(Search *search, const View *view, const Part *part) {
             int tile = view->tile_at[row * columns + column];
             if (tile < 0)
                 continue;
-            if (search->blur) {
-                blur_tile(search->state, tile, &part->content, search->blur);
+            if (search->blur_rays) {
+                blur_tile(search->state, tile, &part->content, search->blur_rays);
                 continue;
             }
             /* Beams are slow to read, too: only those of tiles that need them. */
@@ -411,8 +411,8 @@ static void render_closed(Search *search, const View *view, const Part *part) {
 
 /* The second pass of a moving frame draws only those parts that motion changes. */
 static int is_wanted(const Search *search, const Part *part) {
-    int columns = search->blur ? search->state->view->levels[part->level].columns : 0;
-    return !search->blur ||
+    int columns = search->blur_rays ? search->state->view->levels[part->level].columns : 0;
+    return !search->blur_rays ||
            search->state->plan->wanted[part->level][part->row * columns + part->column];
 }
 
@@ -444,10 +444,10 @@ static void render_beam(Search *search, const View *view, Part part) {
 }
 
 void aim_search(Search *search, const FrameState *state, const CandidateList *objects,
-                struct BlurResult *blur) {
+                int64_t *blur_rays) {
     search->state = state;
     search->objects = objects;
-    search->blur = blur;
+    search->blur_rays = blur_rays;
 }
 
 int render_part(Search *search, const View *view, int part) {

@@ -23,12 +23,10 @@ typedef struct Search Search;
 Search *create_search(const FrameState *state, int num_boxes);
 void release_search(Search *search);
 
-struct BlurResult;
-
 /* Search on with another state and its objects, at most as many as the search was created for.
- * With a result, the parts are those that a moving frame's plan wants, and they are blurred. */
+ * With a count of rays, the parts are those that a moving frame's plan wants, and they are blurred. */
 void aim_search(Search *search, const FrameState *state, const CandidateList *objects,
-                struct BlurResult *blur);
+                int64_t *blur_rays);
 
 /* Render the tiles of a part of the coarsest level; returns how many are filled. */
 int render_part(Search *search, const View *view, int part);

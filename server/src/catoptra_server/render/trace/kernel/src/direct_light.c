@@ -151,26 +151,24 @@ void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], Surfac
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
-static uint32_t skip_unseen(const FrameState *state, const Light *light, const float factor[BLOCK_RAYS], uint32_t among,
+static uint32_t skip_unseen(const FrameState *state, const Light *light,
+                            const float factor[BLOCK_RAYS], uint32_t among,
                             SurfaceBlock *surface) {
-    _Alignas(64) float left[3][BLOCK_RAYS];
-    int32_t is_skipped[BLOCK_RAYS];
+    Floats16 left[3];
+    Ints16 is_skipped = mask16(among);
+    for (int channel = 0; channel < 3; channel++) {
+        left[channel] = load16(surface->unseen[channel]) -
+                        load16(factor) * load16(surface->albedo[channel]) *
+                            light->intensity[channel];
+        is_skipped &= left[channel] >= 0.0f;
+    }
+    if (!bits16(is_skipped))
+        return 0;
     for (int channel = 0; channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
-            left[channel][i] = surface->unseen[channel][i] -
-                               factor[i] * surface->albedo[channel][i] * light->intensity[channel];
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        is_skipped[i] = (left[0][i] >= 0.0f) & (left[1][i] >= 0.0f) & (left[2][i] >= 0.0f);
-    uint32_t skipped = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        skipped |= (uint32_t)is_skipped[lane] << lane;
-    skipped &= among;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (skipped >> lane & 1)
-            set_lane(surface->unseen, lane, get_lane((const float(*)[BLOCK_RAYS])left, lane));
-    if (skipped)
-        atomic_store_explicit(&state->measures->skips_lamps, 1, memory_order_relaxed);
-    return skipped;
+        store16(select16(is_skipped, left[channel], load16(surface->unseen[channel])),
+                surface->unseen[channel]);
+    atomic_store_explicit(&state->measures->skips_lamps, 1, memory_order_relaxed);
+    return bits16(is_skipped);
 }
 
 /* Rays from whose points the light is occluded. */
@@ -211,13 +209,11 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
 /* Add intensity times albedo times factor to the rays of a mask. */
 static void add_reflected(const Light *light, const SurfaceBlock *surface, const float *factor,
                           uint32_t mask, float radiance[3][BLOCK_RAYS]) {
-    float masked[BLOCK_RAYS];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        masked[lane] = mask >> lane & 1 ? factor[lane] : 0.0f;
+    Floats16 masked = select16(mask16(mask), load16(factor), splat16(0.0f));
     for (int channel = 0; channel < 3; channel++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            radiance[channel][lane] += masked[lane] * (surface->albedo[channel][lane] *
-                                                       light->intensity[channel]);
+        store16(load16(radiance[channel]) +
+                    masked * (load16(surface->albedo[channel]) * light->intensity[channel]),
+                radiance[channel]);
 }
 
 void add_light(const FrameState *state, int number, const RayBlock *rays, const HitBlock *hits,

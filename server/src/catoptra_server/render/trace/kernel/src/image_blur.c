@@ -267,18 +267,18 @@ static float differing_exchange(const ImageStage *stage, const Cell *cell,
 /* With ranges the change that counts is that against the disc of infinity, which another effect
  * stands for. The change against the image before is the other one. */
 static void measure_against_infinity(const Pass *pass, const Cell *cell, const CellKernels *near,
-                                     const CellKernels *far, CellRange range, int masked,
-                                     const CellValues *to) {
+                                     const CellKernels *far, CellRange range, float bound,
+                                     int masked, const CellValues *to) {
     const ImageStage *stage = pass->stage;
     Changes *changes = changes_of(pass, stage);
     CellValues values;
-    load_cell(pass, cell, &values);
-    measure_change(stage, &changes->other, &values, to, cell);
+    if (may_tell(stage, &changes->other, bound)) {
+        load_cell(pass, cell, &values);
+        measure_change(stage, &changes->other, &values, to, cell);
+    }
     float exchange = differing_exchange(stage, cell, near, far);
     LightChange light = {range.low, range.high, exchange * (range.high - range.low)};
-    float bound = bound_change(stage, light);
-    if (bound <= read_largest(&changes->own) &&
-        !(bound > VISIBLE_LEVELS && is_counted(&changes->own, &stage->limits)))
+    if (!may_tell(stage, &changes->own, bound_change(stage, light)))
         return;
     blur_cell(pass, cell, far, masked, &values);
     measure_change(stage, &changes->own, &values, to, cell);
@@ -305,14 +305,15 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
     }
     int reach = kernels.reach > far.reach ? kernels.reach : far.reach;
     range = find_range_around(pass, cell, reach);
-    if (is_plain(pass, cell, range, fmaxf(kernels.exchange, far.exchange))) {
+    float bound = INFINITY;
+    if (is_plain(pass, cell, range, fmaxf(kernels.exchange, far.exchange), &bound)) {
         load_cell(pass, cell, to);
         return;
     }
     int masked = is_masked(pass, cell, reach);
     blur_cell(pass, cell, &kernels, masked, to);
     if (is_compared)
-        measure_against_infinity(pass, cell, &kernels, &far, range, masked, to);
+        measure_against_infinity(pass, cell, &kernels, &far, range, bound, masked, to);
     else
-        measure_cell(pass, cell, to);
+        measure_cell(pass, cell, bound, to);
 }

@@ -93,40 +93,33 @@ static inline Floats16 bound_changes(const ImageStage *stage, Floats16 before, F
     return bound_slopes(stage->largest_gain * low) * (stage->largest_gain * difference) + 1e-2f;
 }
 
-/* Change of a black pixel beside the cell, by light above the well in any colour. */
-static inline float spilt_by_cell(const ImageStage *stage, const CellValues *before,
-                                  const CellValues *after, const Cell *cell) {
-    Floats16 excess = {0};
+/* Changes above the well: of each pixel's colour that changes most, and the largest of a column. */
+typedef struct {
+    Floats16 rows[CELL_ROWS], largest;
+} CellExcess;
+
+static inline CellExcess find_excess(const ImageStage *stage, const CellValues *before,
+                                     const CellValues *after, const Cell *cell) {
+    CellExcess excess = {{{0}}, {0}};
     for (int plane = 0; plane < after->planes; plane++)
         for (int row = 0; row < cell->rows; row++) {
             Floats16 one = load_columns(before->values[plane][row], cell->columns);
             Floats16 other = load_columns(after->values[plane][row], cell->columns);
             Floats16 high = most16(one, other), difference = high - least16(one, other);
-            excess = most16(excess_changes(stage, high, difference), excess);
+            excess.rows[row] = most16(excess_changes(stage, high, difference), excess.rows[row]);
+            excess.largest = most16(excess.rows[row], excess.largest);
         }
-    return spilt_levels(stage, excess);
+    return excess;
 }
 
-/* The same where the overflow is known later: the largest change of any colour of each pixel. */
-static inline void keep_excess(const ImageStage *stage, const ChangeMaps *maps,
-                               const CellValues *before, const CellValues *after,
+/* Of a stage whose overflow is known later. */
+static inline void keep_excess(const ChangeMaps *maps, const CellExcess *excess,
                                const Cell *cell) {
-    int index = cell->row * maps->cell_columns + cell->column;
-    float *excess = maps->excess + (size_t)index * CELL_ROWS * CELL_COLUMNS;
-    Floats16 rows[CELL_ROWS] = {{0}}, largest = {0};
-    for (int plane = 0; plane < after->planes; plane++)
-        for (int row = 0; row < cell->rows; row++) {
-            Floats16 one = load_columns(before->values[plane][row], cell->columns);
-            Floats16 other = load_columns(after->values[plane][row], cell->columns);
-            Floats16 high = most16(one, other), difference = high - least16(one, other);
-            rows[row] = most16(excess_changes(stage, high, difference), rows[row]);
-            largest = most16(rows[row], largest);
-        }
-    if (!(most_of16(largest) > 0.0f))
+    size_t index = (size_t)(cell->row * maps->cell_columns + cell->column);
+    if (!(most_of16(excess->largest) > 0.0f))
         return;
     maps->overflows[index] = 1;
-    for (int row = 0; row < CELL_ROWS; row++)
-        store16(rows[row], excess + row * CELL_COLUMNS);
+    memcpy(maps->excess + index * CELL_ROWS * CELL_COLUMNS, excess->rows, sizeof excess->rows);
 }
 
 static inline void mark_visible(ChangeMeasure *measure, const Cell *cell, int row,
@@ -144,10 +137,13 @@ static inline void measure_change(const ImageStage *stage, ChangeMeasure *measur
     Ints16 in_image = columns_below(cell->columns);
     int counts = is_counted(measure, &stage->limits), pixels = 0;
     float spilt = 0.0f;
-    if (measure->maps.excess)
-        keep_excess(stage, &measure->maps, before, after, cell);
-    else if (stage->spill[1] > 0.0f)
-        spilt = spilt_by_cell(stage, before, after, cell);
+    if (stage->spill[1] > 0.0f) {
+        CellExcess excess = find_excess(stage, before, after, cell);
+        if (measure->maps.excess)
+            keep_excess(&measure->maps, &excess, cell);
+        else
+            spilt = spilt_levels(stage, excess.largest);
+    }
     float known = read_largest(measure) - spilt, largest = known > 0.0f ? known : 0.0f;
     for (int row = 0; row < cell->rows; row++) {
         uint32_t visible = 0;
@@ -182,10 +178,18 @@ static inline Changes *changes_of(const Pass *pass, const ImageStage *stage) {
     return pass->changes + (stage - pass->job->stages);
 }
 
-/* Measure the stage of a pass that reads other pixels. */
-static inline void measure_cell(const Pass *pass, const Cell *cell, const CellValues *after) {
+/* Whether a cell whose change has a bound may tell anything new. */
+static inline int may_tell(const ImageStage *stage, const ChangeMeasure *measure, float bound) {
+    return bound > read_largest(measure) ||
+           (bound > VISIBLE_LEVELS && is_counted(measure, &stage->limits));
+}
+
+/* Measure the stage of a pass that reads other pixels, of a cell whose change has a bound. */
+static inline void measure_cell(const Pass *pass, const Cell *cell, float bound,
+                                const CellValues *after) {
     CellValues before;
-    if (!is_measured(pass, pass->stage))
+    if (!is_measured(pass, pass->stage) ||
+        !may_tell(pass->stage, &changes_of(pass, pass->stage)->own, bound))
         return;
     load_cell(pass, cell, &before);
     measure_change(pass->stage, &changes_of(pass, pass->stage)->own, &before, after, cell);
@@ -201,20 +205,24 @@ static inline void note_plain(ChangeMeasure *measure, float bound, const Cell *c
 }
 
 /* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
- * of a range. */
-static inline int is_plain(const Pass *pass, const Cell *cell, CellRange range, float fraction) {
+ * of a range, and the bound of its change; infinite where its overflow has to be known. */
+static inline int is_plain(const Pass *pass, const Cell *cell, CellRange range, float fraction,
+                           float *bound) {
     const ImageStage *stage = pass->stage;
     if (range.low == range.high)
         return 1;
     if (stage->limits.max_change < 0.0f)
         return 0;
     LightChange light = {range.low, range.high, fraction * (range.high - range.low)};
-    float bound = bound_change(stage, light);
-    if (bound > stage->limits.plain_change)
+    *bound = bound_change(stage, light);
+    if (*bound > stage->limits.plain_change) {
+        if (stage->spill[0] * range.high > 1.0f)
+            *bound = INFINITY;
         return 0;
+    }
     if (pass->changes) {
-        note_plain(&changes_of(pass, stage)->own, bound, cell);
-        note_plain(&changes_of(pass, stage)->other, bound, cell);
+        note_plain(&changes_of(pass, stage)->own, *bound, cell);
+        note_plain(&changes_of(pass, stage)->other, *bound, cell);
     }
     return 1;
 }

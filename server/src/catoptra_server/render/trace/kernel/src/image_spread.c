@@ -58,15 +58,15 @@ static float largest_offset(Floats16 x, Floats16 y) {
 /* Light that a bilinear shift by up to (d, d) takes from other pixels. */
 static float exchange_of_shift(float d) { return d < 1.0f ? 1.0f - (1.0f - d) * (1.0f - d) : 1.0f; }
 
-static int is_shift_plain(const Pass *pass, const Cell *cell, float reach) {
+static int is_shift_plain(const Pass *pass, const Cell *cell, float reach, float *bound) {
     CellRange range = find_range_around(pass, cell, (int)reach + 1);
-    return is_plain(pass, cell, range, exchange_of_shift(reach));
+    return is_plain(pass, cell, range, exchange_of_shift(reach), bound);
 }
 
 void warp(const Pass *pass, const Cell *cell, CellValues *to) {
     const void *const *maps = pass->stage->maps;
     Floats16 kept[CELL_ROWS], x[CELL_ROWS], y[CELL_ROWS];
-    float reach = 0.0f;
+    float reach = 0.0f, bound = INFINITY;
     Ints16 is_darker = {0};
     for (int row = 0; row < cell->rows; row++) {
         size_t first = place_in_map(pass, cell, row);
@@ -78,7 +78,7 @@ void warp(const Pass *pass, const Cell *cell, CellValues *to) {
     }
     CellRange own = pass->ranges[cell->row * pass->cell_columns + cell->column];
     int is_black = own.low == 0.0f && own.high == 0.0f;
-    if ((is_black || !bits16(is_darker)) && is_shift_plain(pass, cell, reach)) {
+    if ((is_black || !bits16(is_darker)) && is_shift_plain(pass, cell, reach, &bound)) {
         load_cell(pass, cell, to);
         return;
     }
@@ -91,7 +91,7 @@ void warp(const Pass *pass, const Cell *cell, CellValues *to) {
             store16(kept[row] * light, to->values[channel][row]);
         }
     }
-    measure_cell(pass, cell, to);
+    measure_cell(pass, cell, bound, to);
 }
 
 /* Red and blue are read at offsets of columns and rows; green stays. */
@@ -99,7 +99,7 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
     size_t width = (size_t)pass->job->width, height = (size_t)pass->job->height;
     const float *rows = pass->stage->maps[1];
     Floats16 columns[2];
-    float reach = 0.0f;
+    float reach = 0.0f, bound = INFINITY;
     load_cell(pass, cell, to);
     for (size_t i = 0; i < 2; i++) {
         columns[i] = load_map(pass->stage->maps[0], i * width + (size_t)cell->left, cell->columns);
@@ -107,7 +107,7 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
         for (int row = cell->top; row < cell->top + cell->rows; row++)
             reach = fmaxf(reach, fabsf(rows[i * height + (size_t)row]));
     }
-    if (is_shift_plain(pass, cell, reach))
+    if (is_shift_plain(pass, cell, reach, &bound))
         return;
     for (int row = 0; row < cell->rows; row++)
         for (size_t i = 0; i < 2; i++) {
@@ -116,7 +116,7 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
             store16(read_at_offsets(&pass->from, 2 * (int)i, cell->top + row, cell->left, &offsets),
                     to->values[2 * i][row]);
         }
-    measure_cell(pass, cell, to);
+    measure_cell(pass, cell, bound, to);
 }
 
 /* Part of a full pixel's overflow that a pixel k rows away receives, of those up to a reach. */
@@ -214,7 +214,7 @@ void bloom(const Pass *pass, const Cell *cell, CellValues *to) {
         for (int row = 0; row < cell->rows; row++)
             store16(load16(to->values[channel][row]) + load16(overflow.values[channel][row]),
                     to->values[channel][row]);
-    measure_cell(pass, cell, to);
+    measure_cell(pass, cell, INFINITY, to);
 }
 
 static const float *mirrored_row(const Planes *mosaic, int row) {
@@ -267,5 +267,5 @@ void add_ghost(const Pass *pass, const Cell *cell, CellValues *to) {
                     to->values[channel][row]);
         }
     }
-    measure_cell(pass, cell, to);
+    measure_cell(pass, cell, INFINITY, to);
 }

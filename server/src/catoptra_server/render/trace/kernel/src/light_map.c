@@ -21,19 +21,25 @@ typedef struct {
     MapPoint low, high;
 } MapBox;
 
-/* The map that holds a point; NULL without one. */
-static const LightMap *map_at(const FrameState *state, int light, Vec3 point) {
+/* Maps of a light that hold 16 points, by their numbers among the light's. */
+static Ints16 find_faces(const Light *light, const float points[3][BLOCK_RAYS]) {
+    if (light->kind != LIGHT_POINT)
+        return (Ints16){0};
+    Floats16 x = load16(points[0]) - light->vector[0], y = load16(points[1]) - light->vector[1];
+    Floats16 z = load16(points[2]) - light->vector[2];
+    Ints16 is_x = absolute16(x) > absolute16(y);
+    Floats16 along = select16(is_x, x, y);
+    Ints16 is_z = ~(absolute16(along) > absolute16(z));
+    along = select16(is_z, z, along);
+    /* 0, 2, 4 by axis, and 1 more below the light. */
+    return ((~is_z & ~is_x & 2) | (is_z & 4)) - (along < 0.0f);
+}
+
+/* NULL without one. */
+static const LightMap *find_map(const FrameState *state, int light, int face) {
     const LightMaps *maps = state->scene->light_maps;
-    if (!maps)
-        return NULL;
-    const LightMap *map = &maps->maps[FACES * light];
-    if (state->scene->lights[light].kind == LIGHT_POINT) {
-        Vec3 p = subtract(point, vec3(state->scene->lights[light].vector)), size = absolute(p);
-        float parts[3] = {p.x, p.y, p.z};
-        int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
-        map += 2 * axis + (parts[axis] < 0.0f);
-    }
-    return map->is_built ? map : NULL;
+    const LightMap *map = maps ? &maps->maps[FACES * light + face] : NULL;
+    return map && map->is_built ? map : NULL;
 }
 
 static void enclose(MapBox *box, MapPoint point) {
@@ -128,11 +134,10 @@ float *raise_objects(const FrameState *state, int *failed) {
     return heights;
 }
 
+/* What is known between two heights, with their tolerances. */
 static int find_in_cell(const FrameState *state, const LightMap *map, int cell, int32_t surface,
-                        const MapBox *box) {
+                        float low, float high) {
     const MapCell *entry = &map->cells[cell];
-    float low = box->low.height - 2.0f * height_tolerance(map, box->high.height);
-    float high = box->high.height + 2.0f * height_tolerance(map, box->high.height);
     if (entry->cover > high)
         return LIGHT_HIDDEN;
     float others = entry->surface == surface ? entry->second : entry->height;
@@ -170,18 +175,17 @@ static void look_up_points(const FrameState *state, const LightMap *map, const H
         tolerance = map->tolerance * height * height;
         rays &= bits16(tolerance < MAX_ERROR * absolute16(height));
     }
-    MapBox box = {{0, 0, 0}, {0, 0, 0}};
     int32_t cells[BLOCK_RAYS];
-    float heights[BLOCK_RAYS];
-    store16(height, heights);
+    float low[BLOCK_RAYS], high[BLOCK_RAYS];
+    store16(height - 2.0f * tolerance, low);
+    store16(height + 2.0f * tolerance, high);
     store_ints16(cells_of(map, y, map->top) * map->side + cells_of(map, x, map->left), cells);
     for (; rays; rays &= rays - 1) {
         int lane = __builtin_ctz(rays);
-        box.low.height = box.high.height = heights[lane];
         int32_t surface = hits->object[lane] == OBJECT_STATIC
                               ? state->scene->surfaces.surface[hits->triangle[lane]]
                               : -2;
-        int known = find_in_cell(state, map, cells[lane], surface, &box);
+        int known = find_in_cell(state, map, cells[lane], surface, low[lane], high[lane]);
         found->hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
         found->behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
         found->unknown &= ~((uint32_t)(known != LIGHT_UNKNOWN) << lane);
@@ -191,16 +195,11 @@ static void look_up_points(const FrameState *state, const LightMap *map, const H
 Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
                        const float points[3][BLOCK_RAYS], uint32_t rays) {
     Uncertainty found = {0, rays, 0};
+    Ints16 faces = find_faces(&state->scene->lights[light], points);
     for (uint32_t left = rays, same; left; left &= ~same) {
-        const LightMap *map = map_at(state, light, get_lane(points, __builtin_ctz(left)));
-        same = 1u << __builtin_ctz(left);
-        /* Most points of a block lie on one face around a lamp. */
-        for (uint32_t others = left & (left - 1); others; others &= others - 1) {
-            int lane = __builtin_ctz(others);
-            if (state->scene->lights[light].kind != LIGHT_POINT ||
-                map_at(state, light, get_lane(points, lane)) == map)
-                same |= 1u << lane;
-        }
+        int face = faces[__builtin_ctz(left)];
+        const LightMap *map = find_map(state, light, face);
+        same = bits16(faces == face) & left;
         if (map)
             look_up_points(state, map, hits, points, same, &found);
     }
@@ -212,12 +211,14 @@ static int find_in_box(const FrameState *state, const LightMap *map, int32_t sur
                        const MapBox *box) {
     int top = cell_of(map, box->low.y, map->top), bottom = cell_of(map, box->high.y, map->top);
     int left = cell_of(map, box->low.x, map->left), right = cell_of(map, box->high.x, map->left);
+    float tolerance = 2.0f * height_tolerance(map, box->high.height);
+    float low = box->low.height - tolerance, high = box->high.height + tolerance;
     if ((bottom - top + 1) * (right - left + 1) > MAX_FOOTPRINT)
         return LIGHT_UNKNOWN;
-    int found = find_in_cell(state, map, top * map->side + left, surface, box);
+    int found = find_in_cell(state, map, top * map->side + left, surface, low, high);
     for (int row = top; row <= bottom && found; row++)
         for (int column = left; column <= right && found; column++)
-            if (find_in_cell(state, map, row * map->side + column, surface, box) != found)
+            if (find_in_cell(state, map, row * map->side + column, surface, low, high) != found)
                 found = LIGHT_UNKNOWN;
     return found;
 }
@@ -233,7 +234,9 @@ static int is_on_map(const LightMap *map, const MapBox *box) {
 static int find_in_quad(const FrameState *state, int light, int32_t surface,
                         const Vec3 corners[4]) {
     Vec3 middle = scale(0.25f, add(add(corners[0], corners[1]), add(corners[2], corners[3])));
-    const LightMap *map = map_at(state, light, middle);
+    const float point[3][BLOCK_RAYS] = {{middle.x}, {middle.y}, {middle.z}};
+    const LightMap *map =
+        find_map(state, light, find_faces(&state->scene->lights[light], point)[0]);
     if (!map)
         return LIGHT_UNKNOWN;
     MapBox box = empty_box();

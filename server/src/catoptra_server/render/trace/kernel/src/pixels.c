@@ -29,16 +29,12 @@ int pixel_of_lane(const FrameState *state, int block, int lane) {
     return pixel_of(row, reciprocal) * TILE_PX + pixel_of(column, reciprocal);
 }
 
-typedef float Lanes __attribute__((vector_size(4 * BLOCK_RAYS)));
-typedef float Halves __attribute__((vector_size(2 * BLOCK_RAYS)));
-
 /* Two samples a side: a block has a quarter of the tile's pixels, of two lanes in two rows each. In
  * the order of the lanes, so that sums have the same last bit as one by one. */
 static void add_quarter(int block, const float values[BLOCK_RAYS], float sums[TILE_PX * TILE_PX]) {
-    Lanes lanes;
-    memcpy(&lanes, values, sizeof lanes);
-    Halves even = __builtin_shufflevector(lanes, lanes, 0, 2, 4, 6, 8, 10, 12, 14);
-    Halves odd = __builtin_shufflevector(lanes, lanes, 1, 3, 5, 7, 9, 11, 13, 15);
+    Floats16 lanes = load16(values);
+    Floats8 even = __builtin_shufflevector(lanes, lanes, 0, 2, 4, 6, 8, 10, 12, 14);
+    Floats8 odd = __builtin_shufflevector(lanes, lanes, 1, 3, 5, 7, 9, 11, 13, 15);
     for (int pixel = 0; pixel < 4; pixel++) {
         int row = pixel / 2, column = pixel % 2, lane = 4 * row + column;
         float *sum = sums + (block / 2 * 2 + row) * TILE_PX + block % 2 * 2 + column;

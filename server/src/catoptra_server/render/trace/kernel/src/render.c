@@ -50,14 +50,10 @@ typedef struct {
     atomic_llong num_rays;
 } Job;
 
-static void add_result(Job *job, const BlurResult *result) {
-    atomic_fetch_add(&job->num_rays, result->num_rays);
-}
-
 static void render_parts(void *argument) {
     Job *job = argument;
     const BeamLevel *parts = &job->view->levels[BEAM_LEVELS - 1];
-    BlurResult result = {0};
+    int64_t num_rays = 0;
     Search *search = create_search(job->state, job->max_boxes);
     if (!search) {
         atomic_store(&job->failed, 1);
@@ -66,11 +62,11 @@ static void render_parts(void *argument) {
     int part, filled = 0;
     while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns) {
         const Band *band = job->bands + (job->num_bands > 1 ? part / parts->columns : 0);
-        aim_search(search, &band->state, &band->objects, job->is_second_pass ? &result : NULL);
+        aim_search(search, &band->state, &band->objects, job->is_second_pass ? &num_rays : NULL);
         filled += render_part(search, job->view, part);
     }
     atomic_fetch_add(&job->num_filled, filled);
-    add_result(job, &result);
+    atomic_fetch_add(&job->num_rays, num_rays);
     release_search(search);
 }
 
@@ -91,15 +87,17 @@ static void render_tiles(void *job) { for_each_tile(job, render_unknown); }
 
 static void blur_tiles(void *argument) {
     Job *job = argument;
-    BlurResult result = {0};
+    int64_t num_rays = 0;
     int count = job->view->rays.num_tiles, first;
     while ((first = atomic_fetch_add(&job->next, TILES_AT_ONCE)) < count)
         for (int tile = first; tile < first + TILES_AT_ONCE && tile < count; tile++)
-            blur_tile(job->state, tile, &UNKNOWN_CONTENT, &result);
-    add_result(job, &result);
+            blur_tile(job->state, tile, &UNKNOWN_CONTENT, &num_rays);
+    atomic_fetch_add(&job->num_rays, num_rays);
 }
 
 static void trace_tiles(void *job) { for_each_tile(job, trace_tile); }
+
+static void choose_tiles(void *job) { for_each_tile(job, choose_cells); }
 
 static int has_lights(const Scene *scene, int kind) {
     for (int i = 0; i < scene->num_lights; i++)
@@ -248,8 +246,13 @@ static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
     measures->blurs_unseen_shadows =
         job->state->frame->has_shadows && job->state->frame->measures_shadows &&
         is_counted(&measures->shadow, &job->state->frame->limits);
-    int is_done = choose_instants(job->state) &&
-                  (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
+    int is_done = choose_instants(job->state);
+    if (is_done) {
+        atomic_store(&job->next, 0);
+        workers_run(device->workers, choose_tiles, job);
+        want_tiles(job->state);
+    }
+    is_done = is_done && (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
     counts->num_blurred_tiles = plan->num_tiles;
     counts->num_instants = plan->max_instants;
     counts->num_blur_rays = atomic_load(&job->num_rays);

@@ -66,7 +66,8 @@ static int is_met_from(const FrameState *state, int32_t triangle, const Vec3 cor
     if (isfinite(mesh->coverage[3 * (size_t)triangle]) || state->shift > 0.0f)
         return -1;
     float volume = dot(corners[0], cross(corners[1], corners[2]));
-    float least = MIN_VOLUME * length_of(corners[0]) * length_of(corners[1]) * length_of(corners[2]);
+    float least =
+        MIN_VOLUME * length_of(corners[0]) * length_of(corners[1]) * length_of(corners[2]);
     return fabsf(volume) > least ? volume < 0.0f : -1;
 }
 
@@ -117,70 +118,57 @@ int move_short_list(const ShortList *list, const Pose *camera, ShortList *moved)
     return 1;
 }
 
-typedef float Floats __attribute__((vector_size(4 * BLOCK_RAYS)));
-typedef int32_t Masks __attribute__((vector_size(4 * BLOCK_RAYS))); /* 0 or -1 */
-
-static inline Floats select(Masks mask, Floats yes, Floats no) {
-    return (Floats)((mask & (Masks)yes) | (~mask & (Masks)no));
-}
-
-static inline Floats load(const float *values) {
-    Floats loaded;
-    __builtin_memcpy(&loaded, values, sizeof loaded);
-    return loaded;
-}
-
 /* Inverse distances along 16 rays: of the nearest hit, and the greatest of anything else. */
 typedef struct {
-    Floats nearest, error; /* 0 without a hit */
-    Floats rival;          /* upper bound of all others that may be met */
-    Masks index;
+    Floats16 nearest, error; /* 0 without a hit */
+    Floats16 rival;          /* upper bound of all others that may be met */
+    Ints16 index;
 } Nearest;
 
 /* 16 vectors by component. */
 typedef struct {
-    Floats x, y, z;
+    Floats16 x, y, z;
 } Vectors;
 
-static inline __attribute__((always_inline)) Floats project(Vec3 onto, Vectors vectors) {
+static inline __attribute__((always_inline)) Floats16 project(Vec3 onto, Vectors vectors) {
     return onto.x * vectors.x + onto.y * vectors.y + onto.z * vectors.z;
 }
 
 static inline __attribute__((always_inline)) void
 test_triangle(const ShortTriangle *t, int32_t index, Vectors directions, int has_origins,
               Vectors origins, Nearest *found) {
-    Floats first = project(t->dual[0], directions), second = project(t->dual[1], directions);
-    Floats third = project(t->dual[2], directions);
-    Floats inverse = first + second + third;
+    Floats16 first = project(t->dual[0], directions), second = project(t->dual[1], directions);
+    Floats16 third = project(t->dual[2], directions);
+    Floats16 inverse = first + second + third;
     if (has_origins) {
-        Floats u = project(t->dual[0], origins), v = project(t->dual[1], origins);
-        Floats w = project(t->dual[2], origins);
+        Floats16 u = project(t->dual[0], origins), v = project(t->dual[1], origins);
+        Floats16 w = project(t->dual[2], origins);
         inverse = inverse / (1.0f - (u + v + w));
         first += inverse * u;
         second += inverse * v;
         third += inverse * w;
     }
-    Masks is_inside = (first > t->error[0]) & (second > t->error[1]) & (third > t->error[2]);
-    Masks is_outside = (first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]);
-    Masks is_nearest = is_inside & (inverse > found->nearest);
+    Ints16 is_inside = (first > t->error[0]) & (second > t->error[1]) & (third > t->error[2]);
+    Ints16 is_outside = (first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]);
+    Ints16 is_nearest = is_inside & (inverse > found->nearest);
     /* What is not the nearest may still be met in front of it: the nearest so far, this triangle,
      * or one whose edge the ray passes. */
-    Floats most = select(is_nearest, found->nearest + found->error, inverse + t->sum_error);
-    Masks is_rival = (is_nearest | ~is_outside) & (most > found->rival);
-    found->rival = select(is_rival, most, found->rival);
-    found->nearest = select(is_nearest, inverse, found->nearest);
-    found->error = select(is_nearest, t->sum_error - (Floats){0}, found->error);
+    Floats16 most = select16(is_nearest, found->nearest + found->error, inverse + t->sum_error);
+    Ints16 is_rival = (is_nearest | ~is_outside) & (most > found->rival);
+    found->rival = select16(is_rival, most, found->rival);
+    found->nearest = select16(is_nearest, inverse, found->nearest);
+    found->error = select16(is_nearest, splat16(t->sum_error), found->error);
     found->index = (is_nearest & index) | (~is_nearest & found->index);
 }
 
 static inline __attribute__((always_inline)) Nearest
 find_nearest(const ShortList *list, const RayBlock *rays, int has_origins) {
-    Nearest found = {.index = (Masks){0} - 1};
-    Vectors directions = {load(rays->direction[0]), load(rays->direction[1]),
-                          load(rays->direction[2])};
-    Vectors origins = {load(rays->origin[0]) - list->viewpoint.x,
-                       load(rays->origin[1]) - list->viewpoint.y,
-                       load(rays->origin[2]) - list->viewpoint.z};
+    Nearest found = {.index = (Ints16){0} - 1};
+    Vectors directions = {load16(rays->direction[0]), load16(rays->direction[1]),
+                          load16(rays->direction[2])};
+    Vectors origins = {load16(rays->origin[0]) - list->viewpoint.x,
+                       load16(rays->origin[1]) - list->viewpoint.y,
+                       load16(rays->origin[2]) - list->viewpoint.z};
     for (int i = 0; i < list->count; i++)
         test_triangle(&list->triangles[i], i, directions, has_origins, origins, &found);
     return found;
@@ -188,13 +176,10 @@ find_nearest(const ShortList *list, const RayBlock *rays, int has_origins) {
 
 int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits) {
     Nearest found = rays->has_origins ? find_nearest(list, rays, 1) : find_nearest(list, rays, 0);
-    Masks is_uncertain = (found.rival > 0.0f) & (found.rival >= found.nearest - found.error);
-    uint32_t uncertain = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        uncertain |= (uint32_t)(is_uncertain[lane] & 1) << lane;
-    if (uncertain & rays->active)
+    Ints16 is_uncertain = (found.rival > 0.0f) & (found.rival >= found.nearest - found.error);
+    if (bits16(is_uncertain) & rays->active)
         return 0;
-    Floats distance = 1.0f / found.nearest;
+    Floats16 distance = 1.0f / found.nearest;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         int32_t index = found.index[lane];
         if (index < 0)
