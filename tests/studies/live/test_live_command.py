@@ -29,7 +29,7 @@ def run_live(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run the command on free ports for the length of a block."""
     command = [sys.executable, "-m", "catoptra_studies", "live", "--view", "0"]
     with subprocess.Popen(
-        [*command, "--output", str(folder), *arguments],
+        [*command, "--out", str(folder), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
