@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from catoptra_protocol.command_line import Command, run_program
+from catoptra_protocol.interrupts import end_at_interrupt
 
 COMMANDS = {
     "snapshot": "save one frame of a robot's camera as an image file",
@@ -17,10 +17,12 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command, and return the exit status of the process."""
+    with end_at_interrupt("catoptra-client"):
+        from catoptra_protocol.command_line import run_program
     return run_program("catoptra-client", COMMANDS, _load_command, arguments)
 
 
-def _load_command(name: str) -> Command:
+def _load_command(name: str) -> Callable[[Sequence[str]], int]:
     # NumPy and OpenCV take most of a second.
     from catoptra_client import cli
 

@@ -18,16 +18,15 @@ import argparse
 import math
 import os
 import re
-import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import EXIT_INTERRUPTED, end_at_interrupt
 from catoptra_protocol.names import list_names, suggest_name
 
-EXIT_FAILURE, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_FAILURE, EXIT_USAGE = 1, 2
 Command = Callable[[Sequence[str]], int]
 """A command: reads the words after its name, and returns its exit status."""
 
@@ -58,7 +57,7 @@ def run_program(
     words = sys.argv[1:] if words is None else [*words]
     name, rest = _select_command(program, commands, words, default)
     try:
-        with _end_at_interrupt(program):
+        with end_at_interrupt(program):
             command = load(name)
         status = command(rest)
         print(end="", flush=True)
@@ -102,41 +101,6 @@ def _select_command(
         _end_output()
     problem = f"no command {word!r}" if word and not is_option else "the command is missing"
     parser.error(f"{problem}: the commands are {list_names(word, commands)}")
-
-
-@contextmanager
-def _end_at_interrupt(program: str) -> Iterator[None]:
-    """End the process by Ctrl-C while libraries are loaded, some of which catch the exception."""
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-
-    def end(*_: object) -> None:
-        os.write(2, f"{program}: interrupted\n".encode())
-        os._exit(EXIT_INTERRUPTED)
-
-    signal.signal(signal.SIGINT, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@contextmanager
-def start_without_interrupts() -> Iterator[None]:
-    """Keep Ctrl-C from the processes that a block starts: a terminal sends it to all of a group.
-
-    A process that is being spawned would print the traceback of its interrupted imports.
-    """
-    from multiprocessing import resource_tracker
-
-    # It starts with the first process, and unblocks the signal.
-    resource_tracker.ensure_running()
-    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
 
 def _has_lost_reader() -> bool:

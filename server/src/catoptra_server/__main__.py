@@ -10,18 +10,25 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
-from catoptra_protocol.command_line import Command, run_program
-from catoptra_server.commands import COMMANDS
-from catoptra_server.runtime.faults import Termination
+from catoptra_protocol.interrupts import end_at_interrupt
+
+# As typing's, which takes longer to load than all else here.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from catoptra_server.runtime.faults import Termination
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command, and return the exit status of the process."""
     # NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with end_at_interrupt("catoptra-server"):
+        from catoptra_protocol.command_line import run_program
+        from catoptra_server.commands import COMMANDS
+        from catoptra_server.runtime.faults import Termination
     termination = Termination()
     load = partial(_load_command, termination)
     with termination.handle_signals():
@@ -29,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return termination.status or status
 
 
-def _load_command(termination: Termination, name: str) -> Command:
+def _load_command(termination: Termination, name: str) -> Callable[[Sequence[str]], int]:
     # Matched by hand: argparse's subparsers would import every command for the options.
     match name:
         case "doctor":

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from catoptra_protocol.command_line import EXIT_FAILURE, Command, run_program
+from catoptra_protocol.interrupts import end_at_interrupt
 
 COMMANDS = {
     "demo": "repeat the paper's experiment in both set-ups and write its report",
@@ -37,6 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Idle BLAS threads spin and nearly double a traced frame on two cores. NumPy reads the
     # variable on import, so no import of a study may come before this line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with end_at_interrupt("catoptra-studies"):
+        from catoptra_protocol.command_line import EXIT_FAILURE, run_program
     try:
         return run_program("catoptra-studies", COMMANDS, _load_command, arguments)
     except ModuleNotFoundError as error:
@@ -51,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_FAILURE
 
 
-def _load_command(name: str) -> Command:
+def _load_command(name: str) -> Callable[[Sequence[str]], int]:
     match name:
         case "demo":
             from catoptra_studies.experiment.demo_command import main as run_demo

@@ -55,6 +55,23 @@ def test_run_after_a_signal_goes_on_and_has_the_same_bytes(
     assert read_hashes(folder) == read_hashes(whole)
 
 
+def test_interrupt_of_the_group_while_workers_load_is_one_line(whole: Path, tmp_path: Path) -> None:
+    command = [*COMMAND, str(whole.parent / "recipe.ini"), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [*command, "--workers", "2"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    deadline_s = time.monotonic() + TIMEOUT_S
+    # The tracker of resources and both workers, which have loaded nothing yet.
+    while len(children.read_text().split()) < 3:
+        assert time.monotonic() < deadline_s
+        select.select([], [], [], 0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130
+    assert errors == "catoptra-server: interrupted; the same command goes on\n"
+
+
 def test_whole_data_set_is_not_drawn_again(whole: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in whole.rglob("*")}
     done = run_dataset(whole.parent / "recipe.ini", whole)

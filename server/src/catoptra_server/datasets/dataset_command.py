@@ -10,8 +10,9 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from catoptra_protocol.command_line import EXIT_INTERRUPTED, CommandParser, int_within
+from catoptra_protocol.command_line import CommandParser, int_within
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import EXIT_INTERRUPTED
 from catoptra_protocol.names import list_names
 from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.datasets.dataset_folder import verify_dataset

@@ -15,8 +15,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from catoptra_protocol.command_line import start_without_interrupts
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import start_without_interrupts
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 

@@ -23,9 +23,9 @@ from catoptra_protocol.command_line import (
     EXIT_FAILURE,
     CommandParser,
     parse_count,
-    start_without_interrupts,
 )
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import start_without_interrupts
 from catoptra_studies.commands import (
     add_output,
     make_parser,
