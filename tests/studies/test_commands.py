@@ -41,6 +41,15 @@ def test_progress_when_hidden_prints_nothing(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err == ""
 
 
+def test_progress_when_interrupted_leaves_no_bars_in_a_pipe(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(KeyboardInterrupt), open_progress() as progress:
+        progress.add_task("frames", 2)
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == ""
+
+
 def test_line_when_printed_above_bars_goes_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     with open_progress(is_visible=False) as progress:
         progress.print_line("sim: watch the drives at http://[::1]:5080/")

@@ -75,11 +75,14 @@ def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    console = Console(stderr=True)
-    # A hidden display advances like a visible one. A log or a pipe gets none.
-    is_hidden = not (is_visible and console.is_terminal)
-    with Progress(*columns, console=console, disable=is_hidden) as progress:
-        yield ProgressDisplay(progress)
+    # A hidden display advances like a visible one, so tests take the same path.
+    with Progress(*columns, console=Console(stderr=True), disable=not is_visible) as progress:
+        try:
+            yield ProgressDisplay(progress)
+        except KeyboardInterrupt:
+            # A pipe gets the bars at the end alone: after Ctrl-C it gets one line.
+            progress.console.quiet = not progress.console.is_terminal
+            raise
 
 
 def print_line(text: str) -> None:

@@ -82,7 +82,7 @@ def test_size_when_out_of_range_is_rejected_with_usage(
 ) -> None:
     with pytest.raises(SystemExit):
         main([*FILES, "--size", size])
-    assert "the image must be 16 to 4096 px wide" in capsys.readouterr().err
+    assert "a size is 16 to 4096" in capsys.readouterr().err
 
 
 def test_readme_has_the_marks_of_the_table() -> None:
