@@ -44,9 +44,13 @@ def test_progress_when_hidden_prints_nothing(capsys: pytest.CaptureFixture[str])
 def test_progress_when_interrupted_leaves_no_bars_in_a_pipe(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with pytest.raises(KeyboardInterrupt), open_progress() as progress:
-        progress.add_task("frames", 2)
-        raise KeyboardInterrupt
+    def interrupt() -> None:
+        with open_progress() as progress:
+            progress.add_task("frames", 2)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt()
     assert capsys.readouterr().err == ""
 
 
