@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -188,6 +189,16 @@ def test_word_of_an_earlier_release_is_read_and_not_listed(command: tuple[str, s
     for old, new in OLD_WORDS[command].items():
         assert parser._option_string_actions[old].option_strings[-1] == new
         assert f"{old} " not in parser.format_help()
+
+
+def test_values_in_the_form_of_an_earlier_release_are_read() -> None:
+    figures, snapshot = find_parser("studies", "figures"), find_parser("client", "snapshot")
+    new = figures.parse_args(["--pose", "-1,2,0.5"]).pose
+    old = figures.parse_args(["--pose", "-1", "2", str(math.degrees(0.5))]).pose
+    assert (new.x_m, new.y_m, new.yaw_rad) == (-1.0, 2.0, 0.5)
+    assert (old.x_m, old.y_m, old.yaw_rad) == pytest.approx((-1.0, 2.0, 0.5))
+    for words in (["a.png"], ["--out", "a.png"]):
+        assert snapshot.parse_args([*words, "--panorama"]).out == "a.png"
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
