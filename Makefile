@@ -61,15 +61,15 @@ $(TOOLS): $(INSTALLED)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]
-	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0) $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
+	$(BIN)/catoptra-studies demo --out out/demo --seed $(or $(SEED),0) $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50] [UPDATE=yes: docs]
-	$(BIN)/catoptra-studies seeds --output out/experiment-seeds --seeds $(or $(SEEDS),50) \
+	$(BIN)/catoptra-studies seeds --out out/experiment-seeds --seeds $(or $(SEEDS),50) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 # One page a machine: PORT=0 takes free ports for a second one.
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
-	$(BIN)/catoptra-studies live --output out/live $(if $(PORT),--view $(PORT))
+	$(BIN)/catoptra-studies live --out out/live $(if $(PORT),--view $(PORT))
 
 # One worker more than processors: tests wait for servers and processes a sixth of their time.
 WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
@@ -124,16 +124,16 @@ bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars 
 # The report and tables that the repository has change with UPDATE=yes alone: they are those of one
 # machine, which they name.
 cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=yes] [UPDATE=yes: server/COST.md, server/cost.json, README] [MACHINE=text]
-	$(BIN)/catoptra-studies cost --output out/cost $(if $(QUICK),--quick) --machine "$(MACHINE)" \
-	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --readme README.md --data server/cost.json)
+	$(BIN)/catoptra-studies cost --out out/cost $(if $(QUICK),--quick) --machine "$(MACHINE)" \
+	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --page README.md --data server/cost.json)
 	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
 effects: $(READY) ## Draw each effect, compare decisions with the truth, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]
-	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick) \
+	$(BIN)/catoptra-studies effects --out out/effects $(if $(QUICK),--quick) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/EFFECTS.md)
 
 cameras: $(READY) ## Draw a gallery of all camera models in one world; writes out/cameras: [CAMERAS=a,b] [WORLD=name]
-	$(BIN)/catoptra-studies cameras --output out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
+	$(BIN)/catoptra-studies cameras --out out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
 	  $(if $(WORLD),--world $(WORLD))
 
 # Without a registry the proof itself says what is missing, and ends with 2.

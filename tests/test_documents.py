@@ -54,7 +54,7 @@ def test_documents_have_commands_of_every_program() -> None:
         "```sh\nmake nothing\n```\n",
         "runs with `make demo SPEED=3`",
         "```sh\n.venv/bin/catoptra-server --robots a.ini  # serves\n```\n",
-        "`catoptra-studies cost --page a.md` writes",
+        "`catoptra-studies cost --pages a.md` writes",
         "with `--no-such-option 3`",
         "drawn by `.venv/bin/python examples/no.py`",
         "```sh\ndocker compose -f docker/no.yaml up\n```\n",

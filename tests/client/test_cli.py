@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import catoptra_client
-from catoptra_client import __main__ as entry_point
-from catoptra_client.cli import main
+from catoptra_client.__main__ import main
+from catoptra_client.cli import COMMANDS
 from catoptra_client.server_process import run_server
 from catoptra_client.training_frames import ROBOT_CLASS
 
@@ -21,8 +21,8 @@ def test_command_when_interrupted_ends_with_one_line(
     def interrupt(_: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("catoptra_client.cli.main", interrupt)
-    assert entry_point.main(["train"]) == entry_point.EXIT_INTERRUPTED
+    monkeypatch.setitem(COMMANDS, "train", interrupt)
+    assert main(["train"]) == 130
     assert capsys.readouterr().err == "catoptra-client: interrupted\n"
 
 
@@ -46,7 +46,7 @@ def test_command_takes_any_class_of_robot(command: str, capsys: pytest.CaptureFi
         main([command, "--help"])
     assert ended.value.code == 0
     help_text = capsys.readouterr().out
-    assert "--robot-class CLASS" in help_text
+    assert "--robot CLASS" in help_text
     assert ROBOT_CLASS in help_text
 
 
@@ -57,9 +57,9 @@ def test_bearings_are_those_of_the_named_camera_in_the_robot_s_axes(
     with run_server(robot, world, seed=3, log_file=tmp_path / "log") as address:
         common = [
             *("--host", address.host, "--control-port", str(address.control_port)),
-            *("--image-port", str(address.image_port), "--robot-class", "USARBot.FisheyeP2AT"),
+            *("--image-port", str(address.image_port), "--robot", "USARBot.FisheyeP2AT"),
         ]
-        assert main(["train", "--output", str(path), "--frames", "8", *common]) == 0
+        assert main(["train", "--out", str(path), "--training-frames", "8", *common]) == 0
         command = ["bearings", "--classifier", str(path), "--frames", "1", *common]
         command += ["--stream-port", str(address.stream_port), "--camera"]
         capsys.readouterr()
@@ -78,5 +78,5 @@ def test_bearings_are_those_of_the_named_camera_in_the_robot_s_axes(
 def test_error_is_one_line_and_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bearings", "--classifier", str(tmp_path / "none.npz")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("catoptra-client: ")
+    assert line.startswith("catoptra-client bearings: ")
     assert "none.npz" in line

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.cli import main
+from catoptra_client.__main__ import main
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_server.commands.calibration import main as write_robot_calibration
@@ -47,4 +47,4 @@ def test_calibration_of_an_unknown_camera_is_a_message(
 ) -> None:
     words = ["calibration", "--out", str(tmp_path), "--camera", "None", "--stream-port"]
     assert main([*words, str(server.stream_port)]) == 1
-    assert "catoptra-client: " in capsys.readouterr().err
+    assert "catoptra-client calibration: " in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.cli import main
+from catoptra_client.__main__ import main
 from catoptra_client.frame import Pixels, rgb_from_image_bytes
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.frame_source import open_frame_source
@@ -27,7 +27,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 def take_snapshot(server: RunningServer, path: Path, *options: str) -> int:
     """Exit status of the command."""
     port = str(server.stream_port)
-    return main(["snapshot", str(path), "--stream-port", port, *options])
+    return main(["snapshot", "--out", str(path), "--stream-port", port, *options])
 
 
 def read_image(path: Path) -> Pixels:
@@ -62,7 +62,7 @@ def test_snapshot_of_a_robot_that_does_not_exist_fails_with_a_reason(
     server: RunningServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert take_snapshot(server, tmp_path / "a.png", "--robot", "Nobody") == 1
-    assert "catoptra-client: " in capsys.readouterr().err
+    assert "catoptra-client snapshot: " in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -77,9 +77,9 @@ def test_snapshot_spawns_a_robot_for_itself(
     with server.connect_stream() as client:
         assert client.get_state().robots == ()  # gone with the picture
     for words, hint in (
-        (("--spawn", "USARBot.OmniP2A"), "did you mean USARBot.OmniP2AT?"),
+        (("--spawn", "USARBot.OmniP2A"), "this server has USARBot.OmniP2AT"),
         ((*spawned, "--start", "Center"), "did you mean Centre?"),
-        ((*spawned, "--camera", "OmniCamPilar_Link4"), "did you mean OmniCamPillar_Link4?"),
+        ((*spawned, "--camera", "OmniCamPilar_Link4"), "have OmniCamPillar_Link4"),
     ):
         assert take_snapshot(server, tmp_path / "c.png", *words) == 1
         assert hint in capsys.readouterr().err

@@ -127,7 +127,7 @@ def test_client_when_the_server_is_stopped_reports_an_error_and_fails() -> None:
     with containers("sim", "client") as running:
         running.wait_for("robot Run0 of class")
         compose("stop", "--timeout", "5", "sim")
-        running.wait_for("experiment: ")
+        running.wait_for("catoptra-studies demo: ")
         assert "the client ended with 1" in running.wait_for("the client ended with")
 
 

@@ -111,7 +111,7 @@ def test_client_when_installed_detects_landmarks_in_frames_of_the_server(
             match = LISTENING_PATTERN.fullmatch(process.stdout.readline())
             assert match
             address = ("--control-port", match[1], "--image-port", match[2])
-            trained = client.run("catoptra-client", "train", "--frames", "10", *address)
+            trained = client.run("catoptra-client", "train", "--training-frames", "10", *address)
             assert trained.returncode == 0, trained.stderr
             printed = client.run("catoptra-client", "bearings", "--frames", "2", *address)
             assert printed.returncode == 0, printed.stderr

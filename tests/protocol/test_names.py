@@ -28,11 +28,16 @@ def test_suggestion_is_the_most_similar_known_name(name: str, suggestion: str) -
         ("field", "field_tour, mixed; did you mean field_tour?"),
         ("FIELD_TUOR", "field_tour, mixed; did you mean field_tour?"),
         ("x", "field_tour, mixed"),
+        ("feild_tour", "field_tour, mixed; did you mean field_tour?"),
         ("", "field_tour, mixed"),
     ],
 )
 def test_list_has_all_names_and_the_nearest(name: str, text: str) -> None:
     assert list_names(name, ["field_tour", "mixed", "mixed"]) == text
+
+
+def test_list_of_one_name_does_not_repeat_it() -> None:
+    assert list_names("Center", ["Centre"]) == "Centre"
 
 
 def test_list_of_no_names_says_so() -> None:

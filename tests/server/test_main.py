@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from catoptra_server.__main__ import COMMANDS, main
+from catoptra_server.__main__ import main
+from catoptra_server.commands import COMMANDS
 
 
 def test_main_without_a_command_serves(capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,7 +52,7 @@ def test_signals_are_handled_for_every_command(
     before = signal.getsignal(signal.SIGINT)
     within: list[object] = []
 
-    def record(*_: object) -> int:
+    def record(*_: object, **__: object) -> int:
         within.append(signal.getsignal(signal.SIGINT))
         return 3
 
@@ -65,19 +66,24 @@ def test_signals_are_handled_for_every_command(
 def test_command_when_misspelt_is_named_with_all_commands(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([command[:-1], "--json"]) == 2
+    with pytest.raises(SystemExit) as ended:
+        main([command[:-1], "--json"])
+    assert ended.value.code == 2
     line = capsys.readouterr().err
     assert f"no command {command[:-1]!r}: the commands are {', '.join(COMMANDS)}" in line
     assert f"did you mean {command}?" in line
 
 
 def test_command_like_none_has_no_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["xyz"]) == 2
+    with pytest.raises(SystemExit):
+        main(["xyz"])
     assert "did you mean" not in capsys.readouterr().err
 
 
 def test_main_with_version_prints_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
     output = capsys.readouterr().out
     assert output.startswith("catoptra-server ")
     assert output.count("\n") == 1

@@ -7,9 +7,7 @@ import sys
 
 import pytest
 
-from catoptra_studies.cli import EXIT_USAGE, main
-
-COMMANDS = ("demo", "seeds", "live", "cost", "effects", "cameras", "compare", "figures")
+from catoptra_studies.cli import COMMANDS, main
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -23,19 +21,11 @@ def test_command_when_asked_for_help_prints_its_own(
 
 
 def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
     listed = capsys.readouterr().out
     assert all(f"  {command} " in listed for command in COMMANDS)
-
-
-@pytest.mark.parametrize(("words", "answer"), [([], ""), (["dmo"], "no command 'dmo'")])
-def test_command_when_unknown_is_named_and_answered_with_usage(
-    words: list[str], answer: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words) == EXIT_USAGE
-    error = capsys.readouterr().err
-    assert answer in error
-    assert "usage: catoptra-studies" in error
 
 
 def test_command_when_interrupted_says_so_in_one_line(
@@ -74,7 +64,7 @@ def run_without_server(*words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("command", ["cost", "figures"])
 def test_command_when_the_server_is_missing_names_the_extra_in_one_line(command: str) -> None:
     ended = run_without_server(command)
-    assert ended.returncode == EXIT_USAGE
+    assert ended.returncode == 1
     (line,) = ended.stderr.splitlines()
     assert "pip install 'catoptra-studies[server]'" in line
 
@@ -86,6 +76,6 @@ def test_demo_when_the_server_is_missing_starts_and_has_no_camera_figures() -> N
 
 @pytest.mark.parametrize("words", [("demo", "--runs", "1"), ("live",)])
 def test_command_when_the_server_is_missing_and_must_be_started_names_it(words, tmp_path) -> None:
-    ended = run_without_server(*words, "--output", str(tmp_path))
+    ended = run_without_server(*words, "--out", str(tmp_path))
     assert ended.returncode == 1
     assert "pip install catoptra-server" in " ".join(ended.stderr.split())

@@ -1,43 +1,24 @@
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import pytest
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.commands import (
-    EXIT_FAILURE,
     add_output,
     make_parser,
     open_progress,
+    parse_study,
     print_line,
     print_table,
-    run_study,
 )
 
 
-def parse_output(folder: Path) -> argparse.Namespace:
+def test_study_has_its_new_folder(tmp_path: Path) -> None:
     parser = make_parser("walk", "Walk.")
     add_output(parser, "out/walk", "folder of the walk")
-    return parser.parse_args(["--output", str(folder)])
-
-
-def test_study_runs_in_its_new_folder_and_decides_the_status(tmp_path: Path) -> None:
-    folder = tmp_path / "a" / "b"
-    assert run_study("walk", parse_output(folder), lambda _: 3 if folder.is_dir() else 0) == 3
-
-
-@pytest.mark.parametrize("kind", [CatoptraError, OSError])
-def test_study_that_cannot_be_done_ends_with_one_line(
-    kind: type[Exception], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail(_: argparse.Namespace) -> int:
-        raise kind("[red]no.ini[/red]")
-
-    assert run_study("walk", parse_output(tmp_path), fail) == EXIT_FAILURE
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err) == ("", "walk: [red]no.ini[/red]\n")
+    parse_study(parser, ["--out", str(tmp_path / "a" / "b")])
+    assert (tmp_path / "a" / "b").is_dir()
 
 
 def test_line_when_printed_keeps_brackets(capsys: pytest.CaptureFixture[str]) -> None:
@@ -57,6 +38,19 @@ def test_progress_when_hidden_prints_nothing(capsys: pytest.CaptureFixture[str])
         advance = progress.add_task("frames", 2)
         advance()
         advance()
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_when_interrupted_leaves_no_bars_in_a_pipe(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupt() -> None:
+        with open_progress() as progress:
+            progress.add_task("frames", 2)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt()
     assert capsys.readouterr().err == ""
 
 

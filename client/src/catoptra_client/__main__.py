@@ -1,23 +1,32 @@
-"""Entry point of `catoptra-client`: Ctrl-C ends every command with one line, loading included."""
+"""Entry point of `catoptra-client`, which loads the libraries of a command once that is known."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-EXIT_INTERRUPTED = 130
+from catoptra_protocol.interrupts import end_at_interrupt
+
+COMMANDS = {
+    "snapshot": "save one frame of a robot's camera as an image file",
+    "calibration": "write a camera as calibration files of other programs",
+    "train": "train the colour classifier from labelled frames",
+    "bearings": "print the landmarks in the robot's frames",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command, and return the exit status of the process."""
-    try:
-        # NumPy and OpenCV take most of a second, in which a user may have second thoughts.
-        from catoptra_client.cli import main as run
+    with end_at_interrupt("catoptra-client"):
+        from catoptra_protocol.command_line import run_program
+    return run_program("catoptra-client", COMMANDS, _load_command, arguments)
 
-        return run(arguments)
-    except KeyboardInterrupt:
-        print("catoptra-client: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
+
+def _load_command(name: str) -> Callable[[Sequence[str]], int]:
+    # NumPy and OpenCV take most of a second.
+    from catoptra_client import cli
+
+    return cli.COMMANDS[name]
 
 
 if __name__ == "__main__":

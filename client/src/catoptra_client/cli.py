@@ -1,4 +1,4 @@
-"""Command line: save a `snapshot` or a `calibration`, `train` a classifier, print `bearings`."""
+"""Commands: save a `snapshot` or a `calibration`, `train` a classifier, print `bearings`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import argparse
 import math
 import secrets
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
@@ -29,29 +30,52 @@ from catoptra_client.landmarks import (
 )
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
-from catoptra_protocol.calibration.calibration_folder import write_calibration
-from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
+from catoptra_protocol.calibration.calibration_folder import (
+    add_calibration_options,
+    write_calibration,
+)
+from catoptra_protocol.command_line import (
+    Command,
+    CommandParser,
+    int_within,
+    parse_count,
+    parse_float_within,
+    parse_integer,
+    parse_port,
+)
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; 0 on success, 1 after an error message on stderr."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        parsed.run(parsed)
-    # Expected failures only; a programming error keeps its traceback.
-    except (CatoptraError, OSError) as error:
-        print(f"catoptra-client: {error}", file=sys.stderr)
-        return 1
-    return 0
+_CLASSIFIER = Path("out/classifier.npz")
+_STREAM_PORT = 5005
+# A day at twelve frames a second.
+_MAX_FRAMES = 1_000_000
 
 
-def _save_snapshot(parsed: argparse.Namespace) -> None:
+def _save_snapshot(words: Sequence[str]) -> int:
     """Save one frame of a robot's camera, or its panorama, as an image file."""
+    parser = CommandParser(
+        "catoptra-client snapshot",
+        "Save one frame of a robot's camera as an image file.",
+    )
+    add = parser.add_argument
+    add("--out", metavar="FILE", help="PNG or JPEG file; needed")
+    # The word of earlier releases: the file by its place alone.
+    add("out", nargs="?", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+    add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
+    add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
+    add("--spawn", metavar="CLASS", help="spawn a robot of a class for the picture")
+    add("--start", metavar="TAG", help="start pose of that robot (default: the world's first one)")
+    add("--panorama", action="store_true", help="the panorama instead of the camera's image")
+    add("--picture", choices=[picture.value for picture in Picture],
+        help="hand of the image (default: as the camera has it)")  # fmt: skip
+    _add_stream_address(parser)
+    parsed = parser.parse_args(words)
+    if parsed.out is None:
+        parser.error("--out is missing: the name of a PNG or JPEG file")
     with ExitStack() as stack:
         robot = _spawn_for_snapshot(parsed, stack) if parsed.spawn else parsed.robot
         source = open_frame_source(
@@ -67,9 +91,10 @@ def _save_snapshot(parsed: argparse.Namespace) -> None:
             "nothing to save: no robot with a camera has been spawned; --spawn CLASS spawns one"
         )
     image = make_panorama(frame) if parsed.panorama else frame.rgb
-    write_image(parsed.output, image)
+    write_image(Path(parsed.out), image)
     height, width = image.shape[:2]
-    print(f"{parsed.output}: {width} x {height} px, {frame.camera_name or 'image port'}")
+    print(f"{parsed.out}: {width} x {height} px, {frame.camera_name or 'image port'}")
+    return 0
 
 
 def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
@@ -87,8 +112,16 @@ def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
     return name
 
 
-def _write_calibration(parsed: argparse.Namespace) -> None:
+def _write_calibration(words: Sequence[str]) -> int:
     """Write a server's camera as calibration files of other programs."""
+    parser = CommandParser(
+        "catoptra-client calibration",
+        "Write a camera of a server as calibration files of other programs.",
+    )
+    parser.add_argument("--camera", metavar="NAME", help="name of the camera (default: the first)")
+    add_calibration_options(parser)
+    _add_stream_address(parser)
+    parsed = parser.parse_args(words)
     with StreamClient.connect(parsed.host, parsed.stream_port) as client:
         name, camera, robot_from_mirror = client.get_mounted_camera(parsed.camera or "")
     if not isinstance(camera, OmniCamera):
@@ -102,47 +135,80 @@ def _write_calibration(parsed: argparse.Namespace) -> None:
         robot_from_mirror=robot_from_mirror.rotation,
     )
     print("\n".join(lines))
+    return 0
 
 
-def _train(parsed: argparse.Namespace) -> None:
+def _train(words: Sequence[str]) -> int:
     """Train a classifier on labelled frames from random poses on the field."""
+    parser = CommandParser(
+        "catoptra-client train",
+        "Train the colour classifier from labelled frames.",
+    )
+    add = parser.add_argument
+    add("--out", type=Path, default=_CLASSIFIER, metavar="FILE", help="classifier to write")
+    parser.read_too("--out", "--output")
+    add("--theta", type=partial(parse_float_within, name="a threshold"), default=DEFAULT_THETA,
+        metavar="VALUE", help="threshold of Eq. 3")  # fmt: skip
+    add("--seed", type=parse_integer, default=1, metavar="N", help="seed of the random poses")
+    add("--training-frames", type=parse_count, default=30, metavar="N",
+        help="frames for the classifier")  # fmt: skip
+    parser.read_too("--training-frames", "--frames")
+    _add_robot_options(parser)
+    parsed = parser.parse_args(words)
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     frame_numbers = count(1)
     frames = capture_training_frames(
         _server_address(parsed),
         landmarks=landmarks,
-        num_frames=parsed.frames,
+        num_frames=parsed.training_frames,
         seed=parsed.seed,
-        robot_class=parsed.robot_class,
-        on_frame=lambda: _print_progress(next(frame_numbers), parsed.frames),
+        robot_class=parsed.robot,
+        on_frame=lambda: _print_progress(next(frame_numbers), parsed.training_frames),
     )
     classifier = train(frames, theta=parsed.theta)
-    parsed.output.parent.mkdir(parents=True, exist_ok=True)
-    save_classifier(classifier, parsed.output)
-    print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
+    parsed.out.parent.mkdir(parents=True, exist_ok=True)
+    save_classifier(classifier, parsed.out)
+    print(f"classifier written to {parsed.out}, threshold {parsed.theta:g}")
+    return 0
 
 
 def _print_progress(number: int, total: int) -> None:
-    """Overwrite one line of stderr; stdout carries results alone."""
-    print(f"\rlabelled frame {number} of {total}", end="", file=sys.stderr, flush=True)
-    if number == total:
-        print(file=sys.stderr)
+    """Overwrite one line of a terminal; a log needs no progress, and stdout has results alone."""
+    if sys.stderr.isatty():
+        end = "\n" if number == total else ""
+        print(f"\rlabelled frame {number} of {total}", end=end, file=sys.stderr, flush=True)
 
 
-def _print_bearings(parsed: argparse.Namespace) -> None:
+def _print_bearings(words: Sequence[str]) -> int:
     """Print the landmarks of every frame."""
+    parser = CommandParser(
+        "catoptra-client bearings",
+        "Print the landmarks in the robot's frames.",
+    )
+    add = parser.add_argument
+    add("--classifier", type=Path, default=_CLASSIFIER, metavar="FILE", help="file of `train`")
+    add("--start", default="Centre", metavar="TAG", help="start pose of the robot")
+    add("--frames", type=int_within("a number of frames", 0, _MAX_FRAMES), default=0, metavar="N",
+        help="number of frames; 0 = until interrupted")  # fmt: skip
+    add("--camera", metavar="NAME",
+        help="name of the camera, over the stream (default: the image port's picture)")  # fmt: skip
+    add(
+        "--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT", help="ZeroMQ stream"
+    )
+    _add_robot_options(parser)
+    parsed = parser.parse_args(words)
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     classifier = load_classifier(parsed.classifier)
     address = _server_address(parsed)
     # The stream selects cameras by the robot's name, so that name is chosen here.
     name = f"bearings_{secrets.token_hex(4)}" if parsed.camera else None
     with RobotClient.connect(address.host, address.control_port) as robot:
-        robot.spawn(parsed.robot_class, name=name, start_pose=parsed.start)
+        robot.spawn(parsed.robot, name=name, start_pose=parsed.start)
         # The server's configuration has the exact camera model: nothing to calibrate.
         try:
             camera, height_m = robot.get_camera_and_height(parsed.camera)
         except RemoteProtocolError as error:
-            place = f"camera {parsed.camera!r} of {parsed.robot_class}" if name else "the camera"
+            place = f"camera {parsed.camera!r} of {parsed.robot}" if name else "the camera"
             raise CatoptraError(f"{place} is missing or not omnidirectional: {error}") from error
         with _open_bearing_source(parsed, name) as images:
             viewpoint = _find_viewpoint(images, height_m) if name else Viewpoint(height_m)
@@ -152,6 +218,7 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
                 print(f"frame {frame.sequence}")
                 for detection in detect(detector, frame.rgb):
                     print("  " + _format_detection(detection))
+    return 0
 
 
 def _open_bearing_source(parsed: argparse.Namespace, robot: str | None) -> FrameSource:
@@ -188,65 +255,29 @@ def _server_address(parsed: argparse.Namespace) -> ServerAddress:
     return ServerAddress(parsed.host, parsed.control_port, parsed.image_port)
 
 
-def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    pictures = [picture.value for picture in Picture]
-    snapshot = commands.add_parser(
-        "snapshot", help="save one frame of a robot's camera as an image file"
+def _add_stream_address(parser: CommandParser) -> None:
+    parser.add_argument("--host", default="127.0.0.1", help="host of the server")
+    parser.add_argument(
+        "--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT", help="ZeroMQ stream"
     )
-    snapshot.set_defaults(run=_save_snapshot)
-    add = snapshot.add_argument
-    add("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
-    add("--robot", help="name of the robot; the image port's picture")
-    add("--camera", help="name of the camera; the robot's first one")
-    add("--spawn", metavar="CLASS", help="spawn a robot of a class for the picture")
-    add("--start", metavar="TAG", help="start pose of that robot; the world's first one")
-    add("--panorama", action="store_true", help="the panorama instead of the camera's image")
-    add("--picture", choices=pictures, help="hand of the image; as the camera has it")
-    calibration = commands.add_parser(
-        "calibration", help="write a camera as calibration files of other programs"
-    )
-    calibration.set_defaults(run=_write_calibration)
-    add = calibration.add_argument
-    add("--camera", help="name of the camera; the first one")
-    add("--out", type=Path, required=True, metavar="DIR")
-    hand = "hand of the pictures that the files describe"
-    add("--picture", choices=pictures, default=Picture.FLIPPED.value, help=hand)
-    add("--max-residual-px", type=float, default=DEFAULT_MAX_RESIDUAL_PX, metavar="PX")
-    for command in (snapshot, calibration):
-        command.add_argument("--host", default="127.0.0.1")
-        command.add_argument("--stream-port", type=int, default=5005)
-    training = commands.add_parser("train", help="train the colour classifier from labelled frames")
-    training.set_defaults(run=_train)
-    add = training.add_argument
-    add("--output", type=Path, default=Path("out/classifier.npz"))
-    add("--theta", type=float, default=DEFAULT_THETA, help="threshold of Eq. 3")
-    add("--seed", type=int, default=1, help="of the random poses")
-    add("--frames", type=int, default=30)
-    bearings = commands.add_parser("bearings", help="print the landmarks in the robot's frames")
-    bearings.set_defaults(run=_print_bearings)
-    add = bearings.add_argument
-    add("--classifier", type=Path, default=Path("out/classifier.npz"))
-    add("--start", default="Centre", help="start pose of the robot")
-    add("--frames", type=int, default=0, help="0 = until interrupted")
-    add("--camera", help="name of the camera, over the stream; the image port's picture")
-    add("--stream-port", type=int, default=5005)
-    # On each subcommand rather than the parent, so that options may follow the command.
-    for command in (training, bearings):
-        command.add_argument(
-            "--landmarks",
-            default="four_legged_2006",
-            metavar="CSV",
-            help="file, or the name of a bundled one",
-        )
-        command.add_argument(
-            "--robot-class",
-            default=ROBOT_CLASS,
-            metavar="CLASS",
-            help="class to spawn, with a mirror camera (default: %(default)s)",
-        )
-        command.add_argument("--host", default="127.0.0.1")
-        command.add_argument("--control-port", type=int, default=3000)
-        command.add_argument("--image-port", type=int, default=5003)
-    return parser
+
+
+def _add_robot_options(parser: CommandParser) -> None:
+    """Options of a command that spawns a robot by the control port."""
+    add = parser.add_argument
+    add("--landmarks", default="four_legged_2006", metavar="CSV",
+        help="file, or the name of a bundled one")  # fmt: skip
+    add("--robot", default=ROBOT_CLASS, metavar="CLASS",
+        help="class to spawn, with a mirror camera")  # fmt: skip
+    parser.read_too("--robot", "--robot-class")
+    add("--host", default="127.0.0.1", help="host of the server")
+    add("--control-port", type=parse_port, default=3000, metavar="PORT", help="control port")
+    add("--image-port", type=parse_port, default=5003, metavar="PORT", help="image port")
+
+
+COMMANDS: Mapping[str, Command] = {
+    "snapshot": _save_snapshot,
+    "calibration": _write_calibration,
+    "train": _train,
+    "bearings": _print_bearings,
+}

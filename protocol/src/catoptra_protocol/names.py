@@ -25,10 +25,12 @@ def suggest_name(name: str, known: Iterable[str], min_similarity: float = MIN_SI
 
 
 def list_names(name: str, known: Iterable[str]) -> str:
-    """All known names, and the most similar to a misspelt one: "a, b; did you mean b?"."""
+    """All known names, and of several the nearest to a misspelt one: "a, b; did you mean b?"."""
     names = list(dict.fromkeys(known))
     text = ", ".join(names[:_MAX_LISTED_NAMES]) or "none"
     if num_further := len(names[_MAX_LISTED_NAMES:]):
         text += f" and {num_further} more"
+    if len(names) == 1:
+        return text
     suggestion = suggest_name(name[:100], names, _MIN_LISTED_SIMILARITY)
     return f"{text}; did you mean {suggestion}?" if suggestion else text

@@ -1,8 +1,7 @@
-"""What the commands of all studies share: their parser, their end, progress bars and messages.
+"""What the commands of all studies share: their parser, progress bars and messages.
 
-A command parses its options, makes the folder of `--output`, runs, and ends with one line about the
-reason where the study could not be done. Results go to stdout; bars and errors go to stderr, so
-that output can be piped. This is the only module that imports Rich.
+A command parses its options, makes the folder of `--out`, and runs. Results go to stdout; bars and
+errors go to stderr, so that output can be piped. This is the only module that imports Rich.
 """
 
 from __future__ import annotations
@@ -25,48 +24,27 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.command_line import CommandParser, int_within
 
-EXIT_FAILURE = 2
+parse_size = int_within("a size", 16, 4096)
 
 
-def make_parser(name: str, description: str) -> argparse.ArgumentParser:
+def make_parser(name: str, description: str) -> CommandParser:
     """Parser of the options of `catoptra-studies <name>`."""
-    return argparse.ArgumentParser(prog=f"catoptra-studies {name}", description=description)
+    return CommandParser(f"catoptra-studies {name}", description)
 
 
-def add_output(parser: argparse.ArgumentParser, folder: str, content: str) -> None:
-    """Declare `--output`, the folder that `run_study` makes."""
-    parser.add_argument(
-        "--output", type=Path, default=Path(folder), metavar="DIR",
-        help=f"{content} (default {folder})",
-    )  # fmt: skip
+def add_output(parser: CommandParser, folder: str, content: str) -> None:
+    """Declare `--out`, the folder that `parse_study` makes."""
+    parser.add_argument("--out", type=Path, default=Path(folder), metavar="DIR", help=content)
+    parser.read_too("--out", "--output")
 
 
-def run_study(
-    name: str,
-    parsed: argparse.Namespace,
-    run: Callable[[argparse.Namespace], int],
-    *,
-    exit_failure: int = EXIT_FAILURE,
-) -> int:
-    """Make the folder of `--output` and run a study.
-
-    Args:
-        name: First word of the line about a failure.
-        parsed: Options, among them `output`.
-        run: Runs the study and returns the exit status.
-        exit_failure: Status of a study that could not be done.
-
-    Returns:
-        The exit status of the command.
-    """
-    try:
-        parsed.output.mkdir(parents=True, exist_ok=True)
-        return run(parsed)
-    except (CatoptraError, OSError) as error:
-        _print_plain(Console(stderr=True), f"{name}: {error}", style="red")
-        return exit_failure
+def parse_study(parser: CommandParser, arguments: Sequence[str]) -> argparse.Namespace:
+    """Options of a study, for which the folder of `--out` is made."""
+    parsed = parser.parse_args(arguments)
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    return parsed
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +77,12 @@ def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
     )
     # A hidden display advances like a visible one, so tests take the same path.
     with Progress(*columns, console=Console(stderr=True), disable=not is_visible) as progress:
-        yield ProgressDisplay(progress)
+        try:
+            yield ProgressDisplay(progress)
+        except KeyboardInterrupt:
+            # A pipe gets the bars at the end alone: after Ctrl-C it gets one line.
+            progress.console.quiet = not progress.console.is_terminal
+            raise
 
 
 def print_line(text: str) -> None:

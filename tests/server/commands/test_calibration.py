@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.model_fits import compute_residual
-from catoptra_server.commands.calibration import main
+from catoptra_server.__main__ import main
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 
@@ -17,7 +17,7 @@ def test_folder_has_the_files_and_the_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "made" / "here"
-    assert main(["--robot", "p2at_omni", "--out", str(out)]) == 0
+    assert main(["calibration", "--robot", "p2at_omni", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert f"{out / 'kalibr_omni.yaml'}: within 1.3e-13 px" in printed
     assert "not written: woodscape: off by up to 0.756 px" in printed
@@ -32,17 +32,18 @@ def test_folder_has_the_files_and_the_report(
 
 def test_second_run_writes_the_same_bytes(tmp_path: Path) -> None:
     for folder in ("a", "b"):
-        assert main(["--robot", "p2at_fisheye", "--out", str(tmp_path / folder)]) == 0
+        words = ["calibration", "--robot", "p2at_fisheye", "--out", str(tmp_path / folder)]
+        assert main(words) == 0
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
 
 def test_camera_is_chosen_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--robot", "p2at_fisheye", "--out", str(tmp_path)]
+    words = ["calibration", "--robot", "p2at_fisheye", "--out", str(tmp_path)]
     assert main([*words, "--camera", "frontcam"]) == 0
     assert "# Calibration of FrontCam" in (tmp_path / "CALIBRATION.md").read_text()
     capsys.readouterr()
-    assert main([*words, "--camera", "Other"]) == 2
+    assert main([*words, "--camera", "Other"]) == 1
     error = capsys.readouterr().err
     assert "no omnidirectional camera Other: it has " in error
     assert "FrontCam" in error
@@ -53,7 +54,7 @@ def test_wrong_option_ends_with_the_usage(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["--robot", "p2at_omni", "--out", str(tmp_path), *words])
+        main(["calibration", "--robot", "p2at_omni", "--out", str(tmp_path), *words])
     assert ended.value.code == 2
     assert "--help` lists the options" in capsys.readouterr().err
 
@@ -62,5 +63,5 @@ def test_folder_that_cannot_be_made_is_a_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    assert main(["--robot", "p2at_omni", "--out", str(tmp_path / "file")]) == 2
+    assert main(["calibration", "--robot", "p2at_omni", "--out", str(tmp_path / "file")]) == 1
     assert "catoptra-server calibration: " in capsys.readouterr().err

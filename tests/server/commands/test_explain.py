@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.__main__ import main
 from catoptra_server.commands.explain import (
     ZERO_VELOCITY,
     PlanarVelocity,
     build_camera_state,
-    main,
     measure_effect_times,
 )
 from catoptra_server.config.known_names import find_configuration
@@ -40,7 +40,7 @@ QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
 def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["--robot", "p2at_omni_real", *QUESTION]) == 0
+    assert main(["explain", "--robot", "p2at_omni_real", *QUESTION]) == 0
     printed = capsys.readouterr().out.splitlines()
     head, bound, _, *rows, cost = printed
     assert bound.startswith("error bound: max_px 0.0")
@@ -66,7 +66,7 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
 
 
 def test_camera_without_effects_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", "p2at", *QUESTION]) == 0
+    assert main(["explain", "--robot", "p2at", *QUESTION]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("USARBot.P2AT Camera: trace")
     assert "no effects: the robot file names none" in printed
@@ -75,7 +75,7 @@ def test_camera_without_effects_is_reported(capsys: pytest.CaptureFixture[str]) 
 def test_mirror_without_a_viewpoint_has_its_near_limit_and_the_scene_s_clearance(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["--robot", "p2at_sphere", *QUESTION]) == 0
+    assert main(["explain", "--robot", "p2at_sphere", *QUESTION]) == 0
     first, _, second, *_ = capsys.readouterr().out.splitlines()
     assert "exact rays while anything is nearer than 1.39 m" in first
     assert re.fullmatch(
@@ -95,7 +95,7 @@ def test_every_camera_of_a_robot_is_explained_the_omnidirectional_one_first(
         "MotionBlur=auto\nDefocus=auto\n"
     )
     drive = ["--velocity", "0.5,0,1", "--json"]
-    assert main(["--robot", str(robot), *QUESTION, *drive]) == 0
+    assert main(["explain", "--robot", str(robot), *QUESTION, *drive]) == 0
     omni, lens = json.loads(capsys.readouterr().out)
     assert (omni["camera"], lens["camera"]) == ("OmniCamPillar_Link4", "Camera")
     enabled = {one["effect"]: one["enabled"] for one in lens["effects"]}
@@ -104,7 +104,8 @@ def test_every_camera_of_a_robot_is_explained_the_omnidirectional_one_first(
 
 
 def test_explanation_as_json_has_the_same_decisions(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", "p2at_omni_real", *QUESTION, "--pose", "0.5,0,1", "--json"]) == 0
+    words = ["--robot", "p2at_omni_real", *QUESTION, "--pose", "0.5,0,1", "--json"]
+    assert main(["explain", *words]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     running = {one["effect"] for one in report["effects"] if one["enabled"]}
     assert running <= set(report["effect_ms"]), "scene effects, too"
@@ -113,12 +114,12 @@ def test_explanation_as_json_has_the_same_decisions(capsys: pytest.CaptureFixtur
 
 
 def test_robot_without_a_camera_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", "kenaf", *QUESTION]) == 0
+    assert main(["explain", "--robot", "kenaf", *QUESTION]) == 0
     assert capsys.readouterr().out == "no robot has a camera\n"
 
 
 def test_missing_file_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", "nobody.ini", *QUESTION]) == 2
+    assert main(["explain", "--robot", "nobody.ini", *QUESTION]) == 1
     assert "nobody.ini" in capsys.readouterr().err
 
 
@@ -139,7 +140,7 @@ def test_malformed_numbers_are_rejected(
     option: str, text: str, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["--robot", "p2at_omni", *QUESTION, option, text])
+        main(["explain", "--robot", "p2at_omni", *QUESTION, option, text])
     assert expected in capsys.readouterr().err
 
 
@@ -168,7 +169,7 @@ def test_ego_body_of_a_moving_robot_is_at_rest_in_the_image() -> None:
 
 def test_robot_without_a_velocity_is_at_rest(capsys: pytest.CaptureFixture[str]) -> None:
     assert camera_at(ZERO_VELOCITY).twist == AT_REST
-    assert main(["--robot", "p2at_omni_real", *QUESTION, "--velocity", "0.5,0,0.3"]) == 0
+    assert main(["explain", "--robot", "p2at_omni_real", *QUESTION, "--velocity", "0.5,0,0.3"]) == 0
     printed = capsys.readouterr().out
     assert "the robot is in view up to 46.7 degrees from the axis" in printed
 

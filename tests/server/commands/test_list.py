@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -100,16 +98,6 @@ def test_list_prints_a_heading_for_each_kind(capsys: pytest.CaptureFixture[str])
     assert main([]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.rstrip(":") for line in lines if not line.startswith(" ")] == KINDS
-
-
-def test_list_to_a_reader_that_has_left_ends_without_an_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    with open(writer, "w", encoding="utf-8") as pipe:
-        monkeypatch.setattr(sys, "stdout", pipe)
-        assert main(["robots"]) == 0
 
 
 def test_version_with_a_kernel_names_the_instruction_set() -> None:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.datasets.dataset_command import main
-from catoptra_server.runtime.faults import Termination
+from catoptra_server.__main__ import main
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.dataset_runs import COMMAND, TIMEOUT_S, read_hashes, run_dataset
 
@@ -56,6 +55,23 @@ def test_run_after_a_signal_goes_on_and_has_the_same_bytes(
     assert read_hashes(folder) == read_hashes(whole)
 
 
+def test_interrupt_of_the_group_while_workers_load_is_one_line(whole: Path, tmp_path: Path) -> None:
+    command = [*COMMAND, str(whole.parent / "recipe.ini"), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [*command, "--workers", "2"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    deadline_s = time.monotonic() + TIMEOUT_S
+    # The tracker of resources and both workers, which have loaded nothing yet.
+    while len(children.read_text().split()) < 3:
+        assert time.monotonic() < deadline_s
+        select.select([], [], [], 0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130
+    assert errors == "catoptra-server: interrupted; the same command goes on\n"
+
+
 def test_whole_data_set_is_not_drawn_again(whole: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in whole.rglob("*")}
     done = run_dataset(whole.parent / "recipe.ini", whole)
@@ -66,7 +82,7 @@ def test_whole_data_set_is_not_drawn_again(whole: Path) -> None:
 def test_verification_needs_no_recipe_and_finds_damage(
     whole: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--out", str(whole), "--verify"], Termination()) == 0
+    assert main(["dataset", "--out", str(whole), "--verify"]) == 0
     assert "all 6 samples are as they were written" in capsys.readouterr().out
 
 
@@ -74,7 +90,7 @@ def test_folder_of_another_recipe_is_refused(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recipe = write_recipe(tmp_path)
-    assert main([str(recipe), "--out", str(whole)], Termination()) == 2
+    assert main(["dataset", str(recipe), "--out", str(whole)]) == 1
     assert "holds samples of another recipe" in capsys.readouterr().err
 
 
@@ -90,19 +106,19 @@ def test_bad_recipe_is_an_error_and_makes_no_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: tuple[str, ...], message: str
 ) -> None:
     recipe = write_recipe(tmp_path, lines=lines)
-    assert main([str(recipe), "--out", str(tmp_path / "out")], Termination()) == 2
+    assert main(["dataset", str(recipe), "--out", str(tmp_path / "out")]) == 1
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_missing_recipe_is_an_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["feild_tour", "--out", str(tmp_path / "out")], Termination()) == 2
-    assert "datasets" in capsys.readouterr().err
-    assert main(["--out", str(tmp_path / "out")], Termination()) == 2
-    assert "RECIPE" in capsys.readouterr().err
+    for words, message in ((["feild_tour"], "datasets"), ([], "RECIPE")):
+        with pytest.raises(SystemExit):
+            main(["dataset", *words, "--out", str(tmp_path / "out")])
+        assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("workers", ["0", "-1", "many", "5000"])
 def test_impossible_number_of_workers_is_refused(tmp_path: Path, workers: str) -> None:
     with pytest.raises(SystemExit):
-        main(["r.ini", "--out", str(tmp_path), "--workers", workers], Termination())
+        main(["dataset", "r.ini", "--out", str(tmp_path), "--workers", workers])

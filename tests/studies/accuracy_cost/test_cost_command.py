@@ -15,7 +15,7 @@ from catoptra_studies.accuracy_cost.cost_results import (
     write_cost_results,
 )
 from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig
-from catoptra_studies.commands import EXIT_FAILURE
+from catoptra_studies.cli import main as run_study
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
 FILES = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD))
@@ -25,7 +25,7 @@ PLOTS = ("pareto.png", "levels.png", "polygons.png", "detail.png", "frame_rates.
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("cost") / "new"
-    arguments = ("--size", "64", "--quick", "--no-drives", "--output", str(output))
+    arguments = ("--size", "64", "--quick", "--no-drives", "--out", str(output))
     with pytest.MonkeyPatch.context() as patch:
         # Figures of the paper's size with one ray a pixel: no test here looks at their edges.
         patch.setattr(frame_plots, "FIGURE_SAMPLES", 1)
@@ -61,7 +61,7 @@ def test_command_when_report_only_writes_report_table_and_localization_plot(
     readme = tmp_path / "README.md"
     readme.write_text("<!-- cost: begin -->\n<!-- cost: end -->\n")
     report = tmp_path / "elsewhere.md"
-    paths = ("--output", str(tmp_path), "--report", str(report), "--readme", str(readme))
+    paths = ("--out", str(tmp_path), "--report", str(report), "--page", str(readme))
     assert main([*FILES, *paths, "--report-only"]) == 0
     assert "a made-up machine" in report.read_text()
     assert "| exact, 2x2" in readme.read_text()
@@ -72,7 +72,7 @@ def test_robot_file_when_missing_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["--robot", str(tmp_path / "no.ini"), "--world", str(FIELD)]
-    assert main([*arguments, "--output", str(tmp_path)]) == EXIT_FAILURE
+    assert run_study(["cost", *arguments, "--out", str(tmp_path)]) == 1
     assert "no.ini" in capsys.readouterr().err
 
 
@@ -82,7 +82,7 @@ def test_size_when_out_of_range_is_rejected_with_usage(
 ) -> None:
     with pytest.raises(SystemExit):
         main([*FILES, "--size", size])
-    assert "the image must be 16 to 4096 px wide" in capsys.readouterr().err
+    assert "a size is 16 to 4096" in capsys.readouterr().err
 
 
 def test_readme_has_the_marks_of_the_table() -> None:

@@ -9,8 +9,9 @@ import cv2
 import pytest
 
 from catoptra_studies.camera_figures.figure_spec import FigureInputs, write_figures
-from catoptra_studies.camera_figures.figures_command import FIGURES, main
-from catoptra_studies.commands import EXIT_FAILURE, open_progress
+from catoptra_studies.camera_figures.figures_command import FIGURES
+from catoptra_studies.cli import main
+from catoptra_studies.commands import open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -75,7 +76,7 @@ def test_exact_model_is_exact_to_the_rounding_of_its_rays(index: dict[str, Any])
 def test_robot_file_when_missing_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(tmp_path, robot=tmp_path / "absent.ini") == EXIT_FAILURE
+    assert run(tmp_path, robot=tmp_path / "absent.ini") == 1
     assert "absent.ini" in capsys.readouterr().err
 
 
@@ -86,7 +87,7 @@ def test_robot_without_a_camera_is_rejected_with_a_remedy(
     blind = tmp_path / "blind.ini"
     blind.write_text(re.sub(r"(?m)^(?:StaticMeshes|CamTexActors|Cameras)=.*\n", "", text))
 
-    assert run(tmp_path, robot=blind) == EXIT_FAILURE
+    assert run(tmp_path, robot=blind) == 1
     assert "no omnidirectional camera" in capsys.readouterr().err
 
 
@@ -99,4 +100,4 @@ def run(folder: Path, *, robot: Path) -> int:
         "--rings-world",
         str(WORLDS / "incidence_rings.ini"),
     ]
-    return main(["--robot", str(robot), *worlds, "--output", str(folder)])
+    return main(["figures", "--robot", str(robot), *worlds, "--out", str(folder)])

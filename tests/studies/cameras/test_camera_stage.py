@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from catoptra_protocol.command_line import CommandParser
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
     add_camera_options,
@@ -19,10 +19,10 @@ from catoptra_studies.cameras.camera_stage import (
 @pytest.fixture
 def stage(tmp_path: Path) -> Iterator[CameraStage]:
     """The paper's mirror and a fish-eye lens on the field, with small images."""
-    parser = argparse.ArgumentParser()
+    parser = CommandParser("catoptra-studies cameras")
     add_camera_options(parser, size_px=60)
     parsed = parser.parse_args(["--cameras", "paper,equidistant_220"])
-    parsed.output = tmp_path
+    parsed.out = tmp_path
     with open_requested_stage(parsed) as (opened, _):
         yield opened
 

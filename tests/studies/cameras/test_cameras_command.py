@@ -14,7 +14,7 @@ def test_gallery_has_a_picture_and_a_row_for_each_camera(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--cameras", "paper,equidistant_220", "--size", "60", "--frames", "1"]
-    assert cameras_command.main([*words, "--output", str(tmp_path)]) == 0
+    assert cameras_command.main([*words, "--out", str(tmp_path)]) == 0
     assert "2/2" in capsys.readouterr().err
     paper, lens = json.loads((tmp_path / "cameras.json").read_text())
     assert [paper["name"], lens["name"]] == ["paper", "equidistant_220"]
@@ -30,7 +30,9 @@ def test_gallery_has_a_picture_and_a_row_for_each_camera(
 def test_unknown_camera_is_named_with_all_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cameras_command.main(["--cameras", "papr", "--output", str(tmp_path)]) == 2
+    with pytest.raises(SystemExit) as ended:
+        cameras_command.main(["--cameras", "papr", "--out", str(tmp_path)])
+    assert ended.value.code == 2
     error = capsys.readouterr().err
     assert "papr" in error
     assert "parabolic" in error

@@ -18,15 +18,16 @@ from catoptra_studies.cameras.camera_stage import StagedCamera
 
 def compare(folder: Path, *words: str) -> Any:
     """Content of comparison.json."""
-    assert compare_command.main([*words, "--frames", "1", "--output", str(folder)]) == 0
+    assert compare_command.main([*words, "--frames", "1", "--out", str(folder)]) == 0
     return json.loads((folder / "comparison.json").read_text())
 
 
 def test_unknown_world_ends_with_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--cameras", "paper", "--world", "moon", "--output", str(tmp_path)]
-    assert compare_command.main(words) == 2
+    words = ["--cameras", "paper", "--world", "moon", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit):
+        compare_command.main(words)
     assert "moon" in capsys.readouterr().err
 
 
@@ -34,8 +35,9 @@ def test_unknown_world_ends_with_one_line(
 def test_comparison_of_no_runs_is_an_error_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], runs: str
 ) -> None:
-    words = ["--cameras", "paper", "--runs", runs, "--output", str(tmp_path)]
-    assert compare_command.main(words) == 2
+    words = ["--cameras", "paper", "--runs", runs, "--out", str(tmp_path)]
+    with pytest.raises(SystemExit):
+        compare_command.main(words)
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "comparison.png").exists()
 

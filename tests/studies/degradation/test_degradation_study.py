@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects import EffectMode
-from catoptra_studies.commands import EXIT_FAILURE
+from catoptra_studies.cli import main
 from catoptra_studies.degradation.degradation_report import write_degradation_results
 from catoptra_studies.degradation.degradation_study import num_drives, run_degradation_study
 from catoptra_studies.degradation.degradation_sweeps import (
@@ -20,7 +20,6 @@ from catoptra_studies.degradation.degradation_sweeps import (
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.effects.effects_command import main
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
 from helpers.configs import REPOSITORY
@@ -88,6 +87,6 @@ def test_levels_when_read_by_the_server_select_their_effects(
 def test_configs_when_missing_are_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ("--configs", str(tmp_path / "none"), "--output", str(tmp_path))
-    assert main([*arguments, "--quick", "--only", "sweeps"]) == EXIT_FAILURE
+    arguments = ("--configs", str(tmp_path / "none"), "--out", str(tmp_path))
+    assert main(["effects", *arguments, "--quick", "--only", "sweeps"]) == 1
     assert "catoptra-studies effects: " in capsys.readouterr().err

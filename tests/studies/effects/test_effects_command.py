@@ -18,7 +18,7 @@ def test_page_gets_no_table_of_a_part(
     part: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        effects_command.main([*part, "--output", str(tmp_path), "--page", "docs/EFFECTS.md"])
+        effects_command.main([*part, "--out", str(tmp_path), "--page", "docs/EFFECTS.md"])
     assert "leave out --sweep and --only pages" in capsys.readouterr().err
 
 
@@ -29,7 +29,7 @@ def test_page_when_named_gets_the_table_of_the_sweeps(
     page.write_text("a\n<!-- sweeps: begin -->\nformer\n<!-- sweeps: end -->\nb\n")
     monkeypatch.setattr(effects_command, "run_degradation_study", lambda *_, **__: (RESULT,))
     monkeypatch.setattr(effects_command, "write_degradation_results", lambda *_: None)
-    arguments = ("--only", "sweeps", "--output", str(tmp_path), "--configs", "configs")
+    arguments = ("--only", "sweeps", "--out", str(tmp_path), "--configs", "configs")
     monkeypatch.chdir(REPOSITORY)
     assert effects_command.main([*arguments, "--page", str(page)]) == 0
     assert "former" not in page.read_text()
@@ -42,7 +42,7 @@ def test_page_when_named_gets_the_table_of_the_decisions(
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- decisions: begin -->\nformer\n<!-- decisions: end -->\nb\n")
     monkeypatch.setattr(decision_experiment, "run_decision_study", lambda *_, **__: [ON, OFF])
-    arguments = ("--only", "decisions", "--output", str(tmp_path), "--page", str(page))
+    arguments = ("--only", "decisions", "--out", str(tmp_path), "--page", str(page))
     # Two situations fall short of the criteria, and the page says so.
     assert effects_command.main(arguments) == 1
     assert "former" not in page.read_text()

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from catoptra_studies.cli import main
 from catoptra_studies.experiment import demo_command, seeds_command
 from catoptra_studies.experiment.paper_claims import Claim
 from catoptra_studies.experiment.seeds_command import SeedResult
@@ -16,7 +17,7 @@ from studies.experiment.test_paper_claims import make_setups
 
 @pytest.mark.long
 def test_seed_has_the_numbers_of_demo(tmp_path, capsys):
-    extent = ("--runs", "1", "--training-frames", "12", "--output", str(tmp_path))
+    extent = ("--runs", "1", "--training-frames", "12", "--out", str(tmp_path))
     # Seed 1: a seed that is not passed on would be 0.
     seeds_status = seeds_command.main([*extent, "--seeds", "2"])
     demo_status = demo_command.main([*extent, "--figures", "none", "--seed", "1"])
@@ -44,7 +45,7 @@ def run_seeds(tmp_path, monkeypatch):
     def run(*satisfying: int) -> tuple[int, str]:
         results = [make_result(seed, runs) for seed, runs in enumerate(satisfying)]
         monkeypatch.setattr(seeds_command, "_run_seeds", lambda *arguments: results)
-        status = seeds_command.main(["--output", str(tmp_path), "--seeds", "2"])
+        status = seeds_command.main(["--out", str(tmp_path), "--seeds", "2"])
         return status, (tmp_path / "seeds.md").read_text(encoding="utf-8")
 
     return run
@@ -84,11 +85,11 @@ def test_report_alone_counts_the_seeds_that_were_finished_and_writes_the_block_o
     (tmp_path / "seed_1").mkdir()  # interrupted
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- seeds: begin -->\nold\n<!-- seeds: end -->\n", encoding="utf-8")
-    options = ["--output", str(tmp_path), "--report-only", "--page", str(page)]
+    options = ["--out", str(tmp_path), "--report-only", "--page", str(page)]
     assert seeds_command.main(options) == 0
     assert "2 seeds of 20 runs" in page.read_text(encoding="utf-8")
     assert [line[:4] for line in (tmp_path / "seeds.md").read_text().splitlines()[-2:]] == [
         "| 0 ", "| 2 "
     ]  # fmt: skip
-    assert seeds_command.main(["--output", str(tmp_path / "empty"), "--report-only"]) == 1
+    assert main(["seeds", "--out", str(tmp_path / "empty"), "--report-only"]) == 1
     assert "no seed_*/summary.json" in capsys.readouterr().err

@@ -29,7 +29,7 @@ def run_live(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run the command on free ports for the length of a block."""
     command = [sys.executable, "-m", "catoptra_studies", "live", "--view", "0"]
     with subprocess.Popen(
-        [*command, "--output", str(folder), *arguments],
+        [*command, "--out", str(folder), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -94,7 +94,7 @@ def test_command_when_its_server_is_lost_names_the_reason_and_fails(tmp_path):
         os.kill(find_server(process), signal.SIGKILL)
         _, errors = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 1
-        assert re.fullmatch(r"live: lost the .*\n", errors)
+        assert re.fullmatch(r"catoptra-studies live: lost the .*\n", errors)
 
 
 def test_command_when_the_robot_is_unknown_shows_the_servers_reason(tmp_path):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from catoptra_protocol.calibration.ray_table import (
     bytes_from_ray_table,
     make_ray_table,
 )
+from catoptra_protocol.command_line import CommandParser, parse_float_within
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -221,6 +223,18 @@ def _format_vector(vector: Floats, *, digits: int = 6) -> str:
 
 
 REPORT_NAME = "CALIBRATION.md"
+
+
+def add_calibration_options(parser: CommandParser) -> None:
+    """Declare the options of a command that calls `write_calibration`."""
+    add = parser.add_argument
+    add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
+    add("--picture", choices=[picture.value for picture in Picture],
+        default=Picture.FLIPPED.value, help="hand of the pictures that the files describe; all "
+        "formats are made for flipped ones")  # fmt: skip
+    add("--max-residual-px", type=partial(parse_float_within, name="a residual"), metavar="PX",
+        default=DEFAULT_MAX_RESIDUAL_PX,
+        help="largest difference of a file from the camera, anywhere in the image")  # fmt: skip
 
 
 def write_calibration(

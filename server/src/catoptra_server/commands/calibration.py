@@ -5,62 +5,52 @@ Every format that describes the camera well enough is written, and CALIBRATION.m
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 
-from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
-from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
+from catoptra_protocol.calibration.calibration_folder import (
+    REPORT_NAME,
+    add_calibration_options,
+    write_calibration,
+)
+from catoptra_protocol.command_line import CommandParser
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
-
-_EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
+    """Run the command."""
     parsed = _build_parser().parse_args(arguments)
-    try:
-        robot, _ = read_robot(find_configuration("robots", parsed.robot))
-        omni = find_camera(robot, parsed.camera)
-        written = write_calibration(
-            omni.camera,
-            parsed.out,
-            name=omni.name,
-            picture=Picture(parsed.picture),
-            max_residual_px=parsed.max_residual_px,
-            robot_from_mirror=omni.robot_from_mirror.rotation,
-        )
-    except (CatoptraError, OSError) as error:
-        print(f"catoptra-server calibration: {error}", file=sys.stderr)
-        return _EXIT_FAILURE
+    robot, _ = read_robot(parsed.robot)
+    omni = find_camera(robot, parsed.camera)
+    written = write_calibration(
+        omni.camera,
+        parsed.out,
+        name=omni.name,
+        picture=Picture(parsed.picture),
+        max_residual_px=parsed.max_residual_px,
+        robot_from_mirror=omni.robot_from_mirror.rotation,
+    )
     for line in written:
         print(line)
     return 0
 
 
-def _build_parser() -> argparse.ArgumentParser:
+def _build_parser() -> CommandParser:
     parser = CommandParser(
-        prog="catoptra-server calibration",
-        description="Write a robot's omnidirectional camera as calibration files of other "
-        f"programs, and {REPORT_NAME} about them.",
+        "catoptra-server calibration",
+        "Write a robot's omnidirectional camera as calibration files of other programs, and "
+        f"{REPORT_NAME} about them.",
     )
-    parser.add_argument("--robot", required=True, help="robot file, or the name of a bundled one")
-    parser.add_argument("--camera", default="", help="name of the camera; default: the first")
-    parser.add_argument(
-        "--out", required=True, type=Path, metavar="DIR", help="folder, made if absent"
-    )
-    parser.add_argument("--picture", choices=[picture.value for picture in Picture],
-        default=Picture.FLIPPED.value, help="hand of the pictures that the files describe; "
-        "default: flipped, which all formats are made for")  # fmt: skip
-    parser.add_argument("--max-residual-px", type=float, metavar="PX",
-        default=DEFAULT_MAX_RESIDUAL_PX, help="largest difference of a file from the camera, "
-        f"anywhere in the image; default: {DEFAULT_MAX_RESIDUAL_PX:g}")  # fmt: skip
+    add = parser.add_argument
+    add("--robot", required=True, type=partial(find_configuration, "robots"), metavar="FILE",
+        help="robot file, or the name of a bundled one")  # fmt: skip
+    add("--camera", default="", metavar="NAME", help="name of the camera (default: the first)")
+    add_calibration_options(parser)
     return parser
 
 
@@ -75,5 +65,5 @@ def find_camera(robot: RobotDescription, name: str) -> OmniCameraDescription:
             return omni
     if not robot.omni_cameras:
         raise CatoptraError(f"{robot.class_name} has no omnidirectional camera")
-    names = ", ".join(omni.name for omni in robot.omni_cameras)
+    names = list_names(name, (omni.name for omni in robot.omni_cameras))
     raise CatoptraError(f"{robot.class_name} has no omnidirectional camera {name}: it has {names}")

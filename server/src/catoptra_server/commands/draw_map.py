@@ -7,20 +7,20 @@ Drawn at twice the size, so that edges are smooth.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from catoptra_protocol.command_line import CommandParser, int_within
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.runtime.options import CommandParser, int_within
 from catoptra_server.simulation.floor_plan import (
     FREE,
     OBSTACLE,
@@ -36,7 +36,6 @@ from catoptra_server.world.world_description import World, srgb_from_linear
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-_EXIT_REJECTED = 2
 _Rgb = tuple[int, int, int]
 _Point = tuple[float, float]
 # Of the finished picture; all lengths below, too.
@@ -47,28 +46,29 @@ _START: _Rgb = (204, 72, 16)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Draw the plan; return the exit status, 0, or 2 after a message for a failure."""
+    """Draw the plan."""
     parser = CommandParser(
-        prog="catoptra-server map",
-        description="Draw a world from above: starts, landmarks, obstacles at the robot's height, "
+        "catoptra-server map",
+        "Draw a world from above: starts, landmarks, obstacles at the robot's height, "
         "free floor, axes and a scale.",
     )
-    parser.add_argument("world", metavar="WORLD",
+    parser.add_argument("world", metavar="WORLD", type=partial(find_configuration, "worlds"),
         help="world file, mesh file, or the name of a bundled world")  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="PLAN.png")
+    parser.add_argument("--out", type=Path, required=True, metavar="PLAN.png",
+        help="picture to write, in the format of its suffix")  # fmt: skip
     parser.add_argument("--robot", default="p2at_omni", metavar="FILE",
-        help="robot whose heights and base count; default: %(default)s")  # fmt: skip
+        type=partial(find_configuration, "robots"),
+        help="robot file, or the name of a bundled one, whose heights and base count "
+        "(default: p2at_omni)")  # fmt: skip
     parser.add_argument("--size", type=int_within("a size", 200, 4000), default=_SIZE_PX,
-        metavar="PX", help="longer side of the plan; default: %(default)s")  # fmt: skip
+        metavar="PX", help="longer side of the plan")  # fmt: skip
     parsed = parser.parse_args(arguments)
+    robot, _ = read_robot(parsed.robot)
+    world, _ = read_world(parsed.world)
     try:
-        robot, _ = read_robot(find_configuration("robots", parsed.robot))
-        world, _ = read_world(find_configuration("worlds", parsed.world))
         _draw_map(world, build_scene(world), robot, parsed.out, size_px=parsed.size)
-    # ValueError: Pillow knows no format of the name.
-    except (CatoptraError, OSError, ValueError) as error:
-        print(f"catoptra-server map: {error}", file=sys.stderr)
-        return _EXIT_REJECTED
+    except ValueError as error:  # Pillow knows no format of the name.
+        raise CatoptraError(str(error)) from error
     print(parsed.out)
     return 0
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from statistics import median
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.command_line import CommandParser
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
@@ -38,7 +38,6 @@ from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
-from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.robot_description import (
     OmniCameraDescription,
     PlanarPose,
@@ -49,7 +48,6 @@ from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist
 
-_EXIT_FAILURE = 2
 # Of each kind of frame, by turns; the first prepares the view and fills caches.
 _NUM_FRAMES = 9
 _WARM_UP = 2
@@ -75,18 +73,12 @@ ZERO_VELOCITY = PlanarVelocity()
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
+    """Run the command."""
     parsed = _build_parser().parse_args(arguments)
-    try:
-        startup = read_startup_config(
-            [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
-        )
-        reports = [
-            report for robot in startup.robots for report in _explain_robot(startup, robot, parsed)
-        ]
-    except CatoptraError as error:
-        print(f"catoptra-server explain: {error}", file=sys.stderr)
-        return _EXIT_FAILURE
+    startup = read_startup_config([parsed.robot], parsed.world)
+    reports = [
+        report for robot in startup.robots for report in _explain_robot(startup, robot, parsed)
+    ]
     if parsed.json:
         print(json.dumps([asdict(report) for report in reports], indent=2))
     else:
@@ -94,25 +86,28 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _build_parser() -> argparse.ArgumentParser:
+def _build_parser() -> CommandParser:
     parser = CommandParser(
-        prog="catoptra-server explain",
-        description="Report the effects that a robot's cameras need in a world, with their cost.",
+        "catoptra-server explain",
+        "Report the effects that a robot's cameras need in a world, with their cost.",
     )
     add = parser.add_argument
-    add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a bundled one")
-    add("--world", required=True, metavar="FILE", help="world ini, or the name of a bundled one")
-    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
-    add("--pose", type=_parse_pose, metavar="X,Y,YAW",
-        help="pose of the robot, in metres and radians; default: the first start pose")  # fmt: skip
+    add("--robot", required=True, type=partial(find_configuration, "robots"), metavar="FILE",
+        help="robot ini, or the name of a bundled one")  # fmt: skip
+    add("--world", required=True, type=partial(find_configuration, "worlds"), metavar="FILE",
+        help="world ini, or the name of a bundled one")  # fmt: skip
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO, help="renderer of the frames")
+    add("--pose", type=parse_pose, metavar="X,Y,YAW",
+        help="robot's pose, in metres and radians (default: the first start pose)")  # fmt: skip
     add("--velocity", type=_parse_velocity, metavar="VX,VY,YAWRATE", default=ZERO_VELOCITY,
         help="velocity of the robot during the exposure: metres a second ahead and to the right, "
-             "radians a second clockwise from above; default: at rest")  # fmt: skip
+             "radians a second clockwise from above (default: at rest)")  # fmt: skip
     add("--json", action="store_true", help="print JSON")
     return parser
 
 
-def _parse_pose(text: str) -> PlanarPose:
+def parse_pose(text: str) -> PlanarPose:
+    """Pose of a robot in metres and radians, such as 1,-0.5,1.57."""
     return PlanarPose(*_parse_three_floats(text, "a pose is three numbers X,Y,YAW"))
 
 

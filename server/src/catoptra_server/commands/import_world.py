@@ -2,47 +2,41 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.command_line import CommandParser
 from catoptra_server.config.sdf_world import import_sdf
 from catoptra_server.config.world_file import format_start, read_world
-from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.floor_plan import find_start
 from catoptra_server.world.scene_mesh import build_scene
 
-_EXIT_REJECTED = 2
 # A world that lacks its models lists each of them.
 _MAX_LISTED = 40
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Write the world file and list what it leaves out; 2 after a message for a rejected file."""
+    """Write the world file and list what it leaves out."""
     parser = CommandParser(
-        prog="catoptra-server import",
-        description="Write a world of Gazebo (SDF) as a world file: models, includes, poses, "
+        "catoptra-server import",
+        "Write a world of Gazebo (SDF) as a world file: models, includes, poses, "
         "shapes, materials and lights. Meshes and textures stay where they are.",
     )
     parser.add_argument("world", type=Path, metavar="WORLD", help="an SDF file")
     parser.add_argument("--models", type=Path, action="append", default=[], metavar="DIR",
         help="folder of the models that model:// names; may be repeated; no file outside of these "
         "and the world's folder is read")  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.ini")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.ini",
+        help="world file to write")  # fmt: skip
     parsed = parser.parse_args(arguments)
     if parsed.out.suffix.lower() != ".ini":
         parser.error(f"--out is the name of a world file, which ends with .ini, not {parsed.out}")
     for folder in parsed.models:
         if not folder.is_dir():
             parser.error(f"--models is a folder; there is none of the name {folder}")
-    try:
-        world = import_sdf(parsed.world, parsed.models, parsed.out.parent)
-        parsed.out.write_text(world.text, encoding="utf-8")
-        start = _add_start(parsed.out, world.text)
-    except (CatoptraError, OSError) as error:
-        print(f"catoptra-server import: {error}", file=sys.stderr)
-        return _EXIT_REJECTED
+    world = import_sdf(parsed.world, parsed.models, parsed.out.parent)
+    parsed.out.write_text(world.text, encoding="utf-8")
+    start = _add_start(parsed.out, world.text)
     print(f"{parsed.out}: {world.num_items} shapes, {world.num_lights} lights, {start}")
     left_out = sorted(world.left_out.items())
     if left_out:

@@ -8,16 +8,14 @@ comment that heads their file, cameras by title and source, classes by what woul
 from __future__ import annotations
 
 import json
-import os
-import platform
 import re
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 
+from catoptra_protocol import command_line
+from catoptra_protocol.command_line import CommandParser
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.known_names import bundled_files
@@ -27,7 +25,6 @@ from catoptra_server.render.trace.kernel.library import (
     KernelUnavailableError,
     choose_instruction_set,
 )
-from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.robot_description import RobotDescription
 
 _KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
@@ -54,25 +51,21 @@ class _ListEntry:
 def main(arguments: Sequence[str]) -> int:
     """Print the names of one kind or of all; the exit status is 0."""
     parser = CommandParser(
-        prog="catoptra-server list",
-        description="List the bundled robots, worlds, landmarks and recipes, whose names --robot, "
+        "catoptra-server list",
+        "List the bundled robots, worlds, landmarks and recipes, whose names --robot, "
         "--world, --landmarks and `dataset` take, cameras for robots and studies, and the classes "
         "that INIT can spawn from each robot file.",
     )
-    parser.add_argument("kind", nargs="?", choices=_KINDS, metavar="|".join(_KINDS),
-        help="default: all")  # fmt: skip
+    parser.add_argument(
+        "kind", nargs="?", choices=_KINDS, metavar="|".join(_KINDS), help="(default: all)"
+    )
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     parsed = parser.parse_args(arguments)
     entries = list(_list_entries([parsed.kind] if parsed.kind else _KINDS))
-    try:
-        if parsed.json:
-            print(json.dumps([asdict(entry) for entry in entries], indent=2))
-        else:
-            _print_entries(entries)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # A reader such as head has seen enough; what is left must not fail at the exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if parsed.json:
+        print(json.dumps([asdict(entry) for entry in entries], indent=2))
+    else:
+        _print_entries(entries)
     return 0
 
 
@@ -142,10 +135,9 @@ def _describe_equipment(robot: RobotDescription) -> str:
     return ", ".join((*(cameras or ["no camera"]), *(sensors or ["no sensor"])))
 
 
-def describe_version() -> str:
+def describe_version(distribution: str = "catoptra-server") -> str:
     """Version of the server, Python, system, and the instruction set, or why there is no kernel."""
-    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    return f"catoptra-server {metadata.version('catoptra-server')} ({system}; {_describe_kernel()})"
+    return f"{command_line.describe_version(distribution)[:-1]}; {_describe_kernel()})"
 
 
 def _describe_kernel() -> str:

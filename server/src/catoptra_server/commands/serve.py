@@ -11,16 +11,28 @@ import asyncio
 import errno
 import logging
 import os
+import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import cast
 
+from catoptra_protocol.command_line import (
+    EXIT_FAILURE,
+    CommandParser,
+    int_within,
+    list_commands,
+    parse_float_within,
+    parse_integer,
+    parse_port,
+)
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
+from catoptra_server.commands import COMMANDS
+from catoptra_server.commands.list import describe_version
 from catoptra_server.commands.server import ListeningAddress, Options, serve
 from catoptra_server.config.known_names import FileKind, bundled_files, find_configuration
 from catoptra_server.config.server_file import (
@@ -39,45 +51,23 @@ from catoptra_server.runtime.memory import (
     MIB,
     raise_descriptor_limit,
 )
-from catoptra_server.runtime.options import (
-    CommandParser,
-    int_within,
-    parse_float_within,
-    parse_integer,
-    parse_non_negative,
-    parse_port,
-    parse_threads,
-    parse_tiles,
-)
 from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation.loop import ClockMode
 
 log = logging.getLogger(__name__)
-_T = TypeVar("_T")
-_EXIT_FAULT = 1
-_EXIT_CANNOT_START = 2
 # With the grace of `termination`, less than the promised second.
 _FLUSH_TIMEOUT_S = 0.1
 # A thread that needs the interpreter waits this long for one that computes. Under all attacks of
 # tests/load Python's 5 ms let each turn of the event loop take 90 ms and 12 to 30 % of the reports
 # come late, 0.1 ms 0 to 3 %; frames of an idle server take as long with either.
 _SWITCH_INTERVAL_S = 0.0001
+# More than a thousand threads is a typing error that the renderer would obey.
+_MAX_THREADS = 1024
+_MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 _FREE_PORTS = "--control-port 0 --image-port 0 --view 0 take free ones"
 _HOST_REMEDY = (
     "--host is a name or an address of this machine: 127.0.0.1 for itself alone, 0.0.0.0 for all"
 )
-_COMMAND_HELP = """\
-commands:
-  calibration write a robot's camera as calibration files of other programs
-  dataset     draw pictures with ground truth by a recipe, in shards
-  explain     report the effects that a robot's camera needs in a world, with their cost
-  doctor      check whether the server can run on this machine
-  import      write a world of Gazebo (SDF) as a world file
-  map         draw a world from above: starts, landmarks, obstacles, free floor
-  list        list the names of bundled files, and the classes of robots
-  --version   print version, system and the trace renderer's instruction set
-
-`catoptra-server COMMAND --help` lists the options of a command."""
 
 
 def main(arguments: Sequence[str], termination: Termination) -> int:
@@ -88,7 +78,7 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
         termination: signals that end the process.
 
     Returns:
-        Exit status: 0 after a signal, 2 if the server could not start, 1 after a fault.
+        Exit status: 0 after a signal, 1 if the server could not start or after a fault.
     """
     options, level = parse_arguments(arguments)
     raise_descriptor_limit()
@@ -98,16 +88,16 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
             asyncio.run(_serve_until_signal(options, termination, writer))
         except ThreadFailedError as error:
             # The log has the traceback.
-            return _report(writer, error, _EXIT_FAULT)
+            return _report(writer, error)
         except CatoptraError as error:
-            return _report(writer, error, _EXIT_CANNOT_START)
+            return _report(writer, error)
         # UnicodeError: a host name that cannot be one, such as a..b.
         except (OSError, UnicodeError) as error:
-            return _report(writer, _describe_listen_error(error), _EXIT_CANNOT_START)
+            return _report(writer, _describe_listen_error(error))
         except Exception:
             # Not left to the interpreter, whose print waits for standard error.
             log.critical("the server ends: a bug", exc_info=True)
-            return _EXIT_FAULT
+            return EXIT_FAILURE
         return 0
 
 
@@ -140,9 +130,9 @@ def _end_log(writer: LogWriter) -> None:
     writer.flush(_FLUSH_TIMEOUT_S)
 
 
-def _report(writer: LogWriter, reason: object, status: int) -> int:
+def _report(writer: LogWriter, reason: object) -> int:
     writer.write_line(f"catoptra-server: {reason}")
-    return status
+    return EXIT_FAILURE
 
 
 def _print_addresses(address: ListeningAddress) -> None:
@@ -197,29 +187,31 @@ def parse_arguments(arguments: Sequence[str]) -> tuple[Options, int]:
     return _make_options(parsed)
 
 
-def _build_parser() -> argparse.ArgumentParser:
+def _build_parser() -> CommandParser:
     parser = CommandParser(
-        prog="catoptra-server",
-        usage="catoptra-server --robot FILE --world FILE [options]\n"
-        "       catoptra-server {calibration,dataset,explain,doctor,list} [options]",
-        description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog=_COMMAND_HELP,
+        "catoptra-server",
+        "Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
+        usage="catoptra-server [serve] --robot FILE --world FILE [options]\n"
+        "       catoptra-server COMMAND [options]",
+        epilog=list_commands("catoptra-server", COMMANDS),
+        describe_version=describe_version,
     )
     add = parser.add_argument
-    add("--robot", type=_parse_robot, action="append", metavar="FILE",
+    add("--robot", type=partial(find_configuration, "robots"), action="append", metavar="FILE",
         help="robot ini, like USARBot.ini, or the name of a bundled one, such as p2at_omni; "
         "may be given several times")  # fmt: skip
-    add("--world", type=_parse_world, metavar="FILE",
+    add("--world", type=partial(find_configuration, "worlds"), metavar="FILE",
         help="world ini, or the name of a bundled one, such as four_legged_2006")  # fmt: skip
     add("--server-ini", type=Path, metavar="FILE",
         help="ini with UDK's [USARBotAPI.*]; a robot's file may have them too")  # fmt: skip
     add("--strict", action="store_true",
         help="unknown keys are errors in all sections of files; else in [Catoptra.*] alone, and "
         "warnings elsewhere")  # fmt: skip
-    add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
-    add("--control-port", type=parse_port, metavar="PORT", help="default 3000; 0 = any free one")
-    add("--image-port", type=parse_port, metavar="PORT", help="default 5003; 0 = any free one")
+    add("--host", default="127.0.0.1", help="address to listen on, this machine's alone")
+    add("--control-port", type=parse_port, metavar="PORT",
+        help="control port; 0 = any free one (default: 3000)")  # fmt: skip
+    add("--image-port", type=parse_port, metavar="PORT",
+        help="image port; 0 = any free one (default: 5003)")  # fmt: skip
     add("--stream-port", type=parse_port, metavar="PORT",
         help="ZeroMQ stream (default: 5005; any free one if another port is 0)")  # fmt: skip
     view = parser.add_mutually_exclusive_group()
@@ -228,48 +220,44 @@ def _build_parser() -> argparse.ArgumentParser:
         "any free one if 5080 is in use or another port is 0)")  # fmt: skip
     view.add_argument("--no-view", dest="has_view", action="store_false",
         help="serve no live page")  # fmt: skip
-    add("--image-type", type=_parse_image_type, metavar="TYPE",
-        help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
+    add("--image-type", type=ImageType.from_text, metavar="TYPE",
+        help="RAW, SUPER, GOOD, NORMAL, FAIR or BAD (default: GOOD)")  # fmt: skip
     add("--legacy-images", action=argparse.BooleanOptionalAction,
         help="send one frame to a new viewer before its first request")  # fmt: skip
     add("--max-connections", metavar="N",
         type=int_within("a number of connections", 1, MAX_CONNECTIONS),
-        help="connections to each of control and image port (default 64)")  # fmt: skip
+        help="connections to each of control and image port (default: 64)")  # fmt: skip
     add("--max-per-address", metavar="N",
         type=int_within("a number of connections", 1, MAX_CONNECTIONS),
-        help="those of one address that is not of this machine (default 16)")  # fmt: skip
+        help="those of one address that is not of this machine (default: 16)")  # fmt: skip
     add("--handshake-timeout", dest="handshake_timeout_s", type=_parse_timeout, metavar="S",
-        help="seconds for the first command or request of a connection (default 0: no "
+        help="seconds for the first command or request of a connection (default: 0, no "
         "limit)")  # fmt: skip
     add("--idle-timeout", dest="idle_timeout_s", type=_parse_timeout, metavar="S",
-        help="seconds of silence of a viewer, or of a controller without a robot (default 0: no "
+        help="seconds of silence of a viewer, or of a controller without a robot (default: 0, no "
         "limit)")  # fmt: skip
     add("--frame-skip", type=int_within("a frame skip", 1, MAX_FRAME_SKIP), metavar="N",
-        help="the image port shows at most every N-th tick of 20 ms (default 1)")  # fmt: skip
+        help="the image port shows at most every N-th tick of 20 ms (default: 1)")  # fmt: skip
     add("--multi-view", type=_parse_multi_view, metavar="COLUMNSxROWS:WIDTHxHEIGHT",
         help="the image port shows a tile for each camera, such as 2x2:320x240")  # fmt: skip
     add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
-        help="dialect of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
-    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
-    add(
-        "--threads",
-        type=parse_threads,
-        default=0,
-        help="threads of the trace renderer; 0 = one per processor",
-    )
-    add("--max-error-px", type=parse_non_negative, metavar="PX",
+        help="dialect of the control port: USARSim for UT2004 or for UDK")  # fmt: skip
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO, help="renderer of all cameras")
+    add("--threads", type=int_within("a number of threads", 0, _MAX_THREADS), default=0,
+        metavar="N", help="threads of the trace renderer; 0 = one per processor")  # fmt: skip
+    add("--max-error-px", type=_parse_non_negative, metavar="PX",
         help="accuracy target of every camera: the fastest plan that displaces no outline by more; "
-        "0 = the settings of the file")  # fmt: skip
-    add("--budget-ms", type=parse_non_negative, metavar="MS",
+        "0 = the settings of the file (default: 0)")  # fmt: skip
+    add("--budget-ms", type=_parse_non_negative, metavar="MS",
         help="time budget of every camera: the most accurate plan that takes no longer per frame; "
-        "0 = no budget")  # fmt: skip
+        "0 = no budget (default: 0)")  # fmt: skip
     add("--memory-limit-mib", type=int_within("a limit in MiB", 1, MAX_LIMIT_MIB),
         default=DEFAULT_LIMIT_BYTES // MIB, metavar="MIB",
         help="memory of each camera's view, and of the world's meshes and textures "
-        "together (default 1024); larger files are rejected")  # fmt: skip
+        "together; larger files are rejected")  # fmt: skip
     add("--clock", choices=[c.value for c in ClockMode], default=ClockMode.REALTIME.value,
         help="lockstep: time passes only when a client sends STEP")  # fmt: skip
-    add("--seed", type=parse_integer, default=0, help="seed of all random numbers")
+    add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
     add("--verbose", action="store_true", help="log every message on the wire")
     return parser
 
@@ -308,27 +296,13 @@ def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
     return cast(ServerOptions, given | ({"has_images": True} if "image_port" in given else {}))
 
 
+_parse_non_negative = partial(parse_float_within, name="a tolerance or a budget")
 _parse_timeout = partial(parse_float_within, name="a time-out", last=MAX_TIMEOUT_S, unit="s")
 
 
-def _option_parser(parse: Callable[[str], _T]) -> Callable[[str], _T]:
-    """Parser of an option, whose errors are those of the command line."""
-
-    def parse_option(text: str) -> _T:
-        try:
-            return parse(text)
-        except CatoptraError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-
-    return parse_option
-
-
-_parse_robot = _option_parser(partial(find_configuration, "robots"))
-_parse_world = _option_parser(partial(find_configuration, "worlds"))
-_parse_image_type = _option_parser(ImageType.from_text)
-
-
-@_option_parser
 def _parse_multi_view(text: str) -> TileLayout:
-    columns, rows, width_px, height_px = parse_tiles(text)
+    match = _MULTI_VIEW.fullmatch(text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"a multi-view has the form 2x2:320x240, not {text!r}")
+    columns, rows, width_px, height_px = map(int, match.groups())
     return multi_view_layout(columns, rows, width_px=width_px, height_px=height_px)

@@ -7,10 +7,14 @@ import multiprocessing
 import multiprocessing.connection
 import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
+from catoptra_protocol.command_line import CommandParser, int_within
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.known_names import find_configuration
+from catoptra_protocol.interrupts import EXIT_INTERRUPTED
+from catoptra_protocol.names import list_names
+from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.datasets.dataset_folder import verify_dataset
 from catoptra_server.datasets.dataset_run import (
     DatasetRun,
@@ -22,10 +26,7 @@ from catoptra_server.datasets.ray_workers import draw_by_ray, require_ray
 from catoptra_server.datasets.shards import ShardJob, ShardRecord, remove_parts
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.memory import count_processors
-from catoptra_server.runtime.options import CommandParser
 
-_EXIT_FAILURE = 2
-_EXIT_INTERRUPTED = 130
 _MAX_WORKERS = 1024
 
 
@@ -37,34 +38,37 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
         termination: Signals that end the process.
 
     Returns:
-        Exit status: 0, 2 after a message for a failure, 130 after Ctrl-C.
+        Exit status.
     """
-    parsed = _build_parser().parse_args(arguments)
+    parser = _build_parser()
+    parsed = parser.parse_args(arguments)
+    if not parsed.recipe and not (parsed.verify or parsed.sheet):
+        names = list_names("", (path.stem for path in bundled_files("datasets")))
+        parser.error(f"which RECIPE? A file, or one of the bundled ones: {names}")
     own, others = multiprocessing.Pipe(duplex=False)
     # The first signal ends the workers in order; unfinished files of shards are removed.
-    with termination.call_on_signal(lambda: others.send(None), flush=lambda: None):
+    with termination.call_on_signal(
+        lambda: others.send(None), flush=lambda: None, note="the same command goes on"
+    ):
         try:
             return _run(parsed, own)
         except DatasetInterruptedError:
-            _report("finished shards are kept: the same command goes on")
-            return _EXIT_INTERRUPTED
-        except (CatoptraError, OSError) as error:
-            _report(str(error))
-            return _EXIT_FAILURE
+            return EXIT_INTERRUPTED
 
 
-def _build_parser() -> argparse.ArgumentParser:
+def _build_parser() -> CommandParser:
     parser = CommandParser(
-        prog="catoptra-server dataset",
-        description="Draw pictures with ground truth by a recipe: sample i depends on the recipe "
+        "catoptra-server dataset",
+        "Draw pictures with ground truth by a recipe: sample i depends on the recipe "
         "and i alone. An interrupted run goes on by the same command.",
     )
     add = parser.add_argument
-    add("recipe", nargs="?", default="", metavar="RECIPE",
+    add("recipe", nargs="?", type=partial(find_configuration, "datasets"), metavar="RECIPE",
         help="recipe file, or a bundled one's name; not needed to read back")  # fmt: skip
     add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
-    add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
-        help="processes of one thread each; default: one for each processor")  # fmt: skip
+    add("--workers", type=int_within("a number of workers", 1, _MAX_WORKERS), metavar="N",
+        default=count_processors(),
+        help="processes of one thread each (default: one for each processor)")  # fmt: skip
     add("--ray", default="", metavar="local|ADDRESS",
         help="draw by Ray: on this machine, or on the cluster of an address")  # fmt: skip
     add("--verify", action="store_true",
@@ -74,21 +78,13 @@ def _build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _parse_workers(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= _MAX_WORKERS:
-        raise argparse.ArgumentTypeError(f"a number from 1 to {_MAX_WORKERS}, not {text!r}")
-    return int(text)
-
-
 def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Connection) -> int:
-    if (parsed.verify or parsed.sheet) and not parsed.recipe:
+    if not parsed.recipe:
         _read_back(parsed)
         return 0
-    if not parsed.recipe:
-        raise CatoptraError("which RECIPE? A file, or a name of the bundled ones")
     if parsed.ray:
         require_ray()
-    run = DatasetRun(find_configuration("datasets", parsed.recipe), parsed.out)
+    run = DatasetRun(parsed.recipe, parsed.out)
     recipe = run.recipe
     if not run.is_whole or run.missing:
         progress = ProgressReport(
@@ -135,7 +131,3 @@ def _read_back(parsed: argparse.Namespace) -> None:
             print(line)
     if parsed.sheet:
         print(write_sheet(parsed.out))
-
-
-def _report(text: str) -> None:
-    print(f"catoptra-server dataset: {text}", file=sys.stderr)

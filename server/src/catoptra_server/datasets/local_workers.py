@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import start_without_interrupts
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
@@ -88,7 +89,9 @@ class LocalWorkers:
             context = multiprocessing.get_context("spawn")
             own, others = context.Pipe()
             process = context.Process(target=_run_worker, args=(self._job, others), daemon=True)
-            process.start()
+            # Ctrl-C reaches all processes of a terminal; the driver decides.
+            with start_without_interrupts():
+                process.start()
             # Closed here, so that the end of the process closes the pipe.
             others.close()
             self._workers.append(_Worker(process, own))
@@ -190,8 +193,6 @@ class _WorkerFailed:
 
 def _run_worker(job: ShardJob, connection: Connection) -> None:
     """Main function of a worker process: draw the shards that the driver names."""
-    # Ctrl-C reaches all processes of a terminal; the driver decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         artist = start_artist(job)
         connection.send(_WorkerReady())

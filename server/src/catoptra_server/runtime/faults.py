@@ -118,7 +118,7 @@ class Termination:
 
     @contextmanager
     def call_on_signal(
-        self, stop: Callable[[], object], *, flush: Callable[[], object]
+        self, stop: Callable[[], object], *, flush: Callable[[], object], note: str = ""
     ) -> Iterator[None]:
         """Begin an orderly end at the first signal, for the length of a block.
 
@@ -126,9 +126,10 @@ class Termination:
             stop: begins the orderly end; called at most once, in another thread, returns at once.
             flush: writes the last lines of the log before the process ends at once; returns
                 within a tenth of a second.
+            note: added to the line that reports SIGINT.
         """
         with self._lock:
-            self._actions = _Actions(stop, flush)
+            self._actions = _Actions(stop, flush, note and f"; {note}")
         try:
             yield
         finally:
@@ -157,7 +158,10 @@ class Termination:
         self.status = _STATUS_OF_SIGNAL[number]
         # A pipe that nobody reads must not delay the end: select reports room for a short line.
         if self.status and _has_room(_STDERR):
-            os.write(_STDERR, _INTERRUPTED)
+            # On a terminal in place of a line of progress.
+            start = "\r\x1b[K" if os.isatty(_STDERR) else ""
+            line = f"{start}catoptra-server: interrupted{self._actions.note}\n"
+            os.write(_STDERR, line.encode())
 
     def _begin_stop(self) -> bool:
         """Begin the orderly end, and return whether there is one."""
@@ -173,7 +177,6 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 # Ctrl-C has the status that shells give it; SIGTERM is how service managers end a healthy server.
 _STATUS_OF_SIGNAL = {signal.SIGTERM: 0, signal.SIGINT: 130}
 _STDERR = 2
-_INTERRUPTED = b"catoptra-server: interrupted\n"
 
 
 class _Actions(NamedTuple):
@@ -183,6 +186,8 @@ class _Actions(NamedTuple):
     """Begins an orderly end; None: the process ends at once."""
     flush: Callable[[], object]
     """Called before the process ends at once."""
+    note: str = ""
+    """Added to the line that reports SIGINT."""
 
 
 _END_AT_ONCE = _Actions(stop=None, flush=lambda: None)

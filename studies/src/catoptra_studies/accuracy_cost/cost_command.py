@@ -10,8 +10,10 @@ import platform
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from catoptra_protocol.command_line import CommandParser, parse_count, parse_integer
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.runtime.memory import count_processors
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
@@ -26,16 +28,20 @@ from catoptra_studies.accuracy_cost.localization_study import (
     measure_localization,
     select_key_levels,
 )
-from catoptra_studies.commands import add_output, make_parser, open_progress, print_line, run_study
+from catoptra_studies.commands import (
+    add_output,
+    make_parser,
+    open_progress,
+    parse_size,
+    parse_study,
+    print_line,
+)
 from catoptra_studies.reports import replace_block
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study; return 0, or 2 after one line about the reason."""
-    return run_study("catoptra-studies cost", _make_parser().parse_args(arguments), _run)
-
-
-def _run(parsed: argparse.Namespace) -> int:
+def main(arguments: Sequence[str]) -> int:
+    """Run the study."""
+    parsed = parse_study(_make_parser(), arguments)
     if not parsed.report_only:
         _measure(parsed)
     _write_report(parsed)
@@ -45,7 +51,7 @@ def _run(parsed: argparse.Namespace) -> int:
 
 def _measure(parsed: argparse.Namespace) -> None:
     config = _study_config(parsed)
-    path = parsed.output / "cost.json"
+    path = parsed.out / "cost.json"
     with open_progress() as progress:
         if parsed.frame_rates_only:
             rows = measure_all_frame_rates(config, progress)
@@ -62,30 +68,30 @@ def _measure(parsed: argparse.Namespace) -> None:
 
 def _write_report(parsed: argparse.Namespace) -> None:
     # Read back rather than passed on, so that --report-only cannot differ from a full run.
-    results = read_cost_results(parsed.output / "cost.json")
-    write_result_plots(results, parsed.output)
+    results = read_cost_results(parsed.out / "cost.json")
+    write_result_plots(results, parsed.out)
     _report_path(parsed).write_text(format_cost_report(results), encoding="utf-8")
     summary = format_summary_table(results)
     print_line(summary)
-    if parsed.readme:
-        replace_block(parsed.readme, "cost", summary)
+    if parsed.page:
+        replace_block(parsed.page, "cost", summary)
     if parsed.data:
         write_cost_results(results, parsed.data)
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
     # Not the repository's COST.md by default: only `make cost UPDATE=yes` overwrites it.
-    path: Path = parsed.report or parsed.output / "COST.md"
+    path: Path = parsed.report or parsed.out / "COST.md"
     return path
 
 
 def _study_config(parsed: argparse.Namespace) -> CostStudyConfig:
     return CostStudyConfig(
-        robot_file=find_configuration("robots", parsed.robot),
-        world_files=tuple(find_configuration("worlds", world) for world in parsed.world),
+        robot_file=parsed.robot,
+        world_files=tuple(parsed.world),
         size_px=parsed.size,
         is_quick=parsed.quick,
-        output_folder=parsed.output,
+        output_folder=parsed.out,
         date=time.strftime("%Y-%m-%d"),
         machine=describe_machine(parsed.machine),
         num_runs=parsed.runs,
@@ -110,38 +116,40 @@ def _processor_name() -> str:
     return next(names, "of unknown name")
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "cost",
         "Measure what accuracy costs in time and gains in localization, from mirrors of 16 "
         "polygons to exact rays.",
     )
     add = parser.add_argument
-    add("--robot", default="p2at_omni", metavar="FILE",
-        help="robot ini with a mirror camera, or a bundled name (default p2at_omni)")  # fmt: skip
-    add("--world", nargs="+", default=["four_legged_2006", "corridors_and_rooms"], metavar="FILE",
+    add("--robot", type=partial(find_configuration, "robots"), default="p2at_omni", metavar="FILE",
+        help="robot ini with a mirror camera, or a bundled name")  # fmt: skip
+    find_world = partial(find_configuration, "worlds")
+    add("--world", type=find_world, nargs="+", metavar="FILE",
+        default=[find_world(name) for name in ("four_legged_2006", "corridors_and_rooms")],
         help="world ini or name; frame rates are measured in all, all else in the first "
-        "(default four_legged_2006 corridors_and_rooms)")  # fmt: skip
-    add("--size", type=_parse_size, default=360, metavar="N",
-        help="pixels along the side of the square image (default 360)")  # fmt: skip
+        "(default: four_legged_2006 corridors_and_rooms)")  # fmt: skip
+    add("--size", type=parse_size, default=360, metavar="PX",
+        help="pixels along the side of the square image")  # fmt: skip
     add("--quick", action="store_true", help="fewer levels and frames, one drive for each level")
     add("--drives", action=argparse.BooleanOptionalAction, default=True,
-        help="drive robots to measure detection and localization (default: yes)")  # fmt: skip
-    add("--runs", type=int, default=10, help="drives for each key level (default 10)")
-    add("--seed", type=int, default=0, help="seed of all random numbers of the drives")
+        help="drive robots to measure detection and localization")  # fmt: skip
+    add("--runs", type=parse_count, default=10, metavar="N", help="drives for each key level")
+    add(
+        "--seed",
+        type=parse_integer,
+        default=0,
+        metavar="N",
+        help="seed of all random numbers of the drives",
+    )
     add_output(parser, "out/cost", "folder for cost.json and plots")
     add("--report", type=Path, metavar="FILE", help="report to write (default: COST.md in DIR)")
-    add("--readme", type=Path, metavar="FILE", help="file whose cost block gets the short table")
+    add("--page", type=Path, metavar="FILE", help="file whose block cost gets the short table")
+    parser.read_too("--page", "--readme")
     add("--data", type=Path, metavar="FILE", help="copy of cost.json to write besides")
     add("--machine", default="", metavar="TEXT", help="remark about the machine for the report")
     add("--report-only", action="store_true", help="measure nothing: write the report of cost.json")
     add("--frame-rates-only", action="store_true",
         help="measure Figure 10 again, and keep all else of cost.json")  # fmt: skip
     return parser
-
-
-def _parse_size(text: str) -> int:
-    size = int(text)
-    if not 16 <= size <= 4096:
-        raise argparse.ArgumentTypeError(f"the image must be 16 to 4096 px wide, not {size}")
-    return size

@@ -9,9 +9,13 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
+from catoptra_protocol.command_line import CommandParser
+from catoptra_server.commands.explain import parse_pose
 from catoptra_server.config.known_names import find_configuration
-from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_studies.camera_figures.figure_spec import (
     FigureSpec,
     open_figure_inputs,
@@ -28,7 +32,13 @@ from catoptra_studies.camera_figures.polygon_figures import (
 from catoptra_studies.camera_figures.radius_figures import draw_eq2, draw_rings
 from catoptra_studies.camera_figures.space_figures import draw_cube, draw_meshes
 from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
-from catoptra_studies.commands import add_output, make_parser, open_progress, print_line, run_study
+from catoptra_studies.commands import (
+    add_output,
+    make_parser,
+    open_progress,
+    parse_study,
+    print_line,
+)
 
 # In the order of the report; the column is PAGE_WIDTH_PX wide at five eighths of the pixels.
 FIGURES = (
@@ -47,48 +57,49 @@ FIGURES = (
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the figures; return 0, or 2 after one line about the reason."""
-    return run_study("catoptra-studies figures", _make_parser().parse_args(arguments), _run)
-
-
-def _run(parsed: argparse.Namespace) -> int:
-    robot_file = find_configuration("robots", parsed.robot)
-    world_file = find_configuration("worlds", parsed.world)
-    rings_file = find_configuration("worlds", parsed.rings_world)
-    rooms_file = find_configuration("worlds", parsed.rooms_world)
+def main(arguments: Sequence[str]) -> int:
+    """Draw the figures."""
+    parsed = parse_study(_make_parser(), arguments)
     with (
         open_figure_inputs(
-            robot_file, world_file, rings_file, rooms_file, pose=_planar_pose(parsed.pose)
+            parsed.robot, parsed.world, parsed.rings_world, parsed.rooms_world, pose=parsed.pose
         ) as inputs,
         open_progress() as progress,
     ):
-        write_figures(FIGURES, inputs, parsed.output, progress)
-    print_line(f"{len(FIGURES)} figures in {parsed.output}")
+        write_figures(FIGURES, inputs, parsed.out, progress)
+    print_line(f"{len(FIGURES)} figures in {parsed.out}")
     return 0
 
 
-def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
-    if numbers is None:
-        return None
-    x_m, y_m, yaw_deg = numbers
-    return PlanarPose(x_m, y_m, math.radians(yaw_deg))
+class _ReadPose(argparse.Action):
+    """Read X,Y,YAW; three words with an angle in degrees are the form of earlier releases."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, words: Any, *_: object
+    ) -> None:
+        try:
+            pose = parse_pose(",".join(words))
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from error
+        is_old = len(words) > 1
+        namespace.pose = replace(pose, yaw_rad=math.radians(pose.yaw_rad)) if is_old else pose
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "figures", "Draw the figures of the camera: frame, faces, cube, rings, mirror meshes."
     )
     add = parser.add_argument
-    add("--robot", default="p2at_omni", metavar="FILE",
-        help="robot ini with a camera, or a bundled name (default p2at_omni)")  # fmt: skip
-    add("--world", default="four_legged_2006", metavar="FILE",
-        help="world ini or name (default four_legged_2006)")  # fmt: skip
-    add("--rings-world", default="incidence_rings", metavar="FILE",
-        help="world with a circle every 5 degrees (default incidence_rings)")  # fmt: skip
-    add("--rooms-world", default="corridors_and_rooms", metavar="FILE",
-        help="second map of Figure 10 (default corridors_and_rooms)")  # fmt: skip
+    find_world = partial(find_configuration, "worlds")
+    add("--robot", type=partial(find_configuration, "robots"), default="p2at_omni", metavar="FILE",
+        help="robot ini with a camera, or a bundled name")  # fmt: skip
+    add("--world", type=find_world, default="four_legged_2006", metavar="FILE",
+        help="world ini or name")  # fmt: skip
+    add("--rings-world", type=find_world, default="incidence_rings", metavar="FILE",
+        help="world with a circle every 5 degrees")  # fmt: skip
+    add("--rooms-world", type=find_world, default="corridors_and_rooms", metavar="FILE",
+        help="second map of Figure 10")  # fmt: skip
     add_output(parser, "out/figures", "folder for the PNG files and figures.json")
-    add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
-        help="robot's pose: metres, degrees clockwise (default: near the first start)")  # fmt: skip
+    add("--pose", action=_ReadPose, nargs="+", metavar="X,Y,YAW",
+        help="robot's pose, in metres and radians (default: near the first start)")  # fmt: skip
     return parser

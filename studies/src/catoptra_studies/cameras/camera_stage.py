@@ -10,10 +10,12 @@ import argparse
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from catoptra_protocol.command_line import CommandParser, parse_count
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -32,7 +34,7 @@ from catoptra_server.simulation.spawning import build_carrier_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin
-from catoptra_studies.commands import open_progress
+from catoptra_studies.commands import open_progress, parse_size
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import render_once, study_poses
 
@@ -120,18 +122,21 @@ class CameraStage:
         return self.renderer.prepare(camera, plan)
 
 
-def add_camera_options(parser: argparse.ArgumentParser, *, size_px: int) -> None:
+def add_camera_options(parser: CommandParser, *, size_px: int) -> None:
     """Declare the options that `open_requested_stage` reads, and the number of timed frames."""
     add = parser.add_argument
-    add("--cameras", default="", metavar="A,B",
+    add("--cameras", type=_find_cameras, default=[], metavar="A,B",
         help="camera files or bundled names (default: all of configs/cameras)")  # fmt: skip
-    add("--world", default="four_legged_2006", metavar="FILE",
-        help="world ini, or a bundled name (default four_legged_2006)")  # fmt: skip
-    add("--size", type=int, default=size_px, metavar="N",
-        help="side of images, but of cameras calibrated in pixels "
-        f"(default {size_px})")  # fmt: skip
-    add("--frames", type=int, default=9, metavar="N",
-        help="frames of each camera that are timed (default 9)")  # fmt: skip
+    add("--world", type=partial(find_configuration, "worlds"), default="four_legged_2006",
+        metavar="FILE", help="world ini, or a bundled name")  # fmt: skip
+    add("--size", type=parse_size, default=size_px, metavar="PX",
+        help="side of images, but of cameras calibrated in pixels")  # fmt: skip
+    add("--frames", type=parse_count, default=9, metavar="N",
+        help="frames of each camera that are timed")  # fmt: skip
+
+
+def _find_cameras(text: str) -> list[str]:
+    return [str(find_configuration("cameras", name)) for name in text.split(",")]
 
 
 @contextmanager
@@ -143,10 +148,9 @@ def open_requested_stage(
     Raises:
         ConfigError: The world or a camera cannot be read.
     """
-    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
-    world_file = find_configuration("worlds", parsed.world)
-    cameras = tuple(_give_to_robot(file, parsed.output, parsed.size) for file in files)
-    world, _ = read_world(world_file)
+    files = read_camera_files(parsed.cameras)
+    cameras = tuple(_give_to_robot(file, parsed.out, parsed.size) for file in files)
+    world, _ = read_world(parsed.world)
     # All cameras at the first pose of the studies.
     pose = study_poses(world)[0]
     states = tuple(
@@ -160,7 +164,7 @@ def open_requested_stage(
         closing(TraceRenderer(scene, world)) as renderer,
         closing(LabelRenderer(renderer, scene)) as labels,
     ):
-        stage = CameraStage(renderer, world_file, world.landmarks, cameras, states, labels)
+        stage = CameraStage(renderer, parsed.world, world.landmarks, cameras, states, labels)
         yield stage, progress.add_task("cameras", len(files))
 
 

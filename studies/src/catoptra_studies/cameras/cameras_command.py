@@ -29,7 +29,7 @@ from catoptra_studies.cameras.camera_stage import (
     add_camera_options,
     open_requested_stage,
 )
-from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.commands import add_output, make_parser, parse_study, print_line
 from catoptra_studies.plot_style import (
     BLUE,
     ORANGE,
@@ -64,8 +64,8 @@ _HEADER = (
 )  # fmt: skip
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the gallery; return 0, or 2 after one line about the reason."""
+def main(arguments: Sequence[str]) -> int:
+    """Draw the gallery."""
     parser = make_parser(
         "cameras",
         "Draw all camera models in one world, with circles of equal angle, covered sphere, "
@@ -73,11 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_camera_options(parser, size_px=640)
     add_output(parser, "out/cameras", "folder for index.html, cameras.json and pictures")
-    return run_study("catoptra-studies cameras", parser.parse_args(arguments), _run)
+    return _run(parse_study(parser, arguments))
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    folder: Path = parsed.output
+    folder: Path = parsed.out
     with open_requested_stage(parsed) as (stage, on_camera):
         frame_ms = stage.time_frames(parsed.frames)
         rows = [_describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]

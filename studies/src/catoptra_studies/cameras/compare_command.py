@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.command_line import parse_count, parse_integer
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_studies.cameras.camera_metrics import covered_sphere, floor_view, resolution_at
 from catoptra_studies.cameras.camera_stage import (
@@ -28,7 +28,7 @@ from catoptra_studies.cameras.camera_stage import (
     add_camera_options,
     open_requested_stage,
 )
-from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.commands import add_output, make_parser, parse_study, print_line
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     run_setup,
@@ -48,8 +48,8 @@ _FLOOR_DISTANCE_M = 3.0
 _NUM_TRAINING_FRAMES = 20
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare cameras; return 0, or 2 after one line about the reason."""
+def main(arguments: Sequence[str]) -> int:
+    """Compare cameras."""
     parser = make_parser(
         "compare",
         "Compare cameras on the same robot: resolution on the floor and at the horizon, blind "
@@ -58,11 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_camera_options(parser, size_px=360)
     add_output(parser, "out/compare", "folder for comparison.csv, .json and .png")
     add = parser.add_argument
-    add("--runs", type=int, default=20, metavar="N",
-        help="drives with each camera (default 20)")  # fmt: skip
-    add("--seed", type=int, default=0,
+    add("--runs", type=parse_count, default=20, metavar="N", help="drives with each camera")
+    add("--seed", type=parse_integer, default=0, metavar="N",
         help="seed of all random numbers: all results but the times follow from it")  # fmt: skip
-    return run_study("catoptra-studies compare", parser.parse_args(arguments), _run)
+    return _run(parse_study(parser, arguments))
 
 
 # Numbers of one camera by the keys of `_COLUMNS`; nan where the camera does not show an angle. Keys
@@ -73,8 +72,6 @@ _Runs = Mapping[str, Floats]
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    if parsed.runs < 1:
-        raise CatoptraError(f"--runs {parsed.runs}: at least one drive with each camera")
     with open_requested_stage(parsed) as (stage, on_camera):
         frame_ms = stage.time_frames(parsed.frames)
         rows, drives = [], {}
@@ -85,12 +82,12 @@ def _run(parsed: argparse.Namespace) -> int:
             drives[staged.file.name] = runs
             on_camera()
     text = _format_comparison(rows, drives if stage.landmarks else {}, parsed.runs)
-    _write_comparison(rows, parsed.output)
-    (parsed.output / "comparison.md").write_text(text + "\n", encoding="utf-8")
+    _write_comparison(rows, parsed.out)
+    (parsed.out / "comparison.md").write_text(text + "\n", encoding="utf-8")
     print_line(text)
     if not stage.landmarks:
         print_line(f"{stage.world_file} has no landmarks: nothing to localize by, so no drives")
-    print_line(f"written: {parsed.output}")
+    print_line(f"written: {parsed.out}")
     return 0
 
 
@@ -115,7 +112,7 @@ def _drive_with_camera(
     stage: CameraStage, staged: StagedCamera, parsed: argparse.Namespace
 ) -> _Runs:
     """Train a detector with the camera's frames, and drive every run."""
-    folder = parsed.output.resolve() / staged.file.name
+    folder = parsed.out.resolve() / staged.file.name
     folder.mkdir(parents=True, exist_ok=True)
     setup = replace(SIM, name=staged.file.name, robot_file=str(staged.robot_file))
     config = ExperimentConfig(

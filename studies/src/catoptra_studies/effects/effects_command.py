@@ -12,13 +12,19 @@ from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 
+from catoptra_protocol.command_line import (
+    EXIT_FAILURE,
+    CommandParser,
+    parse_count,
+    parse_integer,
+)
 from catoptra_studies.commands import (
     ProgressDisplay,
     add_output,
     make_parser,
     open_progress,
+    parse_study,
     print_line,
-    run_study,
 )
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
@@ -35,8 +41,6 @@ from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.reports import replace_block
 
-# Decisions that differ from the truth too often.
-_EXIT_WRONG = 1
 _PARTS = ("pages", "decisions", "sweeps")
 # Places in each of the seven worlds, in four motions each: 1120 situations.
 _NUM_PLACES = 40
@@ -46,23 +50,19 @@ _NUM_TRAINING_FRAMES = 20
 _SWEEP_SLUGS = [sweep.slug for sweep in SWEEPS]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study; return 0, 1 for wrong decisions, or 2 after one line about the reason."""
+def main(arguments: Sequence[str]) -> int:
+    """Run the study; return 1 for decisions that differ from the truth too often, otherwise 0."""
     parser = _make_parser()
-    parsed = parser.parse_args(arguments)
+    parsed = parse_study(parser, arguments)
     if parsed.page and (parsed.sweep or parsed.only == "pages"):
         parser.error("--page gets tables of decisions and of all sweeps: leave out --sweep and "
                      "--only pages")  # fmt: skip
-    return run_study("catoptra-studies effects", parsed, _run)
-
-
-def _run(parsed: argparse.Namespace) -> int:
     results: tuple[SweepResult, ...] = ()
     parts = (parsed.only,) if parsed.only else _PARTS
     are_right = True
     with open_progress() as progress:
         if "pages" in parts:
-            _write_pages(parsed.output, progress)
+            _write_pages(parsed.out, progress)
         if "decisions" in parts:
             are_right = _check_decisions(parsed, progress)
         if "sweeps" in parts:
@@ -73,8 +73,8 @@ def _run(parsed: argparse.Namespace) -> int:
         replace_block(parsed.page, "sweeps", summary)
     if results:
         print_line(failure_table(results))
-    print_line(f"written: {parsed.output}")
-    return 0 if are_right else _EXIT_WRONG
+    print_line(f"written: {parsed.out}")
+    return 0 if are_right else EXIT_FAILURE
 
 
 def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
@@ -95,7 +95,7 @@ def _check_decisions(parsed: argparse.Namespace, progress: ProgressDisplay) -> b
     on_place = progress.add_task("places of decisions", num_places * len(study.worlds))
     decisions = run_decision_study(study, on_place=on_place)
     report = evaluate_decisions(decisions)
-    write_decision_report(parsed.output, report, decisions)
+    write_decision_report(parsed.out, report, decisions)
     if parsed.page:
         extent = f"{date.today()}, {report.num_situations} situations of seed {parsed.seed}:"
         replace_block(parsed.page, "decisions", f"{extent}\n\n{report}")
@@ -113,19 +113,19 @@ def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[
         robot_folder=parsed.configs / "robots",
         on_drive=progress.add_task("drives", num_drives(config, sweeps)),
     )
-    write_degradation_results(parsed.output, config, results)
+    write_degradation_results(parsed.out, config, results)
     return results
 
 
 def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     """The simulated drive; robot files and servers' logs go into a folder of their own."""
-    folder: Path = parsed.output / "degradation"
+    folder: Path = parsed.out / "degradation"
     folder.mkdir(parents=True, exist_ok=True)
     return ExperimentConfig(
         config_folder=parsed.configs,
         output_folder=folder,
         setups=(SIM,),
-        num_runs=1 if parsed.quick else max(1, parsed.runs),
+        num_runs=1 if parsed.quick else parsed.runs,
         seed=parsed.seed,
         num_training_frames=_NUM_TRAINING_FRAMES,
         # Two servers run at a time, and detectors, too: one thread each keeps two cores busy.
@@ -133,7 +133,7 @@ def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     )
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "effects",
         "Draw each image effect where it is needed, compare decisions about effects "
@@ -142,16 +142,17 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--configs", type=Path, default=Path("configs"), metavar="DIR",
-        help="folder with robots/, worlds/ and landmarks/ (default configs)")  # fmt: skip
+        help="folder with robots/, worlds/ and landmarks/")  # fmt: skip
     add_output(parser, "out/effects", "folder for pages, report and plots")
     add("--page", type=Path, metavar="FILE",
         help="file whose blocks decisions and sweeps get the tables")  # fmt: skip
-    add("--only", choices=_PARTS, help="run one part alone")
+    add("--only", choices=_PARTS, help="run one part alone (default: all)")
     add("--sweep", action="append", choices=_SWEEP_SLUGS,
-        help="only this sweep; may be given several times")  # fmt: skip
-    add("--runs", type=int, default=2, help="drives for each level (default 2)")
-    add("--places", type=int, metavar="N",
-        help="places in each world at which decisions are compared (default 40)")  # fmt: skip
+        help="only this sweep; may be given several times (default: all)")  # fmt: skip
+    add("--runs", type=parse_count, default=2, metavar="N", help="drives for each level")
+    add("--places", type=parse_count, metavar="N",
+        help="places in each world at which decisions are compared "
+        f"(default: {_NUM_PLACES}, or {_NUM_QUICK_PLACES} with --quick)")  # fmt: skip
     add("--quick", action="store_true", help="one drive for each level, five places in each world")
-    add("--seed", type=int, default=0, help="seed of all random numbers")
+    add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
     return parser

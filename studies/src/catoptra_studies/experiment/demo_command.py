@@ -15,16 +15,21 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from catoptra_client.control_connection import ServerAddress
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.command_line import (
+    EXIT_FAILURE,
+    CommandParser,
+    parse_count,
+    parse_float_within,
+    parse_integer,
+)
 from catoptra_studies.commands import (
     ProgressDisplay,
     add_output,
     make_parser,
     open_progress,
+    parse_study,
     print_line,
     print_table,
-    run_study,
 )
 from catoptra_studies.experiment.experiment_report import format_page_block
 from catoptra_studies.experiment.experiment_results import write_experiment_results
@@ -45,17 +50,10 @@ from catoptra_studies.experiment.figure_source import (
 )
 from catoptra_studies.reports import replace_block
 
-_EXIT_FAILURE = 1
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Run the experiment; return 1 where a claim is refuted, otherwise 0."""
-    # The first word stays: container tests and scripts look for this word.
-    parsed = _make_parser().parse_args(arguments)
-    return run_study("experiment", parsed, _run, exit_failure=_EXIT_FAILURE)
-
-
-def _run(parsed: argparse.Namespace) -> int:
+    parsed = parse_study(_make_parser(), arguments)
     config = _experiment_config(parsed)
     timing_s: dict[str, float] = {}
     results, snapshot = _run_drives(config, timing_s)
@@ -78,9 +76,9 @@ def _run(parsed: argparse.Namespace) -> int:
     print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
     print_line(f"report: {report}")
     if parsed.page:
-        summary = json.loads((parsed.output / "summary.json").read_text("utf-8"))
+        summary = json.loads((parsed.out / "summary.json").read_text("utf-8"))
         replace_block(parsed.page, "demo", format_page_block(summary))
-    return _EXIT_FAILURE if any(claim.is_refuted for claim in claims) else 0
+    return EXIT_FAILURE if any(claim.is_refuted for claim in claims) else 0
 
 
 def _run_drives(
@@ -128,7 +126,7 @@ def _measure_time(name: str, timing_s: dict[str, float]) -> Iterator[None]:
     timing_s[name] = time.monotonic() - begin_s
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "demo",
         "Repeat the paper's experiment: drive both set-ups, localize by landmarks, and "
@@ -138,13 +136,14 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--configs", type=Path, metavar="DIR",
         help="folder with robots/, worlds/ and landmarks/ (default: bundled files)")  # fmt: skip
     add_output(parser, "out/demo", "folder for report, figures and summary.json")
-    add("--setup", choices=["sim", "real", "both"], default="both", help="default: both")
-    add("--runs", type=int, default=20, help="drives for each set-up (default 20)")
-    add("--seed", type=int, default=0, help="seed of all random numbers")
-    add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")
+    add("--setup", choices=["sim", "real", "both"], default="both", help="set-ups to drive")
+    add("--runs", type=parse_count, default=20, metavar="N", help="drives for each set-up")
+    add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
+    add("--training-frames", type=parse_count, default=30, metavar="N",
+        help="frames for the classifier")  # fmt: skip
     add("--renderer", choices=["auto", "trace", "raster"], default="auto",
-        help="renderer of the servers that are started (default auto)")  # fmt: skip
-    add("--server", type=_parse_server_argument, action="append", default=[],
+        help="renderer of the servers that are started")  # fmt: skip
+    add("--server", type=parse_server_address, action="append", default=[],
         metavar="SETUP=HOST[:CONTROL[:IMAGE]]",
         help="running lockstep server for a set-up, not a process; may be repeated")  # fmt: skip
     add("--figures", choices=[source.value for source in FigureSource],
@@ -152,28 +151,20 @@ def _make_parser() -> argparse.ArgumentParser:
         help="figures of the camera: drawn here by the installed server's code, by an external "
         "program into DIR, or none (default: local where the server is installed)")  # fmt: skip
     add("--page", type=Path, metavar="FILE", help="file whose block demo gets the table of errors")
-    add("--timeout", type=float, default=60.0, metavar="S",
-        help="longest wait for a running server or for external figures (default 60)")  # fmt: skip
+    add("--timeout", type=partial(parse_float_within, name="a time-out"), default=60.0, metavar="S",
+        help="longest wait for a running server or for external figures, in seconds")  # fmt: skip
     return parser
 
 
 def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     return ExperimentConfig(
         config_folder=parsed.configs,
-        output_folder=parsed.output,
+        output_folder=parsed.out,
         setups=tuple(setup for setup in SETUPS if parsed.setup in (setup.name, "both")),
-        # One at least: no median of no runs.
-        num_runs=max(1, parsed.runs),
+        num_runs=parsed.runs,
         seed=parsed.seed,
-        num_training_frames=max(1, parsed.training_frames),
+        num_training_frames=parsed.training_frames,
         server_arguments=("--renderer", parsed.renderer),
         remote_servers=dict(parsed.server),
         timeout_s=parsed.timeout,
     )
-
-
-def _parse_server_argument(text: str) -> tuple[str, ServerAddress]:
-    try:
-        return parse_server_address(text)
-    except CatoptraError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error

@@ -98,7 +98,7 @@ def _draw_figures(config: ExperimentConfig) -> None:
     # A process and no import: this package has to load where no server is installed.
     command = [
         *(sys.executable, "-m", "catoptra_studies", "figures"),
-        *("--output", str(config.output_folder)),
+        *("--out", str(config.output_folder)),
         *("--robot", str(config.find_file("robots", "p2at_omni.ini"))),
         *("--world", str(config.field_world_file)),
         *("--rings-world", str(config.find_file("worlds", "incidence_rings.ini"))),

@@ -7,7 +7,6 @@ report has the shares over all runs, and the status that `demo` ends with for ea
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -20,14 +19,20 @@ from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
+from catoptra_protocol.command_line import (
+    EXIT_FAILURE,
+    CommandParser,
+    parse_count,
+)
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.interrupts import start_without_interrupts
 from catoptra_studies.commands import (
     add_output,
     make_parser,
     open_progress,
+    parse_study,
     print_line,
     print_table,
-    run_study,
 )
 from catoptra_studies.experiment.experiment_results import summarize_experiment
 from catoptra_studies.experiment.experiment_runner import (
@@ -126,30 +131,23 @@ def _seed_table(results: Sequence[SeedResult]) -> str:
     return markdown_table(("seed", *keys, "status"), rows)
 
 
-_EXIT_FAILURE = 1
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Run all seeds; return 1 where a seed refutes a claim, otherwise 0."""
-    parsed = _make_parser().parse_args(arguments)
-    return run_study("seeds", parsed, _run, exit_failure=_EXIT_FAILURE)
-
-
-def _run(parsed: argparse.Namespace) -> int:
+    parsed = parse_study(_make_parser(), arguments)
     config = ExperimentConfig(
         config_folder=None,
-        output_folder=parsed.output,
+        output_folder=parsed.out,
         setups=SETUPS,
-        num_runs=max(1, parsed.runs),
+        num_runs=parsed.runs,
         seed=0,
-        num_training_frames=max(1, parsed.training_frames),
+        num_training_frames=parsed.training_frames,
     )
     if parsed.report_only:
         results = _read_seeds(config.output_folder)
     else:
-        results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
+        results = _run_seeds(config, range(parsed.seeds), parsed.workers)
     _write_report(config.output_folder, results, parsed.page)
-    return _EXIT_FAILURE if any(result.status for result in results) else 0
+    return EXIT_FAILURE if any(result.status for result in results) else 0
 
 
 def _evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
@@ -193,7 +191,8 @@ def _run_seeds(
     results = []
     # Spawned, since a fork copies the locks of the display's thread. Leaving the block ends the
     # processes, after an error or Ctrl-C with the seeds that have not ended.
-    pool = get_context("spawn").Pool(num_processes, _end_by_signal)
+    with start_without_interrupts():
+        pool = get_context("spawn").Pool(num_processes, _end_by_signal)
     with open_progress() as progress, pool:
         advance = progress.add_task("seeds", len(seeds))
         # In the order of the seeds; the first that fails ends the command.
@@ -204,8 +203,7 @@ def _run_seeds(
 
 
 def _end_by_signal() -> None:
-    """Let SIGTERM end a process and all servers of it; Ctrl-C is for the parent process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let SIGTERM end a process and all servers of it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
 
 
@@ -234,7 +232,7 @@ def _format_page_block(results: Sequence[SeedResult], num_runs: int) -> str:
     return f"{extent}\n\n{markdown_table(header, rows)}"
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "seeds",
         "Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
@@ -243,11 +241,14 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add_output(parser, "out/experiment-seeds", "folder for seeds.md and a folder a seed")
-    add("--seeds", type=int, default=50, help="number of seeds, from 0 (default 50)")
-    add("--runs", type=int, default=20, help="drives for each set-up and seed (default 20)")
-    add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")
-    add("--processes", type=int, default=os.cpu_count() or 1,
-        help="seeds at the same time (default: one a processor)")  # fmt: skip
+    add("--seeds", type=parse_count, default=50, metavar="N", help="number of seeds, from 0")
+    add("--runs", type=parse_count, default=20, metavar="N",
+        help="drives for each set-up and seed")  # fmt: skip
+    add("--training-frames", type=parse_count, default=30, metavar="N",
+        help="frames for the classifier")  # fmt: skip
+    add("--workers", type=parse_count, default=os.cpu_count() or 1, metavar="N",
+        help="processes, of one seed each (default: one for each processor)")  # fmt: skip
+    parser.read_too("--workers", "--processes")
     add("--report-only", action="store_true", help="drive nothing: report the seeds in DIR")
     add("--page", type=Path, metavar="FILE", help="file whose block seeds gets the short table")
     return parser

@@ -11,11 +11,16 @@ from types import FrameType
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.server_process import start_server
+from catoptra_protocol.command_line import (
+    CommandParser,
+    parse_count,
+    parse_integer,
+    parse_port,
+)
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.commands import add_output, make_parser, parse_study, print_line
 from catoptra_studies.live.live_drive import open_live_drive
 
-_EXIT_FAILURE = 1
 # A shell's status of a process that a signal ends is 128 and the signal's number: 130 for Ctrl-C.
 _EXIT_SIGNAL = 128
 
@@ -30,16 +35,16 @@ To try: drive the robot by the arrow keys; it returns to its route 3 s after the
 Watch it at {link}"""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Run server and robot until a signal, the last lap or an error.
 
     Returns:
         0 after `--laps`, 130 after Ctrl-C, 1 after an error.
     """
-    parsed = _make_parser().parse_args(arguments)
+    parsed = parse_study(_make_parser(), arguments)
     try:
         with _raise_on_signals():
-            return run_study("live", parsed, _run, exit_failure=_EXIT_FAILURE)
+            return _run(parsed)
     except KeyboardInterrupt as interrupt:
         print_line("live: server and robot have ended")
         number = interrupt.args[0] if interrupt.args else signal.SIGINT
@@ -54,7 +59,7 @@ def _run(parsed: argparse.Namespace) -> int:
         *("--view", str(parsed.view), *ports),
     )
     links = SimpleQueue[str]()
-    log_file = parsed.output / "server.log"
+    log_file = parsed.out / "server.log"
     with start_server(server_arguments, log_file=log_file, on_page=links.put) as address:
         # At once: the page is open before the training ends.
         _print_address(address, links)
@@ -88,7 +93,7 @@ def _raise_on_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser() -> CommandParser:
     parser = make_parser(
         "live",
         "Start a server in real time with a robot that drives the paper's route and "
@@ -96,14 +101,13 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--robot", default="p2at_omni_live", metavar="FILE",
-        help="robot ini, or the name of a bundled one (default p2at_omni_live)")  # fmt: skip
+        help="robot ini, or the name of a bundled one")  # fmt: skip
     add("--world", default="four_legged_2006", metavar="FILE",
-        help="world ini with landmarks, or the name of a bundled one (default "
-        "four_legged_2006)")  # fmt: skip
-    add("--view", type=int, default=_DEFAULT_VIEW_PORT, metavar="PORT",
-        help=f"port of the page (default {_DEFAULT_VIEW_PORT}); 0 = free ports for page, control, "
-        "images and stream")  # fmt: skip
-    add("--laps", type=int, metavar="N", help="end after N laps (default: drive for ever)")
-    add("--seed", type=int, default=0, help="seed of the server's random numbers (default 0)")
+        help="world ini with landmarks, or the name of a bundled one")  # fmt: skip
+    add("--view", type=parse_port, default=_DEFAULT_VIEW_PORT, metavar="PORT",
+        help="port of the page; 0 = free ports for page, control, images and stream")  # fmt: skip
+    add("--laps", type=parse_count, metavar="N", help="end after N laps (default: none)")
+    add("--seed", type=parse_integer, default=0, metavar="N",
+        help="seed of the server's random numbers")  # fmt: skip
     add_output(parser, "out/live", "folder of the server's log")
     return parser

@@ -34,12 +34,10 @@ FAULT = fault("ports", "taken", remedy="take another")
 
 @pytest.mark.parametrize(
     ("found", "status"),
-    [((), 0), ((FACT,), 0), ((FACT, WARNING), 1), ((WARNING, FAULT, FACT), 2)],
+    [((), 0), ((FACT,), 0), ((FACT, WARNING), 0), ((WARNING, FAULT, FACT), 1)],
     ids=["nothing", "facts", "warning", "fault"],
 )
-def test_status_when_findings_are_summed_is_the_worst(
-    found: tuple[Finding, ...], status: int
-) -> None:
+def test_status_is_that_of_a_fault(found: tuple[Finding, ...], status: int) -> None:
     assert exit_status(found) == status
 
 
@@ -112,7 +110,7 @@ def test_packages_when_all_satisfy_are_listed(site: Path) -> None:
 
 
 def test_distribution_when_not_installed_is_a_fault() -> None:
-    assert exit_status(check_packages("never-there")) == 2
+    assert exit_status(check_packages("never-there")) == 1
 
 
 def test_this_installation_when_checked_has_no_problem() -> None:
@@ -140,7 +138,7 @@ def test_release_when_required_is_compared_by_its_numbers(
 
 
 @pytest.mark.parametrize(
-    ("version", "status"), [((3, 10, 9), 2), ((3, 11, 0), 0), ((3, 13, 1), 0), ((4, 0, 0), 0)]
+    ("version", "status"), [((3, 10, 9), 1), ((3, 11, 0), 0), ((3, 13, 1), 0), ((4, 0, 0), 0)]
 )
 def test_python_when_too_old_is_a_fault(version: tuple[int, ...], status: int) -> None:
     assert exit_status(check_python(version)) == status
@@ -186,7 +184,7 @@ def test_server_when_no_program_listens_is_a_fault() -> None:
     with socket.socket() as unused:
         unused.bind((HOST, 0))
         port = unused.getsockname()[1]
-        assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 2
+        assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 1
 
 
 def test_view_port_when_taken_is_a_fault_only_if_it_was_requested(

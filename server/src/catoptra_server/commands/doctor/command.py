@@ -10,6 +10,7 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 
+from catoptra_protocol.command_line import CommandParser, parse_port
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.commands.doctor.devices import check_renderers, run_in_subprocess
 from catoptra_server.commands.doctor.machine import (
@@ -27,17 +28,16 @@ from catoptra_server.commands.doctor.machine import (
 )
 from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
-from catoptra_server.runtime.options import CommandParser, parse_port
 
 _STREAM_PORT = 5005
 _EXIT_STATUS_HELP = (
-    "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start or, "
-    "with --probe, does not run"
+    "exit status: 0 = the server can start, perhaps with warnings, 1 = it cannot start or, with "
+    "--probe, does not run"
 )
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the checks; the worst finding sets the exit status, as in the help text."""
+    """Run the checks; a fault sets the exit status, as in the help text."""
     parsed = _build_parser().parse_args(arguments)
     findings = []
     # Printed one by one: a self-test takes seconds, and a check that hangs is the one after the
@@ -110,25 +110,27 @@ def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Itera
         yield fault("configurations", f"cannot be read: {error}", remedy=remedy)
 
 
-def _build_parser() -> argparse.ArgumentParser:
+def _build_parser() -> CommandParser:
     parser = CommandParser(
-        prog="catoptra-server doctor",
-        description="Check whether the server can run on this machine with these files.",
+        "catoptra-server doctor",
+        "Check whether the server can run on this machine with these files.",
         epilog=_EXIT_STATUS_HELP,
     )
     add = parser.add_argument
     add("--robot", action="append", default=[], metavar="FILE",
         help="robot ini or name; again for more (default: all bundled ones)")  # fmt: skip
-    add("--world", action="append", default=[], metavar="FILE", help="world ini or name, likewise")
+    add("--world", action="append", default=[], metavar="FILE",
+        help="world ini or name, likewise (default: all bundled ones)")  # fmt: skip
     add("--renderer", choices=RENDERER_NAMES, default=AUTO,
         help="renderer of the server; the other one is not checked")  # fmt: skip
     add("--host", default="127.0.0.1", help="address on which the server will listen")
-    add("--control-port", type=parse_port, default=3000, metavar="PORT")
-    add("--image-port", type=parse_port, default=5003, metavar="PORT")
+    add("--control-port", type=parse_port, default=3000, metavar="PORT", help="control port")
+    add("--image-port", type=parse_port, default=5003, metavar="PORT", help="image port")
     add("--stream-port", type=parse_port, metavar="PORT",
-        help=f"default {_STREAM_PORT}; with --probe only if given")  # fmt: skip
+        help=f"ZeroMQ stream (default: {_STREAM_PORT}; with --probe only if given)")  # fmt: skip
     add("--view", dest="view_port", type=parse_port, metavar="PORT",
-        help="port of the live page (default: 5080, or a free one); as the stream's")  # fmt: skip
+        help="port of the live page (default: 5080, or a free one; with --probe only if "
+        "given)")  # fmt: skip
     add("--probe", metavar="HOST", help="check only whether a server runs there, on these ports")
     add("--json", action="store_true", help="print one JSON object instead of lines")
     return parser

@@ -1,6 +1,6 @@
 """Checks of the machine and the installation that need no library: each yields findings.
 
-A finding is a fact, or a problem with a remedy; the worst sets the exit status. Python and the
+A finding is a fact, or a problem with a remedy; a fault sets the exit status. Python and the
 installed packages are compared with the server's own metadata, ports are tried by the server's own
 call, and the number of threads is compared with the limit of a control group.
 """
@@ -18,6 +18,7 @@ from enum import Enum
 from importlib import metadata
 from pathlib import Path
 
+from catoptra_protocol.command_line import EXIT_FAILURE
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import count_processors
 
@@ -94,9 +95,8 @@ def fault(topic: str, message: str, *, remedy: str) -> Finding:
 
 
 def exit_status(findings: Iterable[Finding]) -> int:
-    """Exit status of the doctor: 2 with a fault, 1 with a warning, else 0."""
-    levels = {finding.level for finding in findings}
-    return 2 if Level.FAULT in levels else 1 if Level.WARNING in levels else 0
+    """Exit status of the doctor: 1 with a fault, else 0."""
+    return EXIT_FAILURE if any(finding.level is Level.FAULT for finding in findings) else 0
 
 
 def check_python(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Iterator[Finding]:
