@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from catoptra_protocol.command_line import CommandParser
+from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.sdf_world import import_sdf
 from catoptra_server.config.world_file import format_start, read_world
 from catoptra_server.simulation.floor_plan import find_start
