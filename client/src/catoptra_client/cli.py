@@ -181,10 +181,7 @@ def _print_progress(number: int, total: int) -> None:
 
 def _print_bearings(words: Sequence[str]) -> int:
     """Print the landmarks of every frame."""
-    parser = CommandParser(
-        "catoptra-client bearings",
-        "Print the landmarks in the robot's frames.",
-    )
+    parser = CommandParser("catoptra-client bearings", "Print the landmarks in the robot's frames.")
     add = parser.add_argument
     add("--classifier", type=Path, default=_CLASSIFIER, metavar="FILE", help="file of `train`")
     add("--start", default="Centre", metavar="TAG", help="start pose of the robot")

@@ -55,8 +55,8 @@ def run_program(
         SystemExit: For a wrong command line, and after a help or a version.
     """
     words = sys.argv[1:] if words is None else [*words]
-    name, rest = _select_command(program, commands, words, default)
     try:
+        name, rest = _select_command(program, commands, words, default)
         with end_at_interrupt(program):
             command = load(name)
         status = command(rest)
@@ -94,11 +94,8 @@ def _select_command(
     parser = CommandParser(
         program, usage=f"{program} COMMAND [options]", epilog=list_commands(program, commands)
     )
-    try:
-        if is_option:
-            parser.parse_args(words[:1])
-    finally:
-        _end_output()
+    if is_option:
+        parser.parse_args(words[:1])
     problem = f"no command {word!r}" if word and not is_option else "the command is missing"
     parser.error(f"{problem}: the commands are {list_names(word, commands)}")
 
@@ -178,31 +175,19 @@ class CommandParser(argparse.ArgumentParser):
         description: What the command does.
         usage: The head of the help; None for one of all options.
         epilog: Text below the options.
-        describe_version: Line of `--version`, for a distribution.
     """
 
     def __init__(
-        self,
-        prog: str,
-        description: str = "",
-        *,
-        usage: str | None = None,
-        epilog: str = "",
-        describe_version: Callable[[str], str] = describe_version,
+        self, prog: str, description: str = "", *, usage: str | None = None, epilog: str = ""
     ) -> None:
         super().__init__(
             prog, usage, description=description, epilog=epilog, formatter_class=_HelpFormatter
         )
-        self.describe_version = describe_version
+        self.describe_version: Callable[[str], str] = describe_version
         # Such as the pose -1,2,0: argparse takes only a single number for a value.
         self._negative_number_matcher = re.compile(r"-(\.?\d|inf|nan)")
-        self.add_argument(
-            "--version",
-            action=_PrintVersion,
-            nargs=0,
-            default=argparse.SUPPRESS,
-            help="print version and system",
-        )
+        self.add_argument("--version", action=_PrintVersion, nargs=0, default=argparse.SUPPRESS,
+            help="print version and system")  # fmt: skip
 
     def read_too(self, option: str, *old_words: str) -> None:
         """Read words of earlier releases as an option."""

@@ -32,7 +32,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.commands import COMMANDS
-from catoptra_server.commands.list import describe_version
 from catoptra_server.commands.server import ListeningAddress, Options, serve
 from catoptra_server.config.known_names import FileKind, bundled_files, find_configuration
 from catoptra_server.config.server_file import (
@@ -194,8 +193,8 @@ def _build_parser() -> CommandParser:
         usage="catoptra-server [serve] --robot FILE --world FILE [options]\n"
         "       catoptra-server COMMAND [options]",
         epilog=list_commands("catoptra-server", COMMANDS),
-        describe_version=describe_version,
     )
+    parser.describe_version = _describe_version
     add = parser.add_argument
     add("--robot", type=partial(find_configuration, "robots"), action="append", metavar="FILE",
         help="robot ini, like USARBot.ini, or the name of a bundled one, such as p2at_omni; "
@@ -260,6 +259,12 @@ def _build_parser() -> CommandParser:
     add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
     add("--verbose", action="store_true", help="log every message on the wire")
     return parser
+
+
+def _describe_version(distribution: str) -> str:
+    from catoptra_server.commands.list import describe_version  # loads what no server needs
+
+    return describe_version(distribution)
 
 
 def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:

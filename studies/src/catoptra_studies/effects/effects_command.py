@@ -12,12 +12,7 @@ from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 
-from catoptra_protocol.command_line import (
-    EXIT_FAILURE,
-    CommandParser,
-    parse_count,
-    parse_integer,
-)
+from catoptra_protocol.command_line import EXIT_FAILURE, CommandParser, parse_count, parse_integer
 from catoptra_studies.commands import (
     ProgressDisplay,
     add_output,

@@ -19,11 +19,7 @@ from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
-from catoptra_protocol.command_line import (
-    EXIT_FAILURE,
-    CommandParser,
-    parse_count,
-)
+from catoptra_protocol.command_line import EXIT_FAILURE, CommandParser, parse_count
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.interrupts import start_without_interrupts
 from catoptra_studies.commands import (

@@ -11,12 +11,7 @@ from types import FrameType
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.server_process import start_server
-from catoptra_protocol.command_line import (
-    CommandParser,
-    parse_count,
-    parse_integer,
-    parse_port,
-)
+from catoptra_protocol.command_line import CommandParser, parse_count, parse_integer, parse_port
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.commands import add_output, make_parser, parse_study, print_line
 from catoptra_studies.live.live_drive import open_live_drive
