@@ -236,7 +236,7 @@ def test_map_draws_layers_and_notes(page: Tab, full_live: OwnedServer) -> None:
 
 
 def test_map_shows_the_plan_of_the_floor_which_is_requested_once(page: Tab) -> None:
-    tiles = "document.querySelectorAll('#panel-map .plan-legend .tile')"
+    tiles = "document.querySelectorAll('#panel-map .layers i')"
     page.wait_for(f"{tiles}.length === 2", "legend of the plan", _LIMIT_S)
     colour = "(i) => getComputedStyle(i).backgroundColor.match(/\\d+/g).map(Number)"
     counts = page.evaluate(

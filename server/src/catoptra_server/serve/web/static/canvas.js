@@ -7,9 +7,6 @@ darkScheme.addEventListener("change", () => (palette = null));
 /** Call `handler` when the page changes between light and dark. */
 export const onColourScheme = (handler) => darkScheme.addEventListener("change", handler);
 
-/** Whether the page is dark. */
-export const isDark = () => darkScheme.matches;
-
 /** Colour of a custom property of style.css without its dashes: `colour("accent")`. */
 export function colour(name) {
   palette ??= new Map();

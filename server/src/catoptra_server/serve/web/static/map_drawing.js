@@ -1,6 +1,6 @@
 /** The items of the map: each function draws one, in CSS pixels, by the pen and the view given. */
 
-import { colour, isDark } from "./canvas.js";
+import { colour } from "./canvas.js";
 import { STATUSES } from "./landmarks.js";
 import { compose } from "./scan_geometry.js";
 import { positionEllipse } from "./beliefs.js";
@@ -57,12 +57,13 @@ export function drawGrid(pen, view, width, height) {
   pen.stroke();
 }
 
-/** Picture of a floor plan, whose columns run along x: up on the screen. */
-export function drawPlan(pen, view, { bounds, light, dark }) {
-  const pixel = ((bounds[2] - bounds[0]) * view.scale) / light.width;
+/** Picture whose columns run along x, up on the screen. */
+export function drawPlan(pen, view, { bounds, image }) {
+  const pixel = ((bounds[2] - bounds[0]) * view.scale) / image.width;
   pen.save();
+  pen.filter = colour("plan");
   pen.transform(0, -pixel, pixel, 0, ...view.toScreen(bounds[0], bounds[1]));
-  pen.drawImage(isDark() ? dark : light, 0, 0);
+  pen.drawImage(image, 0, 0);
   pen.restore();
 }
 
@@ -93,28 +94,26 @@ export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash
   pen.stroke();
 }
 
-const LABEL_FONT = "11px system-ui, sans-serif";
+const FONT = "11px system-ui, sans-serif";
 
-/** Labels [text, left, top, name of the colour] of marks, right or left of them where that is clear. */
+/** Labels [text, x, y, colour] beside their marks, where that is clear. */
 export function drawClearLabels(pen, labels) {
-  const drawn = labels.map(([, x, y]) => ({ left: x - 5, right: x + 5, y }));
-  pen.font = LABEL_FONT;
+  const taken = labels.map(([, x, y]) => [x - 5, x + 5, y]);
+  pen.font = FONT;
   for (const [text, x, y, name] of labels) {
     const { width } = pen.measureText(text);
-    const left = [x + 9, x - 9 - width].find((start) =>
-      drawn.every(
-        (one) => start >= one.right || start + width <= one.left || Math.abs(y - one.y) >= 12,
-      ),
-    );
+    const fits = (at) =>
+      taken.every(([left, right, top]) => at > right || at + width < left || Math.abs(y - top) > 11);
+    const left = [x + 9, x - 9 - width].find(fits);
     if (left === undefined) continue;
-    drawn.push({ left, right: left + width, y });
+    taken.push([left, left + width, y]);
     drawLabel(pen, text, left, y, name);
   }
 }
 
 /** Text beside a point, on a halo of the background. */
 export function drawLabel(pen, text, left, top, name = "ink", align = "left") {
-  pen.font = LABEL_FONT;
+  pen.font = FONT;
   pen.textAlign = align;
   pen.textBaseline = "middle";
   pen.lineJoin = "round";

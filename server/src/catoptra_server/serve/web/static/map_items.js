@@ -15,9 +15,8 @@ import {
   sizeOf,
 } from "./scan_geometry.js";
 
-/** More names of robots than these would cover each other and the map. */
+/** More names than these would cover each other and the map. */
 const MAX_NAMED = 20;
-const MAX_MARKS = 200;
 
 export class MapItems {
   #context;
@@ -43,20 +42,18 @@ export class MapItems {
     if (robot) this.#drawSelected(pen, this.#context.state, robot);
   }
 
-  /** Draw the starts; their labels. */
   #drawStarts(pen) {
-    return this.#context.server.start_poses.slice(0, MAX_MARKS).map((start) => {
+    return this.#context.server.start_poses.slice(0, 200).map((start) => {
       draw.drawStart(pen, this.#view, start);
       const [left, top] = this.#view.toScreen(...start.location_m);
       return [shorten(start.name, 24), left, top, "ink"];
     });
   }
 
-  /** Draw the landmarks; their labels. */
   #drawLandmarks(pen) {
     const current = this.#context.landmarks;
     const landmarks = current?.length ? current : this.#context.server.landmarks;
-    return landmarks.slice(0, MAX_MARKS).map(({ name, x_m, y_m, status }) => {
+    return landmarks.map(({ name, x_m, y_m, status }) => {
       const [left, top] = this.#view.toScreen(x_m, y_m);
       drawMark(pen, left, top, status ?? "hidden", 5);
       return [shorten(name, 24), left, top, "muted"];

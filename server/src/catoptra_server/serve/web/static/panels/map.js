@@ -31,52 +31,9 @@ const LAYERS = [
 ];
 const MAX_ROBOTS = 200;
 
-/** Create the panel; the plan follows, so that the pictures do not wait for it. */
+/** Create the panel. */
 export function create(section, context) {
   new MapPanel(section, context);
-}
-
-/** Plan for a class of robots, with its picture for a light page and for a dark one. */
-async function loadPlan(className) {
-  const plan = await fetchJson(`/api/floor_plan.json?class=${encodeURIComponent(className)}`);
-  if (plan === null) return null;
-  const bytes = Uint8Array.from(atob(plan.picture), (byte) => byte.charCodeAt(0));
-  const light = await createImageBitmap(new Blob([bytes], { type: "image/png" }), DECODING);
-  const dark = make("canvas", { width: light.width, height: light.height });
-  const pen = dark.getContext("2d");
-  pen.filter = "invert(1) hue-rotate(180deg)";
-  pen.drawImage(light, 0, 0);
-  return { ...plan, light, dark };
-}
-
-/** Meaning of the colours of a plan. */
-function* legendOf({ colours, height_m, radius_m }) {
-  const texts = {
-    free: ["free", `Floor where a base of ${radius_m.toFixed(2)} m on all sides has room`],
-    obstacle: ["obstacle", `What is lower than the robot, ${height_m.toFixed(2)} m`],
-  };
-  for (const [name, [text, title]] of Object.entries(texts)) {
-    const tile = make("i", { className: "tile" });
-    tile.style.background = `rgb(${colours[name]})`;
-    yield make("span", { title }, tile, text);
-  }
-}
-
-/** Extent of start poses and landmarks, until there is a plan. */
-function boundsOf({ start_poses, landmarks }) {
-  const points = [
-    ...start_poses.map(({ location_m }) => location_m),
-    ...landmarks.map(({ x_m, y_m }) => [x_m, y_m]),
-    [0, 0],
-  ];
-  const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
-  const margin = 2;
-  return [
-    Math.min(...xs) - margin,
-    Math.min(...ys) - margin,
-    Math.max(...xs) + margin,
-    Math.max(...ys) + margin,
-  ];
 }
 
 class MapPanel {
@@ -86,7 +43,6 @@ class MapPanel {
   #view;
   #redraw;
   #plans = new Map();
-  #legend = make("span", { className: "plan-legend" });
   #isFitted = false;
   #choice;
   #followButton;
@@ -123,20 +79,23 @@ class MapPanel {
     });
   }
 
-  /** Plan for a class, requested once; undefined until it has arrived. */
-  #planFor(className) {
-    if (className !== undefined && !this.#plans.has(className)) {
-      this.#plans.set(className, undefined);
-      loadPlan(className).then(
-        (plan) => {
-          this.#plans.set(className, plan);
-          if (plan) this.#legend.replaceChildren(...legendOf(plan));
-          this.#redraw();
-        },
-        (error) => this.#context.report(error),
-      );
-    }
-    return this.#plans.get(className);
+  /** Plan for a class, requested once. */
+  #planOf(name) {
+    if (name && !this.#plans.has(name))
+      this.#load(name).catch((error) => this.#context.report(error));
+    return this.#plans.get(name);
+  }
+
+  async #load(name) {
+    this.#plans.set(name, undefined);
+    const plan = await fetchJson(`/api/floor_plan.json?class=${encodeURIComponent(name)}`);
+    const bytes = Uint8Array.from(atob(plan.picture), (c) => c.charCodeAt(0));
+    plan.image = await createImageBitmap(new Blob([bytes]), DECODING);
+    this.#plans.set(name, plan);
+    this.#redraw();
+    if (this.#layers.querySelector("i")) return;
+    for (const [text, rgb] of Object.entries(plan.colours))
+      this.#layers.append(make("i", { style: `background: rgb(${rgb})` }), text);
   }
 
   #tools() {
@@ -158,8 +117,7 @@ class MapPanel {
     const items = LAYERS.map(({ id, label, title }) =>
       this.#choice.makeBox(id, label, id, { title }),
     );
-    const group = { className: "layers", role: "group", ariaLabel: "Layers" };
-    return make("div", group, ...items, this.#legend);
+    return make("div", { className: "layers", role: "group", ariaLabel: "Layers" }, ...items);
   }
 
   get #isFollowing() {
@@ -217,8 +175,8 @@ class MapPanel {
     const robots = (state?.reply.robots ?? []).slice(0, MAX_ROBOTS);
     const robot = (state?.reply.robots ?? []).find(({ name }) => name === this.#paths.robot);
     const { server } = this.#context;
-    const plan = this.#planFor(robot?.class_name ?? server.classes[0]?.class_name);
-    if (!this.#isFitted) this.#view.fit(plan?.bounds ?? boundsOf(server), this.#layers.clientHeight);
+    const plan = this.#planOf(robot?.class_name ?? server.classes[0]?.class_name);
+    if (!this.#isFitted) this.#view.fit(plan?.bounds ?? [-5, -5, 5, 5], this.#layers.clientHeight);
     if (robot && this.#isFollowing) {
       const { x, y } = planarPose(robot.world_from_robot);
       this.#view.centre = { x, y };
