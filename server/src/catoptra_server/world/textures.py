@@ -27,8 +27,6 @@ import io
 import warnings
 from concurrent import futures
 from dataclasses import replace
-from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +43,7 @@ from catoptra_server.runtime.memory import (
     MemoryBudget,
     count_processors,
 )
-from catoptra_server.world.shading import decode_texels, light_of_bytes, sample_texture
+from catoptra_server.world.shading import decode_texels, sample_texture
 from catoptra_server.world.triangles import select_rows
 from catoptra_server.world.world_description import Rgb, linear_from_srgb, srgb_from_linear
 
@@ -245,42 +243,27 @@ def build_levels(image: Texture) -> Levels:
     """The image and its coarser levels; each side is half the one before, rounded down, as in
     OpenGL."""
     levels: list[npt.NDArray[Any]] = [image]
-    # A plane for each channel: NumPy's operations on rows of three take several times as long.
-    planes: npt.NDArray[Any] = np.moveaxis(image, -1, 0)
+    planes = np.zeros((0, 0, 0), dtype=np.float32)
     while max(levels[-1].shape[:2]) > 1:
-        planes = _halve_bytes(planes) if planes.dtype == np.uint8 else _halve_rows(planes)
+        planes = _halve_rows(planes) if len(levels) > 1 else _halve_bytes(image)
         planes = _halve_rows(planes.swapaxes(1, 2)).swapaxes(1, 2)
         levels.append(np.moveaxis(planes, 0, -1))
     return tuple(levels)
 
 
-def _halve_bytes(planes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """(c, h // 2, w) linear light of (c, h, w) bytes, as `_halve_rows` of their light has it."""
-    if planes.shape[1] % 2:
-        return _halve_rows(np.moveaxis(decode_texels(np.moveaxis(planes, 0, -1)), -1, 0))
-    channels, height, width = planes.shape
-    halved = np.zeros((channels, height // 2, width), dtype=np.float32)
-    # The mean of two bytes' light from a table of all pairs, whose numbers take eight bytes each:
-    # some rows at a time.
-    for channel, first in product(range(channels), range(0, height, _ROWS_AT_ONCE)):
-        rows = planes[channel, first : first + _ROWS_AT_ONCE]
-        pairs = np.multiply(rows[0::2], 256, dtype=np.intp) + rows[1::2]
-        half = halved[channel, first // 2 : (first + _ROWS_AT_ONCE) // 2]
-        _light_of_pairs()[channel // 3].take(pairs, out=half, mode="clip")
-    return halved
-
-
+# The light of a whole image would be four times as large as the image.
 _ROWS_AT_ONCE = 64
 
 
-@cache
-def _light_of_pairs() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """(65536,) mean light of two sRGB bytes, at 256 times one plus the other; and mean opacity."""
-    colour, opacity = (
-        np.asarray(0.5 * (one[:, None] + one), dtype=np.float32).ravel()
-        for one in (light_of_bytes(), np.arange(256, dtype=np.float32) / np.float32(255.0))
-    )
-    return colour, opacity
+def _halve_bytes(image: Texture) -> npt.NDArray[np.float32]:
+    """(c, h // 2, w) planes of an image's light, as of `_halve_rows`.
+
+    A plane for each channel: NumPy's operations on rows of three take several times as long.
+    """
+    step = len(image) if len(image) % 2 else _ROWS_AT_ONCE
+    parts = [image[first : first + step] for first in range(0, len(image), step)]
+    halves = [_halve_rows(np.moveaxis(decode_texels(part), -1, 0)) for part in parts]
+    return np.ascontiguousarray(np.concatenate(halves, axis=1))
 
 
 def _halve_rows(planes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -46,7 +46,7 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
-/* The image itself: (height, width, channels) sRGB bytes. Of coarser levels: linear light as uint16,
+/* The image itself: (height, width, channels) sRGB bytes. Coarser levels: linear light as uint16,
  * 65535 = white, (height + 2, width + 2, channels), with a border of one texel repeated from the
  * other side, and two readable bytes behind the last. */
 typedef struct {

@@ -35,46 +35,30 @@ static inline int32_t find_texel(float coordinate, int32_t size, float *fraction
     return texel;
 }
 
-/* The texels of the image left and right, above and below a bordered column and row, requested from
- * memory; `square` has the point between them. The texture repeats. */
-static inline void place_image_texels(const Texture *texture, int32_t column, int32_t row,
-                                      TexelSquare *square) {
-    int32_t width = texture->levels->width, height = texture->levels->height;
-    int32_t left = column - 1, above = row - 1, right = 1, below = 1;
-    /* Before the first texel and behind the last lie the last and the first. */
-    if ((uint32_t)left >= (uint32_t)(width - 1))
-        left = width - 1, right = 1 - width;
-    if ((uint32_t)above >= (uint32_t)(height - 1))
-        above = height - 1, below = 1 - height;
-    ptrdiff_t size = texture->channels, stride = size * width;
-    square->light = texture->light;
+/* Texels around a column and a row as by `find_texel`, requested from memory; `square` has the
+ * point between them. The texture repeats. */
+static inline void place_texels(const Texture *texture, int32_t level, int32_t column, int32_t row,
+                                TexelSquare *square) {
+    int32_t width = texture->levels[level].width, height = texture->levels[level].height;
+    int32_t right = 1, below = 1, size = texture->channels;
+    square->light = level ? NULL : texture->light;
     square->channels = texture->channels;
-    square->right = texture->channels * right;
-    square->upper = (const uint8_t *)texture->levels->texels + above * stride + left * size;
+    if (level) {
+        width += 2, size *= (int32_t)sizeof(uint16_t);
+    } else {
+        /* No border: before the first texel lies the last, behind the last the first. */
+        column--, row--;
+        if ((uint32_t)column >= (uint32_t)(width - 1))
+            column = width - 1, right = 1 - width;
+        if ((uint32_t)row >= (uint32_t)(height - 1))
+            row = height - 1, below = 1 - height;
+    }
+    ptrdiff_t stride = (ptrdiff_t)size * width;
+    square->right = size * right;
+    square->upper = (const uint8_t *)texture->levels[level].texels + row * stride + column * size;
     square->lower = square->upper + below * stride;
     __builtin_prefetch(square->upper);
     __builtin_prefetch(square->lower);
-}
-
-/* The same of a coarser level, which has a border. */
-static inline void place_coarse_texels(const Texture *texture, const TextureLevel *level,
-                                       int32_t column, int32_t row, TexelSquare *square) {
-    square->light = NULL;
-    square->channels = texture->channels;
-    square->right = (int32_t)sizeof(uint16_t) * texture->channels;
-    ptrdiff_t size = square->right, stride = size * (level->width + 2);
-    square->upper = (const uint8_t *)level->texels + row * stride + column * size;
-    square->lower = square->upper + stride;
-    __builtin_prefetch(square->upper);
-    __builtin_prefetch(square->lower);
-}
-
-static inline void place_texels(const Texture *texture, int32_t level, int32_t column, int32_t row,
-                                TexelSquare *square) {
-    if (level)
-        place_coarse_texels(texture, texture->levels + level, column, row, square);
-    else
-        place_image_texels(texture, column, row, square);
 }
 
 /* A coordinate between the centres of the first and of the last texel. */
