@@ -55,10 +55,12 @@ def read_ports(process: subprocess.Popen[str]) -> tuple[int, int, int]:
 
 
 def wait_for_handler(process: subprocess.Popen[str]) -> None:
-    """Wait until a process has a handler of SIGTERM: bit 14 of the caught signals."""
+    """Wait until a process has a handler of SIGTERM, bit 14 of the caught signals, or has ended."""
     deadline = Deadline("handler of SIGTERM", DEADLINE_S)
     status = Path(f"/proc/{process.pid}/status")
     while not find_caught_signals(status.read_text()) >> (signal.SIGTERM - 1) & 1:
+        if process.poll() is not None:
+            return
         deadline.check()
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 INTERRUPTED = """
 import os, signal, sys
 from catoptra_protocol.command_line import run_program
+# Jobs in the background inherit that it is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 def load(name):
     try:
         os.kill(os.getpid(), signal.SIGINT)

@@ -86,7 +86,7 @@ def test_encoding_that_takes_long_runs_in_another_thread(
         threads.append(threading.get_ident())
         return b""
 
-    monkeypatch.setattr(encode_module, "_encode_image", record)
+    monkeypatch.setattr(encode_module, "encode_image", record)
     rgb = np.zeros((side_px, side_px, 3), np.uint8)
     encode(rgb, encoding)
     assert (threads == [threading.get_ident()]) is is_here

@@ -46,7 +46,7 @@ async def test_image_when_requested_by_several_clients_is_encoded_once(
         calls.append(encoding)
         return b"encoded"
 
-    monkeypatch.setattr(encode_module, "_encode_image", encode)
+    monkeypatch.setattr(encode_module, "encode_image", encode)
     frame = make_frame(make_image(4, 4))
     encoded = await asyncio.gather(*[frame.encode(encoding) for _ in range(8)])
     assert encoded == [b"encoded"] * 8
