@@ -34,12 +34,13 @@ RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol /wheels/*.whl ./client './studies[server]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
 # Files that are never loaded here: tests of libraries, sources and types of compiled modules, NumPy's
-# Fortran and build tools, and the font subsetting of PDF output.
+# Fortran and build tools, time zones besides Debian's, images that are no textures (AVIF), and the
+# font subsetting of PDF output.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find . -name '*.py[ix]' -delete -o -name '*.pxd' -delete -o -name '*.[ach]' -delete \
  && find pygments -type d -name __pycache__ -exec rm -r {} + \
- && rm -rf numpy/f2py numpy/distutils \
+ && rm -rf numpy/f2py numpy/distutils tzdata PIL/_avif.* pillow.libs/libavif-* \
  && cd fontTools && rm -r cu2qu feaLib pens qu2cu ttLib ufoLib varLib voltLib \
  && find . -name '*.so' -delete \
  && /opt/catoptra/bin/python -c 'import matplotlib.pyplot'
