@@ -216,16 +216,19 @@ def check_joints(tour: Tour) -> None:
         )
     for encoder, angles in _shaft_angles(tour, instants).items():
         change = angles - angles[0]
+        # A single reading is a tick or two off, the mean of those at the goal is not: from there,
+        # lest the noise of the first one counts as a delay.
+        at_goal = angles - angles[-len(angles) // 3 :].mean()
         fits = [
-            (series, _delay(change, np.array(series) - series[0]))
+            (series, _delay(at_goal, np.array(series) - series[-1]))
             for series in values.values()
             if abs(series[-1] - series[0] - change[-1]) < 0.03
         ]
         if abs(change[-1]) > 0.05 and values:
             _require(bool(fits), f"{encoder} turned by {change[-1]:.3f} rad, no link does")
-            # Truncated ticks follow by half a tick, which may take half an interval.
-            late = [round(delay, 1) for _, delay in fits]
-            _require(any(-0.4 < x < 0.9 for x in late), f"{encoder} follows by {late} intervals")
+            # A tick may take an interval: truncation and noise leave a deviation of 0.2.
+            late = [round(delay, 2) for _, delay in fits]
+            _require(any(abs(x) < 0.65 for x in late), f"{encoder} follows by {late} intervals")
     for name in joint_names(instants[-1].find("sta")[-1]):
         angle = read_number(instants[-1].find("sta")[-1], name)
         _require(abs(angle - LINK_VALUES[0]) < 0.01, f"{name}: {angle}, not {LINK_VALUES[0]}")
