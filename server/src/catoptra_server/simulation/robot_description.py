@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.elementary import arctan2
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -203,6 +204,37 @@ class DriveBase:
     the square root of the travel."""
     collision_dimensions_m: tuple[float, float, float] | None = None
     """Length, width and height of the body where GEO reports something else."""
+    wheels_m: tuple[tuple[float, float], ...] = ()
+    """x and y of the wheels, chassis frame; empty: four, see `wheel_places_m`."""
+    step_limit_m: float | None = None
+    max_climb_rad: float = math.radians(35.0)
+    """Steepest plane that the base climbs: rubber on wood or concrete holds with 0.7."""
+    tilt_limit_rad: float | None = None
+
+    @property
+    def wheel_places_m(self) -> tuple[tuple[float, float], ...]:
+        """x and y of what the base stands on: its wheels, a castor among them."""
+        # A base of one axle has a castor somewhere under its body.
+        x, y = 0.5 * max(self.wheel_base_m, 0.4 * self.collision_size_m[0]), self.half_track_m
+        return self.wheels_m or ((x, -y), (x, y), (-x, -y), (-x, y))
+
+    @property
+    def half_track_m(self) -> float:
+        """Distance of the wheels from the middle line."""
+        return 0.5 * self.wheel_separation_m
+
+    @property
+    def max_step_m(self) -> float:
+        """Highest step that a wheel climbs; half its radius: there the rim is 60 degrees steep."""
+        return 0.5 * self.wheel_radius_m if self.step_limit_m is None else self.step_limit_m
+
+    @property
+    def max_tilt_rad(self) -> float:
+        """Tilt above which the base slides or falls; where its centre leaves its wheels."""
+        if self.tilt_limit_rad is not None:
+            return self.tilt_limit_rad
+        reach_m = min(max(abs(xy[i]) for xy in self.wheel_places_m) for i in (0, 1))
+        return arctan2(reach_m, self.ride_height_m)
 
     @property
     def collision_size_m(self) -> tuple[float, float, float]:

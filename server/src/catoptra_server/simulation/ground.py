@@ -1,0 +1,777 @@
+"""Where a base stands: the pose in which it touches what is below, and where it cannot go.
+
+A base is a rigid body of six sides, mostly on its wheels. Its underside is a set of points: the
+rims of the wheels as far as they can climb, the belly between them, and of each other side a grid.
+Rays straight down from just above these points measure how far each is from the surface below it,
+whatever that is: triangles, holes of masks, other robots. Within these gaps the base sinks as far
+as its centre of gravity, taken for the origin of the chassis, can sink:
+
+    maximise a   where   a + b x_k + c y_k <= gap_k   for each point k at (x_k, y_k) of the centre
+
+The optimum is the facet of the lower hull of the gaps below the centre: its three points are the
+contacts, and the centre lies between them. This is a dual simplex in three unknowns, which begins
+with the contacts of the tick before. A centre above the line of two contacts, as on four wheels,
+leaves a base free to rock: it rocks until it is most level. The plane's slopes change the places of
+the points, so the step is repeated until nothing moves.
+
+The motion is quasi-static: no inertia, no suspension, no bouncing. No point sinks faster than it
+falls: in a tick of length t by v t + g t^2 / 2, where v has grown by g t for each tick in which the
+base found no rest. What is tilted by more than `MaxTilt` slides down along its own plane, as
+fast; a centre beyond all points of a side lets the base tip over to the next side. A base that lies
+on another side than its wheels does not drive.
+
+A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane up to the
+top of what it carries, against the triangles near to it, by the separating axis theorem
+(Gottschalk 1996); and by a slope above `MaxClimbAngle` that it would climb.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel, integrate_arc
+from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
+from catoptra_server.simulation.sensors import RayCaster
+from catoptra_server.world.objects import OrientedBox, box_distances
+from catoptra_server.world.scene_mesh import SceneMesh
+
+log = logging.getLogger(__name__)
+
+GRAVITY_M_S2 = 9.81
+REST_DEPTH_M = 10.0
+"""Depth below the lowest surface of a world at which whatever falls out of it comes to rest."""
+# Layers as thin are paint, which wheels do not feel: lines of a field, marks of a hall.
+_PAINT_M = 0.002
+# A contact, and a gap that is none: rays in a scene of 100 m end within 1e-5 m.
+_TOUCH_M = 2e-5
+# Two robots compute their contact in axes of their own.
+_OVERLAP_M = 1e-6
+# The box of a body ends as far above the belly, whose points lie some centimetres apart.
+_SKIN_M = 0.005
+# Rays begin as far above the highest point that wheels can reach.
+_LIFT_M = 0.02
+_RIM_STEP_RAD = math.radians(10.0)
+# A box of cells is searched once: a power of two rounds nothing.
+_CELL_M, _MAX_BLOCKS = 0.5, 128
+_DOWN = np.array([0.0, 0.0, 1.0])
+_SEARCH_DEPTH_M = 2.0
+_MARGIN_M = 0.2
+_BISECTION_STEPS = 7
+_MIN_FACING = 0.05
+_MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
+# Below it a weight of a contact is none, and the base can rock about the other two.
+_NO_WEIGHT = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class _Stance:
+    """The plane on which a base rests, through the middle of its side, and its heading."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    """Of the x axis of the side, clockwise from above."""
+    z_m: float = 0.0
+    slope_x: float = 0.0
+    """dz/dx of the plane; z points down."""
+    slope_y: float = 0.0
+    """dz/dy of the plane."""
+    side: int = 0
+    """Number of the side of the chassis; 0: the wheels."""
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the plane has no slope at all."""
+        return self.slope_x == 0.0 and self.slope_y == 0.0
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle of the plane to the horizon."""
+        return arctan2(hypot(self.slope_x, self.slope_y), 1.0)
+
+    @property
+    def world_from_side(self) -> Pose:
+        """Pose of the side: x along the heading, z into the ground."""
+        place = (self.x_m, self.y_m, self.z_m)
+        if self.is_level:
+            return Pose.from_rpy(place, (0.0, 0.0, self.yaw_rad))
+        forward, right, down = self._axes()
+        return Pose(np.array([forward, right, down]).T.copy(), np.array(place))
+
+    def _axes(self) -> tuple[tuple[float, float, float], ...]:
+        """Unit vectors ahead, to the right and into the ground."""
+        cosine, sine = cos(self.yaw_rad), sin(self.yaw_rad)
+        rise = self.slope_x * cosine + self.slope_y * sine
+        length = hypot(1.0, rise)
+        fx, fy, fz = cosine / length, sine / length, rise / length
+        length = hypot(1.0, self.slope_x, self.slope_y)
+        dx, dy, dz = -self.slope_x / length, -self.slope_y / length, 1.0 / length
+        right = (dy * fz - dz * fy, dz * fx - dx * fz, dx * fy - dy * fx)
+        return (fx, fy, fz), right, (dx, dy, dz)
+
+    def slide(self, distance_m: float) -> _Stance:
+        """Stance further down in the plane, by as much as a fall of a distance allows."""
+        rise = hypot(self.slope_x, self.slope_y)
+        along = distance_m * rise / (1.0 + rise * rise)
+        return replace(
+            self,
+            x_m=self.x_m + along * self.slope_x / rise,
+            y_m=self.y_m + along * self.slope_y / rise,
+            z_m=self.z_m + along * rise,
+        )
+
+    def drive(self, distance_m: float, turn_rad: float) -> _Stance:
+        """Stance at the end of an arc in the plane, exact, see `integrate_arc`."""
+        if self.is_level:
+            pose = integrate_arc(
+                PlanarPose(self.x_m, self.y_m, self.yaw_rad), distance_m, turn_rad
+            )
+            return replace(self, x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
+        forward, right, _ = self._axes()
+        step = integrate_arc(PlanarPose(0.0, 0.0, 0.0), distance_m, turn_rad)
+        ahead, aside = cos(turn_rad), sin(turn_rad)
+        return replace(
+            self,
+            x_m=self.x_m + step.x_m * forward[0] + step.y_m * right[0],
+            y_m=self.y_m + step.x_m * forward[1] + step.y_m * right[1],
+            z_m=self.z_m + step.x_m * forward[2] + step.y_m * right[2],
+            yaw_rad=arctan2(
+                ahead * forward[1] + aside * right[1], ahead * forward[0] + aside * right[0]
+            ),
+        )
+
+
+class _Side(NamedTuple):
+    """One of the six sides on which a chassis can lie."""
+
+    robot_from_side: Pose
+    """z points out of the robot."""
+    side_from_robot: Pose
+    points: Floats
+    """(k, 3) that may touch what is below; in the side's frame."""
+    lifts: Floats
+    """(k,) how far above the points rays begin, vertically."""
+
+
+class _Chassis(NamedTuple):
+    """Shape of a base, as it stands and as it collides."""
+
+    sides: tuple[_Side, ...]
+    centre: Floats
+    """(3,) middle of the box that things stop, chassis frame."""
+    half_m: Floats
+    """(3,)."""
+    reach_m: float
+    """Distance of the farthest corner from the origin of the chassis."""
+
+
+def _make_side(rotation: Floats, middle: Floats, points: Floats, lifts: Floats) -> _Side:
+    pose = Pose(rotation, middle)
+    return _Side(pose, pose.inverse(), points, lifts)
+
+
+@cache
+def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
+    length, width, body_height = base.collision_size_m
+    height = max(height_m, body_height, base.max_step_m + 0.05)
+    ride, belly = base.ride_height_m, base.max_step_m
+    low, high = ride - belly - _SKIN_M, ride - height  # z of the box, which points down
+    half = np.array((0.5 * length, 0.5 * width, 0.5 * (low - high)))
+    centre = np.array((0.0, 0.0, 0.5 * (low + high)))
+    identity = np.eye(3)
+    wheels = _make_side(identity, np.array((0.0, 0.0, ride)), *_underside(base))
+    sides = [wheels]
+    # Columns: x, y and z of a side in the chassis; the roof first.
+    for axes in (
+        ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+        ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+        ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+        ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+        ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    ):
+        rotation = np.array(axes, dtype=float).T
+        reach = np.abs(matmul(half, rotation))
+        middle = centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
+        steps = np.linspace(-1.0, 1.0, 5)
+        grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
+        sides.append(_make_side(rotation, middle, grid * reach, np.full(len(grid), _LIFT_M)))
+    corner = hypot(half[0], half[1], max(abs(low), abs(high)))
+    return _Chassis(tuple(sides), centre, half, float(corner))
+
+
+def _underside(base: DriveBase) -> tuple[Floats, Floats]:
+    """Points of rims and belly in the plane of the wheels, z down, and heights of their rays."""
+    radius, step = base.wheel_radius_m, base.max_step_m
+    # What is higher on a rim than a step is touched by no step.
+    steep_rad = arccos(max(1.0 - step / radius, -1.0))
+    count = max(math.ceil(steep_rad / _RIM_STEP_RAD), 1)
+    angles = steep_rad / count * np.arange(-count, count + 1)
+    rim = np.stack((radius * sin(angles), 0.0 * angles, -radius * (1.0 - cos(angles))), axis=-1)
+    places = [np.array((x, y, 0.0)) for x, y in base.wheel_places_m]
+    length, width, _ = base.collision_size_m
+    xs, ys = np.linspace(-0.5, 0.5, 7) * length, np.linspace(-0.5, 0.5, 5) * width
+    belly = np.stack(np.meshgrid(xs, ys, [-step]), axis=-1).reshape(-1, 3)
+    points = np.concatenate((*(rim + place for place in places), belly))
+    return points, step + _LIFT_M + points[:, 2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Footing:
+    """What is remembered of a base from one tick to the next."""
+
+    stance: _Stance
+    contacts: tuple[int, int, int] = (0, 0, 0)
+    """Points of the side between which the centre lies."""
+    fall_m_s: float = 0.0
+    """Speed of the fall; 0 on the ground."""
+    floor_z_m: float = 0.0
+    """Where it comes to rest if there is nothing below."""
+    is_settled: bool = False
+    """Whether it lies still until a wheel moves."""
+    is_held: bool = False
+    """Whether its contacts are surfaces, not the limit of a fall."""
+    free_m: float = 0.0
+    """How far each point of the body can move before it may touch anything of the scene."""
+    has_fallen: bool = False
+    """Whether the present fall has been logged."""
+
+
+class SceneGround:
+    """What bases stand on and meet in a scene, among each other's boxes."""
+
+    def __init__(self, scene: SceneMesh, caster: RayCaster) -> None:
+        """Create the ground of a scene.
+
+        Args:
+            scene: The scene as triangles, which stop bodies.
+            caster: The same scene for rays, which find what wheels touch.
+        """
+        self._caster = caster
+        self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
+
+        @lru_cache(maxsize=_MAX_BLOCKS)
+        def find_near(cells: tuple[int, ...]) -> Floats:
+            low, high = _CELL_M * np.array(cells[:3]), _CELL_M * np.array(cells[3:])
+            corners: Floats = scene.corners[scene.hierarchy().find_near(low, high)]
+            lows, highs = corners.min(axis=1), corners.max(axis=1)
+            return corners[((lows <= high) & (highs >= low)).all(axis=1)]
+
+        self._find_near = find_near
+
+    def place(
+        self,
+        base: DriveBase,
+        pose: PlanarPose,
+        z_m: float,
+        *,
+        height_m: float = 0.0,
+        others: Sequence[OrientedBox] = (),
+        clearance_m: float = 0.0,
+    ) -> RobotBody | None:
+        """Base at rest on the surface at a place; None where it has no room, or cannot stand.
+
+        The surface is the first one at or below z_m within 2 m, else the nearest above, else the
+        next below; the plane z = 0 where there is none at all.
+
+        Args:
+            base: The base.
+            pose: Place and heading.
+            z_m: Height to begin with, downwards.
+            height_m: Height up to which the robot meets things.
+            others: Other robots in reach.
+            clearance_m: Distance to be kept from all things beside it.
+        """
+        chassis = _shape_chassis(base, height_m)
+        at = np.array([[pose.x_m, pose.y_m, z_m - _LIFT_M]])
+        below = float(self._caster.distances(at, _DOWN[None])[0])
+        above = float(self._caster.distances(at, -_DOWN[None])[0])
+        if below <= _SEARCH_DEPTH_M + _LIFT_M or not math.isfinite(above):
+            floor_m = z_m - _LIFT_M + below
+        else:
+            floor_m = z_m - _LIFT_M - above
+        floor_z_m = self._depth_m
+        if not math.isfinite(floor_m):
+            floor_m = floor_z_m = 0.0
+        elif (layer_m := self._depth_of_paint(np.array([[pose.x_m, pose.y_m, floor_m]]))[0]) > 0.0:
+            floor_m += float(layer_m)
+        stance = _Stance(pose.x_m, pose.y_m, pose.yaw_rad, _snap(floor_m))
+        footing = _Footing(stance, floor_z_m=floor_z_m)
+        settled = self._settle(chassis, footing, stance, math.inf, others)
+        lies = settled.stance
+        if lies.side or lies.tilt_rad > base.max_tilt_rad or not settled.is_settled:
+            return None
+        box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
+        where = _world_from_robot(chassis, lies)
+        triangles = np.concatenate((self._near(box, where, 0.0), _box_triangles(others)))
+        if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
+            return None
+        if self._is_in_solid(where):
+            return None
+        return _make_body(RobotBody.on_floor(base, pose, height_m), chassis, settled)
+
+    def _is_in_solid(self, where: Pose) -> bool:
+        """Whether rays from the chassis to all sides meet the backs of surfaces first."""
+        angles = np.arange(8.0) * (math.pi / 4.0)
+        rays = np.stack((cos(angles), sin(angles), 0.0 * angles), axis=-1)
+        origins = np.repeat(where.translation[None], len(rays), axis=0)
+        distances, normals = self._caster.closest_hits(origins, rays)
+        return bool((np.isfinite(distances) & ((normals * rays).sum(axis=1) > 0.0)).all())
+
+    def move(
+        self,
+        body: RobotBody,
+        travel: WheelTravel,
+        duration_s: float,
+        others: Sequence[OrientedBox] = (),
+    ) -> RobotBody:
+        """Base after some seconds in which its wheels travelled.
+
+        Args:
+            body: The base.
+            travel: Of the wheels over the surface, slip included.
+            duration_s: Length of the tick.
+            others: Other robots in reach.
+        """
+        footing = body.footing if isinstance(body.footing, _Footing) else _adopt(body, self._depth_m)
+        if footing.is_settled and (travel == NO_TRAVEL or footing.stance.side):
+            return body
+        chassis = _shape_chassis(body.base, body.height_m)
+        obstacles = _box_triangles(others)
+        fall_m_s = footing.fall_m_s
+        distance_m, turn_rad = travel.distance_m, travel.turn_rad(body.base)
+        if footing.stance.side:
+            distance_m = turn_rad = 0.0
+        # No step is longer than half the base: it cannot jump over a wall.
+        shortest_m = 0.5 * min(body.base.collision_size_m[:2])
+        count = math.ceil(abs(distance_m) / shortest_m) or 1
+        step = _Step(
+            distance_m / count,
+            turn_rad / count,
+            (fall_m_s * duration_s + 0.5 * GRAVITY_M_S2 * duration_s**2) / count,
+        )
+        before = footing
+        for _ in range(count):
+            footing, is_free = self._go(body.base, chassis, footing, step, others, obstacles)
+            if not is_free:
+                break
+        if footing is before:
+            return body if body.footing is footing else replace(body, footing=footing)
+        fall_m_s = 0.0 if footing.is_held else fall_m_s + GRAVITY_M_S2 * duration_s
+        footing = replace(footing, fall_m_s=fall_m_s)
+        return _make_body(body, chassis, footing)
+
+    def _go(
+        self,
+        base: DriveBase,
+        chassis: _Chassis,
+        footing: _Footing,
+        step: _Step,
+        others: Sequence[OrientedBox],
+        obstacles: Floats,
+    ) -> tuple[_Footing, bool]:
+        """Footing after a step, or before what stops it; and whether nothing did."""
+
+        def attempt(one: _Step) -> _Footing | None:
+            return self._attempt(base, chassis, footing, one, others, obstacles)
+
+        found = attempt(step)
+        if found is not None:
+            return found, True
+        if step.is_rolling:
+            rest = attempt(_Step(0.0, 0.0, step.sink_m))
+            if rest is not None:
+                # Most bases that are stopped push on: the shortest way first.
+                best, low, high = rest, 0.0, 1.0
+                fraction = 0.5**_BISECTION_STEPS
+                for _ in range(_BISECTION_STEPS):
+                    found = attempt(step.scale(fraction))
+                    if found is None:
+                        high = fraction
+                        if low == 0.0 and fraction == 0.5**_BISECTION_STEPS:
+                            break
+                    else:
+                        best, low = found, fraction
+                    fraction = 0.5 * (low + high)
+                return best, False
+        # Neither may it sink: it leans on what it meets.
+        return replace(footing, is_settled=True, is_held=True), False
+
+    def _attempt(
+        self,
+        base: DriveBase,
+        chassis: _Chassis,
+        footing: _Footing,
+        step: _Step,
+        others: Sequence[OrientedBox],
+        obstacles: Floats,
+    ) -> _Footing | None:
+        """Footing after a step; None where something stops it."""
+        stance = footing.stance
+        before = _world_from_robot(chassis, stance)
+        goal = stance.drive(step.distance_m, step.turn_rad) if step.is_rolling else stance
+        is_steep = stance.tilt_rad > base.max_tilt_rad
+        if is_steep:
+            goal = goal.slide(step.sink_m)
+        moved = self._settle(chassis, footing, goal, step.sink_m, others)
+        if is_steep or moved.stance.tilt_rad > base.max_tilt_rad:
+            moved = replace(moved, is_settled=False, is_held=False)
+        if moved.stance == stance:
+            return moved
+        after = _world_from_robot(chassis, moved.stance)
+        if (
+            step.is_rolling
+            and moved.stance.tilt_rad > base.max_climb_rad
+            and after.translation[2] < before.translation[2] - _TOUCH_M
+        ):
+            return None
+        free_m = footing.free_m - _largest_motion(chassis, before, after)
+        if free_m < 0.0:
+            near = self._near(chassis, after, _MARGIN_M)
+            separations = _separations(chassis, after, near)
+            free_m = min(float(separations.min(initial=_MARGIN_M)), _MARGIN_M)
+            if free_m < -_OVERLAP_M and _is_deeper(chassis, before, near, separations):
+                return None
+        if len(obstacles):
+            separations = _separations(chassis, after, obstacles)
+            if separations.min() < -_OVERLAP_M and _is_deeper(
+                chassis, before, obstacles, separations
+            ):
+                return None
+        return replace(moved, free_m=max(free_m, 0.0))
+
+    def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
+        """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
+        centre = where.transform_points(chassis.centre)
+        reach = matmul(np.abs(where.rotation), chassis.half_m) + margin_m
+        low, high = np.floor((centre - reach) / _CELL_M), np.ceil((centre + reach) / _CELL_M)
+        return self._find_near((*map(int, low.tolist()), *map(int, high.tolist())))
+
+    def _settle(
+        self,
+        chassis: _Chassis,
+        footing: _Footing,
+        stance: _Stance,
+        sink_m: float,
+        others: Sequence[OrientedBox],
+    ) -> _Footing:
+        """Footing of a base that sinks from a stance, no point by more than some metres."""
+        contacts, start_z = footing.contacts, None
+        gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
+        for _ in range(_MAX_ITERATIONS):
+            side = chassis.sides[stance.side]
+            pose = stance.world_from_side
+            points = pose.transform_points(side.points)
+            start_z = points[:, 2] if start_z is None else start_z
+            gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
+            limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
+            if gaps.min() >= -_TOUCH_M and contacts[0] != contacts[1]:
+                i, j, k = contacts
+                if max(limits[i], limits[j], limits[k]) <= _TOUCH_M:
+                    break
+            centre = pose.transform_points(side.side_from_robot.translation)
+            x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
+            found = _find_facet(x, y, limits, contacts, (stance.slope_x, stance.slope_y))
+            if found is None:
+                tipped = _tip(chassis, stance)
+                if tipped is None:
+                    break
+                stance, contacts, start_z = tipped, (0, 0, 0), None
+                continue
+            sink, by_x, by_y, contacts = found
+            dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
+            stance = replace(
+                stance,
+                z_m=_snap(stance.z_m + sink + by_x * dx + by_y * dy),
+                slope_x=_snap(stance.slope_x + by_x),
+                slope_y=_snap(stance.slope_y + by_y),
+            )
+        rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
+        stands_on_robot = any(is_robot[one] for one in contacts)
+        return replace(
+            footing,
+            stance=stance,
+            contacts=contacts,
+            is_settled=all(rests) and not stands_on_robot,
+            is_held=all(rests),
+        )
+
+    def _measure_gaps(
+        self,
+        points: Floats,
+        lifts: Floats,
+        floor_z_m: float,
+        others: Sequence[OrientedBox],
+    ) -> tuple[Floats, Bools]:
+        """(k,) heights of points above what is below, and whether that is a robot."""
+        origins = points.copy()
+        origins[:, 2] -= lifts
+        down = np.broadcast_to(_DOWN, points.shape)
+        gaps = self._caster.distances(origins, down) - lifts
+        raised = np.flatnonzero(gaps < -_TOUCH_M)
+        if len(raised):
+            hits = points[raised]
+            hits[:, 2] += gaps[raised]
+            gaps[raised] += self._depth_of_paint(hits)
+        gaps = np.minimum(gaps, floor_z_m - points[:, 2])
+        if not others:
+            return gaps, np.zeros(len(gaps), dtype=bool)
+        boxes = box_distances(others, origins, down) - lifts
+        return np.minimum(gaps, boxes), boxes < gaps
+
+    def _depth_of_paint(self, hits: Floats) -> Floats:
+        """(n,) thickness of thin layers at (n, 3) points on surfaces, 0 for none."""
+        origins = hits + np.array((0.0, 0.0, 1e-5))
+        depths = self._caster.distances(origins, np.broadcast_to(_DOWN, hits.shape)) + 1e-5
+        return np.where(depths <= _PAINT_M, depths, 0.0)
+
+
+class _Step(NamedTuple):
+    """Motion that is tried at once."""
+
+    distance_m: float
+    turn_rad: float
+    sink_m: float
+    """How far it falls in this time."""
+
+    @property
+    def is_rolling(self) -> bool:
+        return self.distance_m != 0.0 or self.turn_rad != 0.0
+
+    def scale(self, fraction: float) -> _Step:
+        """Part of the way in the same time."""
+        return _Step(fraction * self.distance_m, fraction * self.turn_rad, self.sink_m)
+
+
+def _snap(value: float) -> float:
+    """Value, or 0 for what rounding leaves of it: a level floor is level to the last bit."""
+    return 0.0 if abs(value) < 1e-6 else float(value)
+
+
+def _adopt(body: RobotBody, depth_m: float) -> _Footing:
+    """Footing of a base that nothing is known of: on its wheels, upright."""
+    x, y, z = body.world_from_robot.translation.tolist()
+    height = z + body.base.ride_height_m
+    return _Footing(_Stance(x, y, body.pose.yaw_rad, _snap(height)), floor_z_m=depth_m)
+
+
+def _world_from_robot(chassis: _Chassis, stance: _Stance) -> Pose:
+    side = chassis.sides[stance.side]
+    if stance.side == 0 and stance.is_level:
+        x, y, z = stance.x_m, stance.y_m, stance.z_m + float(side.side_from_robot.translation[2])
+        return Pose.from_rpy((x, y, z), (0.0, 0.0, stance.yaw_rad))
+    return stance.world_from_side @ side.side_from_robot
+
+
+def _make_body(body: RobotBody, chassis: _Chassis, footing: _Footing) -> RobotBody:
+    where = _world_from_robot(chassis, footing.stance)
+    x, y, _ = where.translation.tolist()
+    yaw_rad = footing.stance.yaw_rad
+    if footing.stance.side:
+        yaw_rad = arctan2(float(where.rotation[1, 0]), float(where.rotation[0, 0]))
+    return replace(
+        body, pose=PlanarPose(x, y, yaw_rad), world_from_robot=where, footing=footing
+    )
+
+
+def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:
+    """The same pose as a stance on the side that faces the ground next; None if none does."""
+    where = _world_from_robot(chassis, stance)
+    normals = np.array([one.robot_from_side.rotation[:, 2] for one in chassis.sides])
+    facing = matmul(normals, where.rotation[2]).tolist()
+    facing[stance.side] = -1.0
+    side = max(range(len(facing)), key=facing.__getitem__)
+    if facing[side] < _MIN_FACING:
+        return None
+    pose = where @ chassis.sides[side].robot_from_side
+    (fx, fy, _), (nx, ny, nz) = pose.rotation[:, 0].tolist(), pose.rotation[:, 2].tolist()
+    x, y, z = pose.translation.tolist()
+    return _Stance(x, y, arctan2(fy, fx), z, -nx / nz, -ny / nz, side)
+
+
+def _find_facet(
+    x: Floats,
+    y: Floats,
+    gaps: Floats,
+    contacts: tuple[int, int, int],
+    slopes: tuple[float, float],
+) -> tuple[float, float, float, tuple[int, int, int]] | None:
+    """Facet of the lower hull of (k,) gaps below the origin: a, b, c of its plane, and its points.
+
+    None where no points lie around the origin.
+    """
+    if contacts[0] == contacts[1] or min(_weights(x, y, contacts)) < -_NO_WEIGHT:
+        first = _surround(x, y)
+        if first is None:
+            return None
+        contacts = first
+    for _ in range(_MAX_PIVOTS):
+        sink, by_x, by_y = _plane(x, y, gaps, contacts)
+        above = gaps - sink - by_x * x - by_y * y
+        lowest = int(above.argmin())
+        weights = _weights(x, y, contacts)
+        if min(weights) < _NO_WEIGHT:
+            rocked = _rock(x, y, above, contacts, weights, (slopes[0] + by_x, slopes[1] + by_y))
+            if rocked is not None:
+                a, b, c, third = rocked
+                line = tuple(p for p, w in zip(contacts, weights, strict=True) if w > min(weights))
+                if len(line) == 2:
+                    return sink + a, by_x + b, by_y + c, (line[0], line[1], third)
+        if above[lowest] >= -1e-9:
+            break
+        options = [
+            (*contacts[:i], lowest, *contacts[i + 1 :]) for i in range(3) if lowest not in contacts
+        ]
+        if not options:
+            break
+        contacts = max(options, key=lambda one: min(_weights(x, y, one)))
+    return sink, by_x, by_y, contacts
+
+
+def _weights(x: Floats, y: Floats, contacts: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Shares of the weight that three contacts carry; negative outside them."""
+    (a, b), (c, d), (e, f) = ((float(x[i]), float(y[i])) for i in contacts)
+    parts = (c * f - e * d, e * b - a * f, a * d - c * b)
+    total = sum(parts)
+    if abs(total) < 1e-12:
+        return (-1.0, -1.0, -1.0)
+    return parts[0] / total, parts[1] / total, parts[2] / total
+
+
+def _plane(
+    x: Floats, y: Floats, gaps: Floats, contacts: tuple[int, int, int]
+) -> tuple[float, float, float]:
+    """a, b, c of the plane a + b x + c y through three points."""
+    (xi, yi, gi), (xj, yj, gj), (xk, yk, gk) = (
+        (float(x[i]), float(y[i]), float(gaps[i])) for i in contacts
+    )
+    dx, dy, dg = xj - xi, yj - yi, gj - gi
+    ex, ey, eg = xk - xi, yk - yi, gk - gi
+    area = dx * ey - ex * dy
+    by_x, by_y = (dg * ey - eg * dy) / area, (dx * eg - ex * dg) / area
+    return gi - by_x * xi - by_y * yi, by_x, by_y
+
+
+def _rock(
+    x: Floats,
+    y: Floats,
+    above: Floats,
+    contacts: tuple[int, int, int],
+    weights: tuple[float, float, float],
+    slopes: tuple[float, float],
+) -> tuple[float, float, float, int] | None:
+    """Most level rotation about the two contacts that carry all: a, b, c to add, and the third."""
+    free = weights.index(min(weights))
+    i, j = (contacts[n] for n in range(3) if n != free)
+    dx, dy = float(x[j] - x[i]), float(y[j] - y[i])
+    length = hypot(dx, dy)
+    across = (-dy / length, dx / length)
+    # Height gained by a slope of 1 across the line.
+    lever = across[0] * (x - x[i]) + across[1] * (y - y[i])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limits = above / lever
+    right, left = lever > 1e-6, lever < -1e-6
+    highest = float(limits[right].min(initial=math.inf))
+    lowest = float(limits[left].max(initial=-math.inf))
+    if highest < lowest - 1e-9:
+        return None
+    wanted = -(slopes[0] * across[0] + slopes[1] * across[1])
+    slope = min(max(wanted, lowest), highest)
+    candidates = np.where(right, limits - slope, np.where(left, slope - limits, math.inf))
+    third = int(np.abs(candidates).argmin())
+    if not math.isfinite(slope):
+        return None
+    base = -(across[0] * float(x[i]) + across[1] * float(y[i])) * slope
+    return base, slope * across[0], slope * across[1], third
+
+
+def _surround(x: Floats, y: Floats) -> tuple[int, int, int] | None:
+    """Three points around the origin, or None."""
+    directions = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+    corners = list(dict.fromkeys(int((p * x + q * y).argmax()) for p, q in directions))
+    best, most = None, -_NO_WEIGHT
+    for one in itertools.combinations(corners, 3):
+        least = min(_weights(x, y, one))
+        if least > most:
+            best, most = one, least
+    return best
+
+
+def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
+    """Upper bound on the motion of any point of a body."""
+    shift = (after.translation - before.translation).tolist()
+    turn = (after.rotation - before.rotation).ravel()
+    # No point turns by more than the norm of the change of the rotation.
+    return hypot(*shift) + chassis.reach_m * math.sqrt(float((turn * turn).sum()))
+
+
+def _separations(chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
+    """(n,) largest gap between a body and each of (n, 3, 3) triangles along any axis that may
+    separate the two; negative: the depth of the overlap.
+    """
+    half = chassis.half_m
+    corners = matmul(triangles - where.translation, where.rotation) - chassis.centre
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    separations: Floats = (np.maximum(low, -high) - half).max(axis=1, initial=-math.inf)
+    close = np.flatnonzero(separations < _MARGIN_M)
+    if not len(close):
+        return separations
+    corners = corners[close]
+    edges = np.roll(corners, -1, axis=1) - corners
+    zero = np.zeros(edges.shape[:2])
+    ex, ey, ez = edges[..., 0], edges[..., 1], edges[..., 2]
+    axes = np.stack(
+        [
+            np.stack((zero, ez, -ey), axis=-1),
+            np.stack((-ez, zero, ex), axis=-1),
+            np.stack((ey, -ex, zero), axis=-1),
+        ],
+        axis=1,
+    ).reshape(len(close), 9, 3)
+    a, b = edges[:, 0], edges[:, 1]
+    normals = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    axes = np.concatenate((axes, normals[:, None]), axis=1)
+    lengths = np.sqrt((axes * axes).sum(axis=-1))
+    projected = matmul(axes, corners.swapaxes(1, 2))
+    reach = matmul(np.abs(axes), half)
+    gaps = np.maximum(projected.min(axis=-1), -projected.max(axis=-1)) - reach
+    # An axis of no length separates nothing.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gaps = np.where(lengths > 1e-12, gaps / lengths, -math.inf)
+    separations[close] = np.maximum(separations[close], gaps.max(axis=1))
+    return separations
+
+
+def _is_deeper(
+    chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats
+) -> bool:
+    """Whether a body overlaps any triangle by more than it did, or none by less."""
+    was = np.minimum(_separations(chassis, before, triangles), -_OVERLAP_M)
+    now = np.minimum(separations, -_OVERLAP_M)
+    return bool((now < was).any() or now.min() <= was.min())
+
+
+_BOX_FACES = np.array(
+    [
+        (0, 1, 3), (0, 3, 2), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4),
+        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 3, 7), (1, 7, 5),
+    ]
+)  # fmt: skip
+_BOX_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
+def _box_triangles(boxes: Sequence[OrientedBox]) -> Floats:
+    """(12 n, 3, 3) triangles of boxes."""
+    corners = [pose.transform_points(_BOX_CORNERS * size)[_BOX_FACES] for pose, size in boxes]
+    return np.concatenate(corners) if corners else np.zeros((0, 3, 3))
