@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -29,7 +30,6 @@ from catoptra_server.simulation.robot_description import (
     PerspectiveCameraDescription,
     PlanarPose,
 )
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST, Twist
 from helpers.dynamic_objects import place_cube

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.usarsim.commands import (
     Drive,
@@ -37,7 +38,6 @@ from catoptra_server.simulation.robot_description import (
     RobotDescription,
 )
 from catoptra_server.simulation.sensors import EMPTY_ENVIRONMENT, SensorEnvironment
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import ROBOTS
 from helpers.robots import (

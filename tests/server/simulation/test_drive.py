@@ -8,17 +8,17 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from catoptra_server.world.obstacle_grid import (
+    ObstacleGrid,
+    build_obstacle_grid,
+    rectangle_intersects,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.drive import RobotBody, WheelSpin, integrate_arc, step_body
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
-from catoptra_server.world.obstacle_grid import (
-    ObstacleGrid,
-    build_obstacle_grid,
-    rectangle_intersects,
-)
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.robots import BASE, make_walled_world

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NOTES
@@ -44,7 +45,6 @@ from catoptra_server.simulation.robot_description import (
     PlanarPose,
     RobotDescription,
 )
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST
 from helpers.robots import ENCODER, GROUND_TRUTH, ODOMETRY, FakeClient, make_p2at, make_walled_world

@@ -28,6 +28,7 @@ enough. Source: JointPart of KRobot.uc.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -420,8 +421,9 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
     def read_length(key: str, field: str, min_m: float = 1e-3) -> float:
         return section.get_float(key, of_class(field), min_value=min_m, max_value=10.0)
 
+    radius_m = read_length("WheelRadius", "wheel_radius_m")
     return DriveBase(
-        wheel_radius_m=read_length("WheelRadius", "wheel_radius_m"),
+        wheel_radius_m=radius_m,
         wheel_separation_m=read_length("WheelSeparation", "wheel_separation_m"),
         wheel_base_m=read_length("WheelBase", "wheel_base_m"),
         **_read_dimensions(section, known),
@@ -434,7 +436,41 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
         # At 1 no turn would be left: a robot that cannot turn is taken for a typing error.
         turn_slip=section.get_float("TurnSlip", 0.0, min_value=0.0, max_value=0.9),
         slip_noise=section.get_float("SlipNoise", 0.0, min_value=0.0, max_value=0.5),
+        **_read_ground_rules(section, radius_m),
     )
+
+
+class _GroundRules(TypedDict):
+    wheels_m: tuple[tuple[float, float], ...]
+    step_limit_m: float | None
+    max_climb_rad: float
+    tilt_limit_rad: float | None
+
+
+def _read_ground_rules(section: SectionReader, radius_m: float) -> _GroundRules:
+    """Wheels, and what stops the base or lets it fall; angles in degrees."""
+
+    def read_limit(key: str, max_value: float) -> float | None:
+        if not section.has_key(key):
+            return None
+        return section.get_float(key, min_value=0.0, max_value=max_value)
+
+    wheels = section.get_structs("Wheels", example="(X=0.15,Y=-0.2)")
+    if wheels and len(wheels) < 3:
+        raise section.make_error("Wheels", expected="three wheels or more, or none for four")
+    climb, tilt = read_limit("MaxClimbAngle", 89.0), read_limit("MaxTilt", 89.0)
+    return {
+        "wheels_m": tuple(
+            (
+                one.get_float("X", min_value=-10.0, max_value=10.0),
+                one.get_float("Y", min_value=-10.0, max_value=10.0),
+            )
+            for one in wheels
+        ),
+        "step_limit_m": read_limit("MaxStep", radius_m),
+        "max_climb_rad": math.radians(35.0 if climb is None else climb),
+        "tilt_limit_rad": None if tilt is None else math.radians(tilt),
+    }
 
 
 class _Dimensions(TypedDict):

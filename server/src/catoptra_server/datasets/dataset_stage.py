@@ -37,7 +37,6 @@ from catoptra_server.simulation.robot_description import OmniCameraDescription, 
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import ObjectMesh
-from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import MeshFile, World
 
@@ -152,15 +151,8 @@ class DatasetStage:
             folder = default_cache_folder().parent / "occlusion"
             occlusion = occlusion_cache.find_occlusion(scene, folder)
             scene = replace(scene, occlusion=occlusion)
-        robots = {camera.robot.class_name: camera.robot for camera in self.cameras}
-        return RecipeWorld(
-            choice,
-            world,
-            scene,
-            commit_to_kernel(scene),
-            CollisionIndex(scene, tuple(robots.values())),
-            _has_floor(scene),
-        )
+        caster = commit_to_kernel(scene)
+        return RecipeWorld(choice, world, scene, caster, CollisionIndex(scene, caster))
 
     def _note_files(self, file: IniFile) -> None:
         self._files += [path for path in file.paths if path not in self._files]
@@ -174,10 +166,8 @@ class RecipeWorld:
     world: World
     scene: SceneMesh
     caster: SceneRayCaster
-    obstacles: CollisionIndex
-    """Obstacles of all robots of the recipe."""
-    has_floor: bool
-    """Whether there is a floor at all; test patterns around a camera have none."""
+    ground: CollisionIndex
+    """What robots stand on."""
 
     @property
     def name(self) -> str:
@@ -199,9 +189,3 @@ class RecipeCamera:
     """Camera at the size of the images, with the camera's own effects."""
     ego_mesh: ObjectMesh | None
     """The robot itself, where the camera's effects may show it."""
-
-
-def _has_floor(scene: SceneMesh) -> bool:
-    """Whether some triangle lies on the ground and faces up."""
-    is_low = (np.abs(scene.corners[..., 2]) <= GROUND_CLEARANCE_M).all(axis=-1)
-    return bool((is_low & (scene.normals[:, 2] < 0.0)).any())

@@ -23,8 +23,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.elementary import arctan2, cos, einsum, hypot, sin
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive
@@ -44,10 +43,11 @@ from catoptra_server.datasets.recipe import (
     read_range_struct,
 )
 from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.drive import RobotBody
+from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.objects import NoiseSeed
-from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.world_description import AT_REST, Twist
 
 POSE_KINDS = ("random", "grid", "path", "drive")
@@ -159,17 +159,21 @@ class PoseSource:
     def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> _SampleMotion:
         camera = self._stage.cameras[place.camera]
         steps = [place.step, place.step + 1]
-        motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
+        world = self._stage.world(place.world)
+        motions = [
+            _given_robot(world, camera, poses, step) for step in steps if step < len(poses.poses)
+        ]
         has_next = poses.is_path and len(motions) > 1
         return _SampleMotion(motions[0], motions[1] if has_next else None)
 
     def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
         world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
         generator = random_source(self._recipe, "pose").generator(place.index)
-        pose = _draw_free_pose(world, camera, poses, generator)
+        body = _draw_free_pose(world, camera, poses, generator)
         motion = random_source(self._recipe, "motion").generator(place.index)
         speed, rate = poses.speed_m_s.draw(motion), poses.yaw_rate_rad_s.draw(motion)
-        return RobotMotion(0.0, _stand(camera, pose), _planar_twist(pose, speed, rate))
+        where = body.world_from_robot
+        return RobotMotion(0.0, where, _driving_twist(where, speed, rate))
 
     def _simulate_drive(self, poses: DrivePoses, place: SamplePlace) -> list[RobotMotion]:
         """Motions of all samples of a drive, and of one more for the last one's flow."""
@@ -191,55 +195,33 @@ class PoseSource:
                 hold_ticks = max(1, round(poses.hold_s.draw(speeds) / _TICK_S))
                 robot.drive_wheels(Drive(left=left, right=right), time_s)
             hold_ticks -= 1
-            robot.step(_TICK_S, time_s + _TICK_S, world.obstacles.obstacles_near(robot, ()))
+            robot.step(_TICK_S, time_s + _TICK_S, world.ground.mover_of(robot, ()))
         return motions
 
 
-def _given_robot(camera: RecipeCamera, poses: GivenPoses, step: int) -> RobotMotion:
-    pose = poses.poses[step].pose
-    twist = _planar_twist(pose, poses.speed_m_s, 0.0)
-    return RobotMotion(step * poses.interval_s, _stand(camera, pose), twist)
+def _given_robot(
+    world: RecipeWorld, camera: RecipeCamera, poses: GivenPoses, step: int
+) -> RobotMotion:
+    where = world.ground.place(camera.robot, poses.poses[step].pose).world_from_robot
+    twist = _driving_twist(where, poses.speed_m_s, 0.0)
+    return RobotMotion(step * poses.interval_s, where, twist)
 
 
-def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
-    return pose.at_height(camera.robot.drive.ride_height_m)
-
-
-def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
+def _driving_twist(world_from_robot: Pose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
+    """Motion ahead and about the robot's own axis."""
     if speed_m_s == 0.0 and yaw_rate_rad_s == 0.0:
         return AT_REST
-    linear = (speed_m_s * cos(pose.yaw_rad), speed_m_s * sin(pose.yaw_rad), 0.0)
-    return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))
-
-
-class _PoseNotFreeError(CatoptraError):
-    """A robot cannot stand at a pose; says why."""
-
-
-def _require_free_pose(
-    world: RecipeWorld, camera: RecipeCamera, pose: PlanarPose, clearance_m: float = 0.0
-) -> None:
-    """Check that a robot can stand at a pose.
-
-    Raises:
-        _PoseNotFreeError: The robot touches an obstacle, has no floor, or is inside a solid.
-    """
-    place = np.array([[pose.x_m, pose.y_m]])
-    is_free = world.obstacles.are_free(
-        camera.robot, place, clearance_m, yaw_rad=pose.yaw_rad, robots=()
-    )
-    if not bool(is_free[0]):
-        raise _PoseNotFreeError("the robot touches an obstacle")
-    if world.has_floor and not _has_floor(world, pose):
-        raise _PoseNotFreeError("there is no floor below")
-    if _is_inside_solid(world, pose):
-        raise _PoseNotFreeError("it is inside a solid")
+    # Without negative zeros.
+    ahead, _, down = (world_from_robot.rotation.T + 0.0).tolist()
+    linear = (speed_m_s * ahead[0], speed_m_s * ahead[1], speed_m_s * ahead[2])
+    rate = yaw_rate_rad_s
+    return Twist(linear, (rate * down[0], rate * down[1], rate * down[2]))
 
 
 def _draw_free_pose(
     world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
-) -> PlanarPose:
-    """Random pose in free space, uniform over the allowed area.
+) -> RobotBody:
+    """Base at a random pose in free space, uniform over the allowed area.
 
     Raises:
         CatoptraError: No free pose within the tries that the recipe allows.
@@ -252,11 +234,9 @@ def _draw_free_pose(
         # Three numbers a try, so that the next try does not depend on the reason of this one.
         pose = PlanarPose(*(values.draw(generator) for values in (x_m, y_m, poses.yaw_rad)))
         try:
-            _require_free_pose(world, camera, pose, poses.clearance_m)
-        except _PoseNotFreeError as error:
+            return world.ground.place(camera.robot, pose, clearance_m=poses.clearance_m)
+        except NoStandError as error:
             reason = str(error)
-        else:
-            return pose
     raise CatoptraError(
         f"{poses.where}: no free pose for {camera.robot.class_name} in world {world.name} within "
         f"{poses.max_tries} tries (the last one: {reason}); give X= and Y= a free area, lower "
@@ -286,32 +266,13 @@ def check_given_poses(stage: DatasetStage) -> None:
         checked.add(key)
         given, world = poses.poses[place.step], stage.world(place.world)
         try:
-            _require_free_pose(world, camera, given.pose)
-        except _PoseNotFreeError as error:
+            world.ground.place(camera.robot, given.pose)
+        except NoStandError as error:
             x, y, yaw = given.pose.x_m, given.pose.y_m, given.pose.yaw_rad
             raise CatoptraError(
                 f"{given.where}: pose {place.step + 1} (X={x:g}, Y={y:g}, Yaw={yaw:g}) is not free "
                 f"for {camera.robot.class_name} in world {world.name}: {error}"
             ) from error
-
-
-def _has_floor(world: RecipeWorld, pose: PlanarPose) -> bool:
-    down = np.array([[0.0, 0.0, 1.0]])
-    distance_m = world.caster.distances(_origin(pose), down)[0]
-    return bool(abs(distance_m - _RAY_HEIGHT_M) <= GROUND_CLEARANCE_M)
-
-
-def _is_inside_solid(world: RecipeWorld, pose: PlanarPose) -> bool:
-    angles = np.arange(float(_NUM_LEVEL_RAYS)) * (2.0 * math.pi / _NUM_LEVEL_RAYS)
-    rays = np.stack((cos(angles), sin(angles), np.zeros(_NUM_LEVEL_RAYS)), axis=-1)
-    origins = np.repeat(_origin(pose), _NUM_LEVEL_RAYS, axis=0)
-    distances, normals = world.caster.closest_hits(origins, rays)
-    is_back = np.isfinite(distances) & (einsum("ri,ri->r", normals, rays) > 0.0)
-    return bool(is_back.all())
-
-
-def _origin(pose: PlanarPose) -> Floats:
-    return np.array([[pose.x_m, pose.y_m, -_RAY_HEIGHT_M]])
 
 
 def read_poses(file: IniFile, kind: str) -> PoseRecipe:

@@ -1,132 +1,107 @@
-"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots."""
+"""What each robot stands on and meets: the scene, and the boxes of the other robots."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from catoptra_protocol.optics.elementary import hypot
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.simulation.drive import MoveBase, RobotBody
+from catoptra_server.simulation.ground import SceneGround
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.sensors import RayCaster
 from catoptra_server.world.objects import OrientedBox
-from catoptra_server.world.obstacle_grid import (
-    GROUND_CLEARANCE_M,
-    ObstacleGrid,
-    box_footprint,
-    build_obstacle_grid,
-    rectangles_intersect,
-)
 from catoptra_server.world.scene_mesh import SceneMesh
 
 # The mirror rises above the viewpoint: anything up to this height above the viewpoint is touched.
 _MIRROR_ABOVE_VIEWPOINT_M = 0.1
-# More than a tick of 0.02 s: a robot out of reach in this time is no obstacle in the next tick.
-_MAX_TICK_S = 0.05
-
-
-class _Footprint(NamedTuple):
-    """Bounding box of a robot and its outline seen from above."""
-
-    box: OrientedBox
-    outline: Floats
-    x_m: float
-    y_m: float
-    radius_m: float
-
-    @classmethod
-    def from_robot(cls, robot: Robot) -> _Footprint:
-        box = robot.bounding_box
-        x, y, _ = box.world_from_box.translation.tolist()
-        return cls(box, box_footprint(box), x, y, 0.5 * hypot(*box.size_m[:2]))
+# More than a tick of 0.02 s, and what falls in it.
+_MAX_TICK_S, _MAX_DROP_M = 0.05, 0.5
 
 
 class CollisionIndex:
-    """Obstacles of all robots; the footprint of a robot is kept until the robot moves."""
+    """Ground of all robots; the box of a robot is kept until the robot moves."""
 
-    def __init__(self, scene: SceneMesh, classes: Sequence[RobotDescription]) -> None:
-        self._static_obstacles = _build_grids(scene, classes)
-        self._footprints: dict[Robot, _Footprint] = {}
+    def __init__(self, scene: SceneMesh, caster: RayCaster) -> None:
+        """Create the ground of a scene without robots; arguments as of `SceneGround`."""
+        self._ground = SceneGround(scene, caster)
+        self._boxes: dict[Robot, tuple[OrientedBox, tuple[float, ...], float]] = {}
 
     def bounding_box(self, robot: Robot) -> OrientedBox:
         """Bounding box of a robot at its present pose."""
-        return self._footprint(robot).box
+        return self._find_box(robot)[0]
 
-    def _footprint(self, robot: Robot) -> _Footprint:
-        if robot not in self._footprints:
-            self._footprints[robot] = _Footprint.from_robot(robot)
-        return self._footprints[robot]
+    def _find_box(self, robot: Robot) -> tuple[OrientedBox, tuple[float, ...], float]:
+        """Box, its centre and its radius."""
+        found = self._boxes.get(robot)
+        if found is None:
+            box = robot.bounding_box
+            centre = tuple(box.world_from_box.translation.tolist())
+            found = self._boxes[robot] = box, centre, 0.5 * hypot(*box.size_m)
+        return found
 
     def invalidate(self, robot: Robot) -> None:
-        """Discard the footprint of a robot that moved or was removed."""
-        self._footprints.pop(robot, None)
+        """Discard the box of a robot that moved or was removed."""
+        self._boxes.pop(robot, None)
 
-    def are_free(
+    def place(
         self,
         description: RobotDescription,
-        places: Floats,
-        clearance_m: float,
+        pose: PlanarPose,
+        z_m: float = 0.0,
         *,
-        yaw_rad: float,
-        robots: Iterable[Robot],
+        clearance_m: float = 0.0,
+        robots: Iterable[Robot] = (),
+    ) -> RobotBody:
+        """Base of a class at rest at a place among robots; errors as of `SceneGround.place`."""
+        return self._ground.place(
+            description.drive,
+            pose,
+            z_m,
+            height_m=collision_height_m(description),
+            others=[self._find_box(robot)[0] for robot in robots],
+            clearance_m=clearance_m,
+        )
+
+    def are_open(
+        self, description: RobotDescription, places: Floats, robots: Iterable[Robot]
     ) -> Bools:
-        """Whether the base of a class would touch neither the scene nor a robot at places.
+        """(n,) whether no robot covers the middle of a base at (n, 2) places, seen from above.
 
-        Args:
-            description: Class of the base.
-            places: (n, 2) centres of the base, metres, world frame.
-            clearance_m: Distance that must be free around the base.
-            yaw_rad: Heading of the base.
-            robots: Robots to be avoided.
-
-        Returns:
-            (n,) True for a free place.
+        A test without rays: whether the base stands there is another question.
         """
-        length_m, width_m = description.drive.collision_size_m[:2]
-        half_m = (0.5 * length_m + clearance_m, 0.5 * width_m + clearance_m)
-        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
-        reach_m = float(np.abs(places - middle).max()) + hypot(*half_m)
-        x, y = middle.tolist()
-        obstacles = self._static_obstacles[description.class_name].with_dynamic_triangles(
-            [self._footprint(robot).outline for robot in robots]
-        )
-        triangles = obstacles.triangles_near((x, y), reach_m)
-        return ~rectangles_intersect(triangles, places, yaw_rad, half_size_m=half_m)
+        half_m = 0.5 * min(description.drive.collision_size_m[:2])
+        are_open = np.ones(len(places), dtype=bool)
+        for robot in robots:
+            box, (x, y, _), _ = self._find_box(robot)
+            reach_m = half_m + 0.5 * min(box.size_m)
+            are_open &= np.square(places - (x, y)).sum(axis=1) >= reach_m * reach_m
+        return are_open
 
-    def obstacles_near(self, robot: Robot, robots: Iterable[Robot]) -> ObstacleGrid:
-        """Obstacles that a robot may touch in the next tick: the scene, and robots in reach."""
-        scene_obstacles = self._static_obstacles[robot.class_name]
-        if not robot.is_rolling:  # most robots, most of the time
-            return scene_obstacles
+    def mover_of(self, robot: Robot, robots: Iterable[Robot]) -> MoveBase:
+        """What moves a robot in the next tick, among the robots in reach."""
+        if not robot.may_move:  # most robots, most of the time
+            return self._ground.move
         robots = tuple(robots)
-        if len(robots) < 2:  # a footprint takes a quarter of a tick
-            return scene_obstacles
-        own, drive = self._footprint(robot), robot.description.drive
-        reach_m = own.radius_m + _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
-        footprints = [self._footprints.get(other) or self._footprint(other) for other in robots]
-        return scene_obstacles.with_dynamic_triangles(
-            [
-                footprint.outline
-                for footprint in footprints
-                # A square around the circle of reach: two comparisons, no root, for each pair.
-                if abs(footprint.x_m - own.x_m) <= (reach := reach_m + footprint.radius_m)
-                and abs(footprint.y_m - own.y_m) <= reach
-                and footprint is not own
-            ]
-        )
-
-
-def _build_grids(scene: SceneMesh, classes: Sequence[RobotDescription]) -> dict[str, ObstacleGrid]:
-    """Obstacles in a scene by class."""
-    heights = {description.class_name: collision_height_m(description) for description in classes}
-    # Classes of one height share a grid, and what is found in it.
-    grids = {
-        height: build_obstacle_grid(scene, low_m=GROUND_CLEARANCE_M, high_m=height)
-        for height in set(heights.values())
-    }
-    return {name: grids[height] for name, height in heights.items()}
+        if len(robots) < 2:
+            return self._ground.move
+        _, (x, y, z), radius_m = self._find_box(robot)
+        drive = robot.description.drive
+        radius_m += collision_height_m(robot.description) + _MAX_DROP_M
+        radius_m += _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
+        others = []
+        for other in robots:
+            box, (u, v, w), other_m = self._boxes.get(other) or self._find_box(other)
+            # A cube around the sphere of reach: no root for each pair.
+            reach_m = radius_m + other_m
+            if abs(u - x) <= reach_m and abs(v - y) <= reach_m and abs(w - z) <= reach_m:
+                if other is not robot:
+                    others.append(box)
+        return partial(self._ground.move, others=others) if others else self._ground.move
 
 
 def collision_height_m(description: RobotDescription) -> float:

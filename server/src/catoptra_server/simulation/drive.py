@@ -75,6 +75,8 @@ class RobotBody:
     """Number of ticks simulated; index of the random slip."""
     footing: object = None
     """What its ground remembers of it."""
+    is_settled: bool = False
+    """Whether it lies still as long as no wheel turns."""
 
     @classmethod
     def on_floor(cls, base: DriveBase, pose: PlanarPose, height_m: float = 0.0) -> RobotBody:
@@ -82,15 +84,15 @@ class RobotBody:
         return cls(base, pose, pose.at_height(base.ride_height_m), height_m=height_m)
 
 
-class Ground(Protocol):
-    """What a base stands on, and what stops it."""
+class MoveBase(Protocol):
+    """The ground: moves a base on what it stands on, until something stops it."""
 
-    def move(self, body: RobotBody, travel: WheelTravel, duration_s: float) -> RobotBody:
+    def __call__(self, body: RobotBody, travel: WheelTravel, duration_s: float) -> RobotBody:
         """Base after some seconds in which its wheels travelled over the surface."""
 
 
 def step_body(
-    body: RobotBody, duration_s: float, *, ground: Ground, random_source: RandomSource
+    body: RobotBody, duration_s: float, *, move: MoveBase, random_source: RandomSource
 ) -> tuple[RobotBody, WheelTravel]:
     """Move a base by one tick.
 
@@ -111,7 +113,7 @@ def step_body(
         travel_on_floor = _apply_slip(
             body.base, travel, random_source.normal_variates(body.tick, 2)
         )
-    moved = ground.move(body, travel_on_floor, duration_s)
+    moved = move(body, travel_on_floor, duration_s)
     return replace(moved, tick=body.tick + 1), travel
 
 

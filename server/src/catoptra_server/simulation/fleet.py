@@ -43,15 +43,16 @@ from catoptra_server.simulation.commands import (
     execute_get_conf,
     execute_get_geo,
 )
+from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.events import AccuracyTargetChanged, Client, RejectedError
 from catoptra_server.simulation.fleet_cameras import (
     FleetCameras,
     FleetEnvironment,
 )
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
-from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import EmptyScene, RayCaster, SensorEnvironment
-from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
+from catoptra_server.simulation.spawning import SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
 
@@ -95,9 +96,10 @@ class Fleet:
         self._num_spawned = 0
         # Clients whose robots raised in the present tick.
         self._faulty: list[Client] = []
-        self._collision_index = CollisionIndex(scene, self._classes)
+        caster = ray_caster or EmptyScene()
+        self._collision_index = CollisionIndex(scene, caster)
         self._environment = FleetEnvironment(
-            self._robots.values(), world, scene, ray_caster or EmptyScene(), self._collision_index
+            self._robots.values(), world, scene, caster, self._collision_index
         )
         self.cameras = FleetCameras(
             self._robots.values(),
@@ -178,7 +180,7 @@ class Fleet:
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
         """Spawn the robot of a client, or reject INIT with the reason."""
         try:
-            description, requested, pose = self._place_robot(init)
+            description, body, is_moved = self._place_robot(init)
         except SpawnError as error:
             log.warning("INIT of class %r rejected: %s", init.class_name, error)
             client.finish_init(InitResult(time_s, failure=str(error)))
@@ -188,19 +190,19 @@ class Fleet:
         self._num_spawned += 1
         robot = Robot(
             description,
-            pose,
+            body,
             name=name,
             seed=self._seed,
             time_s=time_s,
             number=self._num_spawned,
         )
         self._robots[client] = robot
-        log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
+        log.info("robot %s of class %s spawned at %s", name, description.class_name, body.pose)
         if description.stand_in:
             log.warning("robot %s is %s", name, description.stand_in)
         moved_to = None
-        if pose != requested:
-            log.info("robot %s moved there from %s, which is not free", name, requested)
+        if is_moved:
+            log.info("robot %s moved there: the requested place is not free", name)
             moved_to = robot.location_m
         client.finish_init(InitResult(time_s, name, moved_to))
         # Before the first CONF of the cameras, which names their tiles.
@@ -210,20 +212,16 @@ class Fleet:
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
         client.deliver([*robot.read_due(time_s, partial(self.sense, robot)), *tiled])
 
-    def _place_robot(self, init: Init) -> tuple[RobotDescription, PlanarPose, PlanarPose]:
-        """Class of a new robot, requested pose, and the nearest pose that is free.
+    def _place_robot(self, init: Init) -> tuple[RobotDescription, RobotBody, bool]:
+        """Class of a new robot, its base, and whether it stands elsewhere than INIT says.
 
         Raises:
             SpawnError: No class, start or free place answers to INIT.
         """
         if len(self._robots) >= _MAX_ROBOTS:
             raise SpawnError(f"the limit of {_MAX_ROBOTS} robots is reached")
-        return place_robot(init, self._classes, self._world.starts, self._place_test)
-
-    def _place_test(self, description: RobotDescription, yaw_rad: float) -> PlaceTest:
-        """Test of places for a base at a heading among the present robots."""
-        are_free = self._collision_index.are_free
-        return partial(are_free, description, yaw_rad=yaw_rad, robots=self._robots.values())
+        robots = self._robots.values()
+        return place_robot(init, self._classes, self._world.starts, self._collision_index, robots)
 
     def set_accuracy_target(self, event: AccuracyTargetChanged) -> tuple[ViewRequest | None, str]:
         """Change the accuracy target of a client's camera.
@@ -280,11 +278,12 @@ class Fleet:
         # robots can enter the same gap.
         for client, robot in self._robots.items():
             try:
-                obstacles = self._collision_index.obstacles_near(robot, self._robots.values())
-                robot.step(duration_s, time_s, obstacles)
+                may_move = robot.may_move
+                move = self._collision_index.mover_of(robot, self._robots.values())
+                robot.step(duration_s, time_s, move)
             except Exception:
                 self._mark_faulty(client, robot)
-            if robot.is_rolling:
+            if may_move or robot.may_move:
                 self._collision_index.invalidate(robot)
 
     def deliver_due_reports(self, time_s: float) -> None:

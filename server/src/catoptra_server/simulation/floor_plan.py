@@ -1,7 +1,7 @@
 """A world from above: what a robot's heights meet, and where its base has floor and room.
 
-A raster, for pictures and for a first free place; robots are placed and stopped by exact outlines
-(`world/obstacle_grid.py`). Columns run along x, rows along y. A picture of it is pale; what is
+A raster, for pictures and for a first free place; robots are placed and stopped in three dimensions
+(`simulation/ground.py`). Columns run along x, rows along y. A picture of it is pale; what is
 within the heights of the robot is dark, and the floor is green where the base has room to turn.
 """
 
@@ -18,9 +18,9 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.textures import linear_light
+from catoptra_server.world.triangles import first_occurrences
 from catoptra_server.world.world_description import srgb_from_linear
 
 _Indices = npt.NDArray[np.intp]
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # Beyond the outermost obstacle or point; for a start a robot may have room beside all of them.
 _MARGIN_M, _START_MARGIN_M = 0.5, 1.0
+# Obstacles lower than this are driven over: carpets, lines, sills.
+_GROUND_CLEARANCE_M = 0.03
 # What a base stands on may be as far from the plane z = 0: a rug, a settled floor.
 _FLOOR_DEPTH_M = 0.05
 # Triangles of which corners and middles of the sides are drawn: of a fine mesh there are many.
@@ -154,10 +156,7 @@ def draw_floor_plan(
 
     from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
-    middle = 0.5 * (scene.box_min + scene.box_max)[:2] if len(scene) else np.zeros(2)
-    reach = 0.5 * float((scene.box_max - scene.box_min)[:2].max()) + 1.0 if len(scene) else 1.0
-    grid = build_obstacle_grid(scene, low_m=GROUND_CLEARANCE_M, high_m=height_m)
-    outlines = grid.triangles_near((float(middle[0]), float(middle[1])), reach)
+    outlines = _find_outlines(scene, height_m)
     extent = np.concatenate((outlines.reshape(-1, 2), points_m))
     if not len(outlines) and len(scene):
         extent = np.concatenate((extent, scene.box_min[None, :2], scene.box_max[None, :2]))
@@ -206,6 +205,46 @@ def _look_down(plan: FloorPlan, caster: SceneRayCaster, height_m: float, block: 
     # Below what is inside of a body there is at least its bottom.
     others = np.flatnonzero(~plan.obstacles[block] & (triangles >= 0))
     plan.obstacles[block].reshape(-1)[_find_inside(caster, origins, others)] = True
+
+
+def _find_outlines(scene: SceneMesh, height_m: float) -> Floats:
+    """(n, 3, 2) triangles from above of what is between the ground clearance and a height."""
+    corners = scene.corners
+    lows, highs = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    within = (lows < -_GROUND_CLEARANCE_M) & (highs > -height_m)
+    outlines = _clip_to_heights(corners[within], -height_m, -_GROUND_CLEARANCE_M)
+    # From above many triangles of a scene are one: a third of the football field's remain.
+    return outlines[first_occurrences(outlines)]
+
+
+# Triangles of a polygon of six points.
+_FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+
+
+def _clip_to_heights(corners: Floats, low: float, high: float) -> Floats:
+    """(m, 3, 2) outlines from above of what (n, 3, 3) triangles have between two z.
+
+    Each triangle reaches into the band. A roof whose foot stands on the floor has its ridge
+    elsewhere.
+    """
+    z = corners[..., 2]
+    is_whole = ((low <= z) & (z <= high)).all(axis=1)
+    starts = corners[~is_whole]
+    ends = np.roll(starts, -1, axis=1)
+    rises = ends[..., 2] - starts[..., 2]
+    rises[rises == 0.0] = 1.0  # a level edge within the band stays
+    # Both ends of each edge move along the edge into the band.
+    moves = [(np.clip(at[..., 2], low, high) - at[..., 2]) / rises for at in (starts, ends)]
+    shares = np.stack(moves, axis=-1)[..., None]
+    points = np.stack((starts, ends), axis=2)[..., :2]
+    points += shares * (ends - starts)[:, :, None, :2]
+    # At most one edge lies outside: the outline goes on where the next one enters the band.
+    lowest, highest = np.minimum(starts, ends)[..., 2], np.maximum(starts, ends)[..., 2]
+    is_outside = (highest < low) | (lowest > high)
+    points = np.where(is_outside[..., None, None], np.roll(points[:, :, :1], -1, axis=1), points)
+    fans = points.reshape(-1, 6, 2)[:, _FAN].reshape(-1, 3, 2)
+    has_side = (fans[:, 1] != fans[:, 2]).any(axis=1)
+    return np.concatenate((corners[is_whole][..., :2], fans[has_side]))
 
 
 def _find_inside(caster: SceneRayCaster, origins: Floats, candidates: _Indices) -> _Indices:

@@ -37,13 +37,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel, integrate_arc
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
-from catoptra_server.simulation.sensors import RayCaster
+from catoptra_server.simulation.sensors import EmptyScene, RayCaster
 from catoptra_server.world.objects import OrientedBox, box_distances
 from catoptra_server.world.scene_mesh import SceneMesh
 
@@ -70,13 +70,18 @@ _SEARCH_DEPTH_M = 2.0
 _MARGIN_M = 0.2
 _BISECTION_STEPS = 7
 _MIN_FACING = 0.05
+# Cosine of the slope of a floor.
+_LEVEL = 0.7
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
 # Below it a weight of a contact is none, and the base can rock about the other two.
 _NO_WEIGHT = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class _Stance:
+class NoStandError(CatoptraError):
+    """A base cannot stand at a place; the message says why."""
+
+
+class _Stance(NamedTuple):
     """The plane on which a base rests, through the middle of its side, and its heading."""
 
     x_m: float
@@ -97,9 +102,9 @@ class _Stance:
         return self.slope_x == 0.0 and self.slope_y == 0.0
 
     @property
-    def tilt_rad(self) -> float:
-        """Angle of the plane to the horizon."""
-        return arctan2(hypot(self.slope_x, self.slope_y), 1.0)
+    def steepness(self) -> float:
+        """Tangent of the plane's angle to the horizon."""
+        return 0.0 if self.is_level else hypot(self.slope_x, self.slope_y)
 
     @property
     def world_from_side(self) -> Pose:
@@ -125,8 +130,7 @@ class _Stance:
         """Stance further down in the plane, by as much as a fall of a distance allows."""
         rise = hypot(self.slope_x, self.slope_y)
         along = distance_m * rise / (1.0 + rise * rise)
-        return replace(
-            self,
+        return self._replace(
             x_m=self.x_m + along * self.slope_x / rise,
             y_m=self.y_m + along * self.slope_y / rise,
             z_m=self.z_m + along * rise,
@@ -135,15 +139,12 @@ class _Stance:
     def drive(self, distance_m: float, turn_rad: float) -> _Stance:
         """Stance at the end of an arc in the plane, exact, see `integrate_arc`."""
         if self.is_level:
-            pose = integrate_arc(
-                PlanarPose(self.x_m, self.y_m, self.yaw_rad), distance_m, turn_rad
-            )
-            return replace(self, x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
+            pose = integrate_arc(PlanarPose(self.x_m, self.y_m, self.yaw_rad), distance_m, turn_rad)
+            return self._replace(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
         forward, right, _ = self._axes()
         step = integrate_arc(PlanarPose(0.0, 0.0, 0.0), distance_m, turn_rad)
         ahead, aside = cos(turn_rad), sin(turn_rad)
-        return replace(
-            self,
+        return self._replace(
             x_m=self.x_m + step.x_m * forward[0] + step.y_m * right[0],
             y_m=self.y_m + step.x_m * forward[1] + step.y_m * right[1],
             z_m=self.z_m + step.x_m * forward[2] + step.y_m * right[2],
@@ -175,6 +176,10 @@ class _Chassis(NamedTuple):
     """(3,)."""
     reach_m: float
     """Distance of the farthest corner from the origin of the chassis."""
+    steepest: float
+    """Tangent of the largest tilt at which it lies still."""
+    steepest_climb: float
+    """Tangent of the steepest plane that it climbs."""
 
 
 def _make_side(rotation: Floats, middle: Floats, points: Floats, lifts: Floats) -> _Side:
@@ -208,7 +213,9 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
         sides.append(_make_side(rotation, middle, grid * reach, np.full(len(grid), _LIFT_M)))
     corner = hypot(half[0], half[1], max(abs(low), abs(high)))
-    return _Chassis(tuple(sides), centre, half, float(corner))
+    return _Chassis(
+        tuple(sides), centre, half, float(corner), tan(base.max_tilt_rad), tan(base.max_climb_rad)
+    )
 
 
 def _underside(base: DriveBase) -> tuple[Floats, Floats]:
@@ -217,7 +224,7 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats]:
     # What is higher on a rim than a step is touched by no step.
     steep_rad = arccos(max(1.0 - step / radius, -1.0))
     count = max(math.ceil(steep_rad / _RIM_STEP_RAD), 1)
-    angles = steep_rad / count * np.arange(-count, count + 1)
+    angles: Floats = steep_rad / count * np.arange(-count, count + 1.0)
     rim = np.stack((radius * sin(angles), 0.0 * angles, -radius * (1.0 - cos(angles))), axis=-1)
     places = [np.array((x, y, 0.0)) for x, y in base.wheel_places_m]
     length, width, _ = base.collision_size_m
@@ -227,11 +234,11 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats]:
     return points, step + _LIFT_M + points[:, 2]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Footing:
+class _Footing(NamedTuple):
     """What is remembered of a base from one tick to the next."""
 
     stance: _Stance
+    world_from_robot: Pose
     contacts: tuple[int, int, int] = (0, 0, 0)
     """Points of the side between which the centre lies."""
     fall_m_s: float = 0.0
@@ -259,6 +266,8 @@ class SceneGround:
             caster: The same scene for rays, which find what wheels touch.
         """
         self._caster = caster
+        is_empty = isinstance(caster, EmptyScene)
+        self._has_floor = not is_empty and bool((scene.normals[:, 2] < -_LEVEL).any())
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
@@ -266,7 +275,8 @@ class SceneGround:
             low, high = _CELL_M * np.array(cells[:3]), _CELL_M * np.array(cells[3:])
             corners: Floats = scene.corners[scene.hierarchy().find_near(low, high)]
             lows, highs = corners.min(axis=1), corners.max(axis=1)
-            return corners[((lows <= high) & (highs >= low)).all(axis=1)]
+            near: Floats = corners[((lows <= high) & (highs >= low)).all(axis=1)]
+            return near
 
         self._find_near = find_near
 
@@ -279,11 +289,11 @@ class SceneGround:
         height_m: float = 0.0,
         others: Sequence[OrientedBox] = (),
         clearance_m: float = 0.0,
-    ) -> RobotBody | None:
-        """Base at rest on the surface at a place; None where it has no room, or cannot stand.
+    ) -> RobotBody:
+        """Base at rest on the surface at a place.
 
         The surface is the first one at or below z_m within 2 m, else the nearest above, else the
-        next below; the plane z = 0 where there is none at all.
+        next below; in a scene without any floor the plane z = 0.
 
         Args:
             base: The base.
@@ -292,34 +302,49 @@ class SceneGround:
             height_m: Height up to which the robot meets things.
             others: Other robots in reach.
             clearance_m: Distance to be kept from all things beside it.
+
+        Raises:
+            NoStandError: It has no room there, or would not stand.
         """
         chassis = _shape_chassis(base, height_m)
-        at = np.array([[pose.x_m, pose.y_m, z_m - _LIFT_M]])
-        below = float(self._caster.distances(at, _DOWN[None])[0])
-        above = float(self._caster.distances(at, -_DOWN[None])[0])
+        floor_m = self._find_floor(pose.x_m, pose.y_m, z_m)
+        floor_z_m = self._depth_m
+        if floor_m is None:
+            if self._has_floor:
+                raise NoStandError("there is no floor")
+            floor_m = floor_z_m = 0.0
+        stance = _Stance(pose.x_m, pose.y_m, pose.yaw_rad, floor_m)
+        footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
+        settled = self._settle(chassis, footing, stance, math.inf, others)
+        if (
+            settled.stance.side
+            or settled.stance.steepness > chassis.steepest
+            or not settled.is_held
+            or settled.stance.z_m > floor_m + _SEARCH_DEPTH_M
+        ):
+            raise NoStandError("the robot would fall")
+        where = settled.world_from_robot
+        box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
+        triangles = np.concatenate((self._near(box, where, 0.0), _box_triangles(others)))
+        if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
+            raise NoStandError("the robot touches an obstacle")
+        if self._is_in_solid(where):
+            raise NoStandError("it is inside a solid")
+        return _make_body(RobotBody.on_floor(base, pose, height_m), settled)
+
+    def _find_floor(self, x_m: float, y_m: float, z_m: float) -> float | None:
+        """z of the surface on which a base at a height stands; None for none at all."""
+        at = np.array([[x_m, y_m, z_m - _LIFT_M]])
+        below, above = (
+            float(self._caster.distances(at, way)[0]) for way in (_DOWN[None], -_DOWN[None])
+        )
         if below <= _SEARCH_DEPTH_M + _LIFT_M or not math.isfinite(above):
             floor_m = z_m - _LIFT_M + below
         else:
             floor_m = z_m - _LIFT_M - above
-        floor_z_m = self._depth_m
         if not math.isfinite(floor_m):
-            floor_m = floor_z_m = 0.0
-        elif (layer_m := self._depth_of_paint(np.array([[pose.x_m, pose.y_m, floor_m]]))[0]) > 0.0:
-            floor_m += float(layer_m)
-        stance = _Stance(pose.x_m, pose.y_m, pose.yaw_rad, _snap(floor_m))
-        footing = _Footing(stance, floor_z_m=floor_z_m)
-        settled = self._settle(chassis, footing, stance, math.inf, others)
-        lies = settled.stance
-        if lies.side or lies.tilt_rad > base.max_tilt_rad or not settled.is_settled:
             return None
-        box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
-        where = _world_from_robot(chassis, lies)
-        triangles = np.concatenate((self._near(box, where, 0.0), _box_triangles(others)))
-        if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
-            return None
-        if self._is_in_solid(where):
-            return None
-        return _make_body(RobotBody.on_floor(base, pose, height_m), chassis, settled)
+        return _snap(floor_m + float(self._depth_of_paint(np.array([[x_m, y_m, floor_m]]))[0]))
 
     def _is_in_solid(self, where: Pose) -> bool:
         """Whether rays from the chassis to all sides meet the backs of surfaces first."""
@@ -344,7 +369,9 @@ class SceneGround:
             duration_s: Length of the tick.
             others: Other robots in reach.
         """
-        footing = body.footing if isinstance(body.footing, _Footing) else _adopt(body, self._depth_m)
+        footing = (
+            body.footing if isinstance(body.footing, _Footing) else _adopt(body, self._depth_m)
+        )
         if footing.is_settled and (travel == NO_TRAVEL or footing.stance.side):
             return body
         chassis = _shape_chassis(body.base, body.height_m)
@@ -369,8 +396,8 @@ class SceneGround:
         if footing is before:
             return body if body.footing is footing else replace(body, footing=footing)
         fall_m_s = 0.0 if footing.is_held else fall_m_s + GRAVITY_M_S2 * duration_s
-        footing = replace(footing, fall_m_s=fall_m_s)
-        return _make_body(body, chassis, footing)
+        footing = footing._replace(fall_m_s=fall_m_s)
+        return _make_body(body, footing)
 
     def _go(
         self,
@@ -406,7 +433,7 @@ class SceneGround:
                     fraction = 0.5 * (low + high)
                 return best, False
         # Neither may it sink: it leans on what it meets.
-        return replace(footing, is_settled=True, is_held=True), False
+        return footing._replace(is_settled=True, is_held=True), False
 
     def _attempt(
         self,
@@ -418,21 +445,20 @@ class SceneGround:
         obstacles: Floats,
     ) -> _Footing | None:
         """Footing after a step; None where something stops it."""
-        stance = footing.stance
-        before = _world_from_robot(chassis, stance)
+        stance, before = footing.stance, footing.world_from_robot
         goal = stance.drive(step.distance_m, step.turn_rad) if step.is_rolling else stance
-        is_steep = stance.tilt_rad > base.max_tilt_rad
+        is_steep = stance.steepness > chassis.steepest
         if is_steep:
             goal = goal.slide(step.sink_m)
         moved = self._settle(chassis, footing, goal, step.sink_m, others)
-        if is_steep or moved.stance.tilt_rad > base.max_tilt_rad:
-            moved = replace(moved, is_settled=False, is_held=False)
+        if is_steep or moved.stance.steepness > chassis.steepest:
+            moved = moved._replace(is_settled=False, is_held=False)
         if moved.stance == stance:
             return moved
-        after = _world_from_robot(chassis, moved.stance)
+        after = moved.world_from_robot
         if (
             step.is_rolling
-            and moved.stance.tilt_rad > base.max_climb_rad
+            and moved.stance.steepness > chassis.steepest_climb
             and after.translation[2] < before.translation[2] - _TOUCH_M
         ):
             return None
@@ -449,7 +475,7 @@ class SceneGround:
                 chassis, before, obstacles, separations
             ):
                 return None
-        return replace(moved, free_m=max(free_m, 0.0))
+        return moved._replace(free_m=max(free_m, 0.0))
 
     def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
         """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
@@ -470,8 +496,7 @@ class SceneGround:
         contacts, start_z = footing.contacts, None
         gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
         for _ in range(_MAX_ITERATIONS):
-            side = chassis.sides[stance.side]
-            pose = stance.world_from_side
+            side, pose = chassis.sides[stance.side], stance.world_from_side
             points = pose.transform_points(side.points)
             start_z = points[:, 2] if start_z is None else start_z
             gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
@@ -491,17 +516,16 @@ class SceneGround:
                 continue
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
-            stance = replace(
-                stance,
+            stance = stance._replace(
                 z_m=_snap(stance.z_m + sink + by_x * dx + by_y * dy),
                 slope_x=_snap(stance.slope_x + by_x),
                 slope_y=_snap(stance.slope_y + by_y),
             )
         rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
         stands_on_robot = any(is_robot[one] for one in contacts)
-        return replace(
-            footing,
+        return footing._replace(
             stance=stance,
+            world_from_robot=pose @ side.side_from_robot,
             contacts=contacts,
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
@@ -563,31 +587,27 @@ def _adopt(body: RobotBody, depth_m: float) -> _Footing:
     """Footing of a base that nothing is known of: on its wheels, upright."""
     x, y, z = body.world_from_robot.translation.tolist()
     height = z + body.base.ride_height_m
-    return _Footing(_Stance(x, y, body.pose.yaw_rad, _snap(height)), floor_z_m=depth_m)
+    stance = _Stance(x, y, body.pose.yaw_rad, _snap(height))
+    return _Footing(stance, body.world_from_robot, floor_z_m=depth_m)
 
 
-def _world_from_robot(chassis: _Chassis, stance: _Stance) -> Pose:
-    side = chassis.sides[stance.side]
-    if stance.side == 0 and stance.is_level:
-        x, y, z = stance.x_m, stance.y_m, stance.z_m + float(side.side_from_robot.translation[2])
-        return Pose.from_rpy((x, y, z), (0.0, 0.0, stance.yaw_rad))
-    return stance.world_from_side @ side.side_from_robot
-
-
-def _make_body(body: RobotBody, chassis: _Chassis, footing: _Footing) -> RobotBody:
-    where = _world_from_robot(chassis, footing.stance)
+def _make_body(body: RobotBody, footing: _Footing) -> RobotBody:
+    where, yaw_rad = footing.world_from_robot, footing.stance.yaw_rad
     x, y, _ = where.translation.tolist()
-    yaw_rad = footing.stance.yaw_rad
     if footing.stance.side:
         yaw_rad = arctan2(float(where.rotation[1, 0]), float(where.rotation[0, 0]))
     return replace(
-        body, pose=PlanarPose(x, y, yaw_rad), world_from_robot=where, footing=footing
+        body,
+        pose=PlanarPose(x, y, yaw_rad),
+        world_from_robot=where,
+        footing=footing,
+        is_settled=footing.is_settled,
     )
 
 
 def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:
     """The same pose as a stance on the side that faces the ground next; None if none does."""
-    where = _world_from_robot(chassis, stance)
+    where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
     normals = np.array([one.robot_from_side.rotation[:, 2] for one in chassis.sides])
     facing = matmul(normals, where.rotation[2]).tolist()
     facing[stance.side] = -1.0
@@ -753,9 +773,7 @@ def _separations(chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
     return separations
 
 
-def _is_deeper(
-    chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats
-) -> bool:
+def _is_deeper(chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats) -> bool:
     """Whether a body overlaps any triangle by more than it did, or none by less."""
     was = np.minimum(_separations(chassis, before, triangles), -_OVERLAP_M)
     now = np.minimum(separations, -_OVERLAP_M)

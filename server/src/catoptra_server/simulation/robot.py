@@ -16,6 +16,9 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 
+import numpy as np
+
+from catoptra_protocol.optics.elementary import arcsin, hypot, matmul
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
@@ -23,8 +26,8 @@ from catoptra_protocol.usarsim.reports import Report, VehicleStatus
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.frames.multi_view import Viewports
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.drive import RobotBody, WheelSpin, step_body
-from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.drive import MoveBase, RobotBody, WheelSpin, step_body
+from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import (
     EMPTY_ENVIRONMENT,
     MotionStep,
@@ -38,7 +41,6 @@ from catoptra_server.simulation.sensors.mission_package import MissionPackage
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.world.objects import NoiseSeed, OrientedBox
-from catoptra_server.world.obstacle_grid import ObstacleGrid
 from catoptra_server.world.world_description import AT_REST, Twist
 
 CameraSensor = OmniCameraSensor | PerspectiveCameraSensor
@@ -61,7 +63,7 @@ class Robot:
     def __init__(
         self,
         description: RobotDescription,
-        pose: PlanarPose,
+        body: RobotBody,
         *,
         name: str,
         seed: int,
@@ -72,7 +74,7 @@ class Robot:
 
         Args:
             description: Class of the robot.
-            pose: Position and heading on the floor.
+            body: Its base, where it stands.
             name: Name that no other robot has.
             seed: Seed of the server.
             time_s: Simulation time; the first reports are due at once.
@@ -97,9 +99,7 @@ class Robot:
             description.drive,
             lambda part: RandomSource.from_names(seed, name, _stream_name(part)),
         )
-        self._body = RobotBody(description.drive, pose, WheelSpin())
-        self.world_from_robot = pose.at_height(description.drive.ride_height_m)
-        """Pose of the chassis frame."""
+        self._body = body
         self.world_from_start = self.world_from_robot
         """Pose of the chassis frame at which the robot was spawned."""
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
@@ -129,6 +129,16 @@ class Robot:
     def class_name(self) -> str:
         """Class of the robot with its package, such as USARBot.OmniP2AT."""
         return self.description.class_name
+
+    @property
+    def world_from_robot(self) -> Pose:
+        """Pose of the chassis frame."""
+        return self._body.world_from_robot
+
+    @property
+    def may_move(self) -> bool:
+        """Whether it may be elsewhere after the next tick."""
+        return self.is_rolling or not self._body.is_settled
 
     @property
     def location_m(self) -> Vector3:
@@ -169,9 +179,11 @@ class Robot:
 
     @property
     def bounding_box(self) -> OrientedBox:
-        """Box that other robots collide with and measure: from the floor up."""
-        size_m = self.description.drive.collision_size_m
-        return OrientedBox(self._body.pose.at_height(0.5 * size_m[2]), size_m)
+        """Box that other robots collide with and measure: from the plane of the wheels up."""
+        drive = self.description.drive
+        size_m = drive.collision_size_m
+        middle = Pose(np.eye(3), np.array((0.0, 0.0, drive.ride_height_m - 0.5 * size_m[2])))
+        return OrientedBox(self.world_from_robot @ middle, size_m)
 
     @property
     def all_cameras(self) -> list[CameraSensor]:
@@ -231,13 +243,13 @@ class Robot:
                     if link.value is not None:
                         package.command_joint(link.link, link.value, link.order)
 
-    def step(self, duration_s: float, time_s: float, obstacles: ObstacleGrid) -> None:
+    def step(self, duration_s: float, time_s: float, move: MoveBase) -> None:
         """Move body and joints by one tick, and update the sensors.
 
         Args:
             duration_s: Length of the tick.
             time_s: Simulation time at the end of the tick.
-            obstacles: Everything that the body may touch in the tick.
+            move: The ground.
         """
         if self.has_power(time_s):
             for chain in (*self._chassis_joints, *self.mission_packages):
@@ -247,16 +259,10 @@ class Robot:
         if time_s >= self._halt_at_s:
             self._halt_at_s = math.inf
             self._body = dataclasses.replace(self._body, spin=WheelSpin())
-        before = self._body.pose
-        self._body, travel = step_body(
-            self._body, duration_s, obstacles=obstacles, random_source=self._slip
-        )
-        # Once a tick: several reports and frames of a tick need the matrix.
-        if self._body.pose != before:
-            height_m = self.description.drive.ride_height_m
-            self.world_from_robot = self._body.pose.at_height(height_m)
+        before = self._body
+        self._body, travel = step_body(before, duration_s, move=move, random_source=self._slip)
         # From poses, not from wheel travel: slip and obstacles are part of the motion blur.
-        self.twist = _mean_twist(before, self._body.pose, duration_s)
+        self.twist = _mean_twist(before, self._body, duration_s)
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)
         # Without power, too: the errors of a drifting sensor grow while the robot stands.
         for sensor in self.sensors:
@@ -382,15 +388,24 @@ class _ReportSchedule:
         return found
 
 
-def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
+def _mean_twist(before: RobotBody, after: RobotBody, duration_s: float) -> Twist:
     """Mean motion between two poses."""
     # In plain floats: computed for every robot in every tick, where arrays of three are slow.
-    if before == after:
+    if before.world_from_robot is after.world_from_robot:
         return AT_REST
+    start, end = (one.world_from_robot.translation.tolist() for one in (before, after))
+    vx, vy, vz = ((b - a) / duration_s for a, b in zip(start, end, strict=True))
     # The short way around: yaw is wrapped to (-pi, pi], and no tick turns by half a turn.
-    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
-    velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
-    return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
+    turn_rad = math.remainder(after.pose.yaw_rad - before.pose.yaw_rad, math.tau)
+    rotations = [one.world_from_robot.rotation for one in (before, after)]
+    if rotations[0][2, 2] == 1.0 == rotations[1][2, 2]:
+        return Twist((vx, vy, vz), (0.0, 0.0, turn_rad / duration_s))
+    (_, m01, m02), (m10, _, m12), (m20, m21, _) = matmul(rotations[1], rotations[0].T).tolist()
+    # The axis, by twice the sine of the angle.
+    axis = (m21 - m12, m02 - m20, m10 - m01)
+    sine = 0.5 * hypot(*axis)
+    scale = 0.5 / duration_s * (arcsin(min(sine, 1.0)) / sine if sine > 0.0 else 1.0)
+    return Twist((vx, vy, vz), (scale * axis[0], scale * axis[1], scale * axis[2]))
 
 
 def _stream_name(part: str) -> str:

@@ -39,13 +39,9 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.render.trace.trace_renderer import create_engine
+from catoptra_server.simulation.floor_plan import draw_floor_plan, measure_robot
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.world.objects import CameraState, NoiseSeed
-from catoptra_server.world.obstacle_grid import (
-    GROUND_CLEARANCE_M,
-    build_obstacle_grid,
-    rectangles_intersect,
-)
 from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.
@@ -71,8 +67,7 @@ _CELL_M = 0.1
 _CLEARANCE_M = 0.02
 # Free ground around the base at a place in the open.
 _OPEN_CLEARANCE_M = 0.4
-# Places that the scene's triangles are compared with at a time.
-_BATCH = 2048
+_PLAN_PX_PER_M = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,21 +127,14 @@ def _find_cells(startup: StartupConfig) -> tuple[Floats, Floats]:
 def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Bools:
     """(n,) whether the base of the robot has free ground around it at (n, 2) places."""
     robot: RobotDescription = startup.robots[0]
-    length_m, width_m, height_m = robot.drive.collision_size_m
-    height_m = max(robot.max_viewpoint_height_m, height_m)
-    obstacles = build_obstacle_grid(startup.scene, low_m=GROUND_CLEARANCE_M, high_m=height_m)
+    height_m, radius_m = measure_robot(robot)
+    low, high = places.min(axis=0), places.max(axis=0)
+    size_px = math.ceil(_PLAN_PX_PER_M * float((high - low).max()) + 1.0)
+    plan = draw_floor_plan(startup.scene, height_m=height_m, points_m=places, size_px=size_px)
+    plan.has_floor[:] = True
     # A square about the circle that the base turns in: free at any heading.
-    half_m = 0.5 * math.hypot(length_m, width_m) + clearance_m
-    free = np.ones(len(places), dtype=bool)
-    for begin in range(0, len(places), _BATCH):
-        batch = places[begin : begin + _BATCH]
-        middle = 0.5 * (batch.min(axis=0) + batch.max(axis=0))
-        reach_m = float(np.abs(batch - middle).max()) + half_m
-        x, y = middle.tolist()
-        triangles = obstacles.triangles_near((x, y), reach_m)
-        free[begin : begin + _BATCH] = ~rectangles_intersect(
-            triangles, batch, 0.0, half_size_m=(half_m, half_m)
-        )
+    columns, rows = plan.pixels(places).astype(np.intp).T
+    free: Bools = plan.find_free(radius_m + clearance_m)[rows, columns]
     return free
 
 
