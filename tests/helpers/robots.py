@@ -23,16 +23,22 @@ from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.ray_caster import commit_to_reference
 from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.collision_index import collision_height_m
+from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.ground import SceneGround
+from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
     DriveBase,
     Mount,
     OmniCameraDescription,
+    PlanarPose,
     RobotDescription,
     SensorDescription,
 )
-from catoptra_server.simulation.sensors import Sensor, build_sensors
+from catoptra_server.simulation.sensors import EmptyScene, Sensor, build_sensors
 from catoptra_server.simulation.sensors.encoder import EncoderDescription
 from catoptra_server.simulation.sensors.gps import GpsDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
@@ -45,6 +51,7 @@ from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from catoptra_server.simulation.sensors.touch import TouchDescription
 from catoptra_server.simulation.sensors.victim_sensor import VictimSensorDescription
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World
 
 BASE = DriveBase(
@@ -124,6 +131,25 @@ def make_noisy_p2at() -> RobotDescription:
         ODOMETRY, distance_noise_m=0.01, turn_noise_rad=0.02, heading_noise_rad=0.01
     )
     return make_p2at(base=base, sensors=(odometry, GROUND_TRUTH))
+
+
+def stand(description: RobotDescription, pose: PlanarPose) -> RobotBody:
+    """Base of a class on the plane z = 0."""
+    return RobotBody.on_floor(description.drive, pose, collision_height_m(description))
+
+
+def make_robot_at(
+    description: RobotDescription, pose: PlanarPose, *, name: str, seed: int, time_s: float
+) -> Robot:
+    """Robot on the plane z = 0."""
+    body = stand(description, pose)
+    return Robot(description, body, name=name, seed=seed, time_s=time_s)
+
+
+def make_ground(world: World | None = None) -> SceneGround:
+    """Ground of a world, without a floor in most; else a plane."""
+    scene = build_scene(world or World("plane", ()))
+    return SceneGround(scene, commit_to_reference(scene) if len(scene) else EmptyScene())
 
 
 def make_walled_world(*walls_x_m: float) -> World:

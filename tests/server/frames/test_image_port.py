@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -37,7 +36,9 @@ from helpers.motion_reference import relative_twist
 from helpers.robots import (
     FakeClient,
     FakeViewProvider,
+    make_ground,
     make_p2at,
+    make_robot_at,
     make_walled_world,
     render_channel,
 )
@@ -49,7 +50,7 @@ EGO_BODY = place_cube(0.0, 0.0, 0.0)
 
 def make_robot() -> Robot:
     description = make_p2at(perspective_cameras=(AHEAD,))
-    return Robot(description, PlanarPose(1.0, 2.0, 0.5), name="R", seed=1, time_s=0.0)
+    return make_robot_at(description, PlanarPose(1.0, 2.0, 0.5), name="R", seed=1, time_s=0.0)
 
 
 def visible_objects(robot: CameraRobot) -> VisibleObjects:
@@ -82,8 +83,7 @@ def request_view(robot: Robot, camera: CameraSensor) -> ViewRequest:
 def test_view_when_requested_has_the_state_of_camera_and_robot() -> None:
     robot = make_robot()
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
-    scene = build_scene(make_walled_world())
-    robot.step(0.02, 0.02, build_obstacle_grid(scene, low_m=0.1, high_m=0.5))
+    robot.step(0.02, 0.02, make_ground().move)
     request = request_view(robot, robot.omni_cameras[0])
     state = request.camera_state
     assert request.camera == robot.omni_cameras[0].camera_spec()

@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.usarsim.commands import (
     Drive,
@@ -47,7 +46,9 @@ from helpers.robots import (
     SCANNER,
     FakeClient,
     FakeViewProvider,
+    make_ground,
     make_p2at,
+    make_robot_at,
     make_walled_world,
 )
 
@@ -59,11 +60,10 @@ def drive_robot() -> Robot:
     description = make_p2at(
         sensors=(SCANNER, INS, ODOMETRY, ENCODER), perspective_cameras=(CAMERA,)
     )
-    robot = Robot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
-    free = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
+    robot = make_robot_at(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     for tick in range(1, 51):
-        robot.step(0.02, 0.02 * tick, free)
+        robot.step(0.02, 0.02 * tick, make_ground().move)
     return robot
 
 
@@ -157,7 +157,7 @@ def test_accuracy_target_when_invalid_has_the_result_failed_and_stays(
 
 def spawn(description: RobotDescription) -> Robot:
     pose = PlanarPose(0.0, 0.0, 0.0)
-    return Robot(description, pose, name="R", seed=1, time_s=0.0)
+    return make_robot_at(description, pose, name="R", seed=1, time_s=0.0)
 
 
 @cache

@@ -30,7 +30,11 @@ from catoptra_server.simulation.robot_description import (
 )
 from catoptra_server.simulation.sensors import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
-from helpers.robots import make_p2at, make_walled_world
+from helpers.robots import (
+    make_p2at,
+    make_robot_at,
+    make_walled_world,
+)
 
 WORLD = make_walled_world()
 SCENE = build_scene(WORLD)
@@ -39,7 +43,13 @@ SCENE = build_scene(WORLD)
 def make_robots(*names: str) -> list[Robot]:
     """Robots two metres apart along x."""
     return [
-        Robot(make_p2at(), PlanarPose(2.0 * i, 0.0, 0.0), name=name, seed=1, time_s=0.0)
+        make_robot_at(
+            make_p2at(),
+            PlanarPose(2.0 * i, 0.0, 0.0),
+            name=name,
+            seed=1,
+            time_s=0.0,
+        )
         for i, name in enumerate(names)
     ]
 
@@ -80,7 +90,7 @@ def make_queries(*robots: Robot) -> FleetCameras:
 
 
 def make_robot(name: str, x_m: float) -> Robot:
-    return Robot(make_p2at(), PlanarPose(x_m, 0.0, 0.0), name=name, seed=1, time_s=0.0)
+    return make_robot_at(make_p2at(), PlanarPose(x_m, 0.0, 0.0), name=name, seed=1, time_s=0.0)
 
 
 def test_queries_when_robot_or_camera_is_missing_have_no_result() -> None:
@@ -125,7 +135,7 @@ class Cameras:
     def spawn(self, *names: str) -> None:
         for name in names:
             pose = PlanarPose(float(len(self.robots)), 0.0, 0.0)
-            robot = Robot(self._description, pose, name=name, seed=1, time_s=0.0)
+            robot = make_robot_at(self._description, pose, name=name, seed=1, time_s=0.0)
             self.robots[name] = robot
             self.cameras.assign_tiles(robot)
 

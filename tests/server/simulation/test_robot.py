@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from catoptra_server.world.obstacle_grid import build_obstacle_grid
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NOTES
@@ -47,20 +46,35 @@ from catoptra_server.simulation.robot_description import (
 )
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST
-from helpers.robots import ENCODER, GROUND_TRUTH, ODOMETRY, FakeClient, make_p2at, make_walled_world
+from helpers.robots import (
+    ENCODER,
+    GROUND_TRUTH,
+    ODOMETRY,
+    FakeClient,
+    make_ground,
+    make_p2at,
+    make_robot_at,
+    make_walled_world,
+)
 
-NO_OBSTACLES = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
+LEVEL = make_ground().move
 TICK_S = 0.02
 
 
 def spawn(description: RobotDescription | None = None, *, time_s: float = 0.0) -> Robot:
     pose = PlanarPose(0.0, 0.0, 0.0)
-    return Robot(description or make_p2at(), pose, name="R", seed=1, time_s=time_s)
+    return make_robot_at(
+        description or make_p2at(),
+        pose,
+        name="R",
+        seed=1,
+        time_s=time_s,
+    )
 
 
 def step(robot: Robot, ticks: int, *, since: int = 0) -> None:
     for tick in range(since + 1, since + ticks + 1):
-        robot.step(TICK_S, tick * TICK_S, NO_OBSTACLES)
+        robot.step(TICK_S, tick * TICK_S, LEVEL)
 
 
 def position(robot: Robot) -> tuple[float, float]:
@@ -186,7 +200,7 @@ def test_sensor_when_named_like_the_status_word_reports_beside_it() -> None:
 
 def test_odometry_when_blocked_by_a_wall_continues() -> None:
     robot = spawn()
-    wall = build_obstacle_grid(build_scene(make_walled_world(0.5)), low_m=0.03, high_m=1.0)
+    wall = make_ground(make_walled_world(0.5)).move
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     for tick in range(1, 201):
         robot.step(TICK_S, tick * TICK_S, wall)
@@ -297,16 +311,16 @@ def test_noise_when_time_passes_has_another_seed_and_when_requested_again_the_sa
 
 def test_twist_of_a_robot_is_its_true_motion() -> None:
     robot = spawn()
-    robot.step(0.02, 0.02, NO_OBSTACLES)
+    robot.step(0.02, 0.02, LEVEL)
     assert robot.twist == AT_REST
     robot.drive_wheels(Drive(left=2.0, right=1.0), 0.02)
     before = robot.world_from_robot
-    robot.step(0.02, 0.04, NO_OBSTACLES)
+    robot.step(0.02, 0.04, LEVEL)
     after = robot.twist.integrate_pose(before, 0.02)
     np.testing.assert_allclose(after.translation, robot.world_from_robot.translation, atol=1e-12)
     np.testing.assert_allclose(after.rotation, robot.world_from_robot.rotation, atol=1e-12)
     robot.drive_wheels(Drive(left=0.0, right=0.0), 0.04)
-    robot.step(0.02, 0.06, NO_OBSTACLES)
+    robot.step(0.02, 0.06, LEVEL)
     assert robot.twist == AT_REST
 
 

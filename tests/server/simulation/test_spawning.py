@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.usarsim.commands import Init
+from catoptra_protocol.usarsim.commands import Drive, Init
 from catoptra_protocol.usarsim.reports import StartPose
 from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.simulation.drive import RobotBody
+from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.spawning import (
-    PlaceTest,
     RobotMeshes,
     SpawnError,
     build_ego_mesh,
@@ -27,7 +28,7 @@ from catoptra_server.simulation.spawning import (
     unique_name,
 )
 from catoptra_server.world.world_description import Twist
-from helpers.robots import make_p2at, make_walled_world
+from helpers.robots import make_ground, make_p2at, make_robot_at, make_walled_world, stand
 
 CLASSES = (make_p2at(class_name="USARBot.P2AT"), make_p2at(class_name="USARBot.P2DX"))
 STARTS = make_walled_world().starts
@@ -44,10 +45,36 @@ def test_class_when_unknown_is_refused_with_the_known_ones(name: str) -> None:
         find_class(CLASSES, name)
 
 
+class FakePlaces:
+    """Places of robots, free from a distance to (3, 4)."""
+
+    def __init__(self, radius_m: float = 0.0) -> None:
+        self.radius_m = radius_m
+        self.tested: list[tuple[RobotDescription, PlanarPose, float]] = []
+
+    def place(
+        self,
+        description: RobotDescription,
+        pose: PlanarPose,
+        z_m: float = 0.0,
+        *,
+        clearance_m: float = 0.0,
+        robots: Iterable[Robot] = (),
+    ) -> RobotBody:
+        self.tested.append((description, pose, clearance_m))
+        if math.hypot(pose.x_m - 3.0, pose.y_m - 4.0) < self.radius_m:
+            raise NoStandError("it is not free")
+        return stand(description, pose)
+
+    def are_open(
+        self, description: RobotDescription, places: Floats, robots: Iterable[Robot]
+    ) -> Bools:
+        return np.ones(len(places), dtype=np.bool_)
+
+
 def spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
-    """Requested pose where all places are free."""
-    are_free: PlaceTest = lambda places, _: np.ones(len(places), dtype=np.bool_)  # noqa: E731
-    return place_robot(init, CLASSES, starts, lambda *_: are_free)[1]
+    """Pose of a robot where all places are free."""
+    return place_robot(init, CLASSES, starts, FakePlaces(), ())[1].pose
 
 
 def test_pose_at_a_named_start_is_the_start_s() -> None:
@@ -80,61 +107,44 @@ def test_rotation_out_of_limits_is_refused_in_words(value: float) -> None:
         spawn_pose(init, STARTS)
 
 
-def find_free_pose(are_free: PlaceTest) -> PlanarPose:
+def find_free_pose(places: FakePlaces) -> PlanarPose:
     """Pose of a robot that is requested at (3, 4)."""
     init = Init("P2AT", location_m=(3.0, 4.0, 0.0), rotation_rad=(0.0, 0.0, 0.7))
-    description, requested, pose = place_robot(init, CLASSES, (), lambda *_: are_free)
-    assert (description, requested) == (CLASSES[0], REQUESTED)
-    return pose
-
-
-def nothing_within(radius_m: float) -> tuple[list[int], PlaceTest]:
-    """Test of places that refuses all nearer to (3, 4) than a radius; and the numbers tested."""
-    counts: list[int] = []
-
-    def are_free(places: Floats, clearance_m: float) -> Bools:
-        counts.append(len(places))
-        free: Bools = np.hypot(*(places - (3.0, 4.0)).T) >= radius_m
-        return free
-
-    return counts, are_free
+    description, body, is_moved = place_robot(init, CLASSES, (), places, ())
+    assert description is CLASSES[0]
+    assert is_moved == (body.pose != REQUESTED)
+    return body.pose
 
 
 REQUESTED = PlanarPose(3.0, 4.0, 0.7)
 
 
 def test_free_pose_is_kept_to_the_last_bit_after_one_test() -> None:
-    counts, are_free = nothing_within(0.0)
-    assert find_free_pose(are_free) == REQUESTED
-    assert counts == [1]
+    places = FakePlaces()
+    assert find_free_pose(places) == REQUESTED
+    assert len(places.tested) == 1
 
 
 @pytest.mark.parametrize("radius_m", [0.05, 0.3, 1.0, 1.95, 2.0, 2.1, 5.0, 8.0])
 def test_pose_that_is_not_free_moves_to_the_nearest_place(radius_m: float) -> None:
-    _, are_free = nothing_within(radius_m - 1e-9)
-    pose = find_free_pose(are_free)
+    pose = find_free_pose(FakePlaces(radius_m - 1e-9))
     moved_m = math.hypot(pose.x_m - 3.0, pose.y_m - 4.0)
     # The grid has steps of 0.1 m, and of 0.4 m beyond 2 m.
     step_m, end_m = (0.1, 2.0) if radius_m <= 2.0 else (0.4, 8.0)
     assert radius_m - 1e-9 <= moved_m <= min(radius_m + step_m, end_m + 1e-9)
     assert pose.yaw_rad == REQUESTED.yaw_rad
-    assert pose == find_free_pose(are_free)
+    assert pose == find_free_pose(FakePlaces(radius_m - 1e-9))
 
 
 def test_pose_without_a_free_place_within_8_m_is_refused() -> None:
-    _, are_free = nothing_within(8.0 + 0.01)
-    with pytest.raises(SpawnError, match="no free place within 8 m of 3,4"):
-        find_free_pose(are_free)
+    with pytest.raises(SpawnError, match="no free place within 8 m of 3,4, where it is not free"):
+        find_free_pose(FakePlaces(8.0 + 0.01))
 
 
 def test_places_have_clearance_that_the_requested_one_need_not_have() -> None:
-    clearances: list[float] = []
-
-    def are_free(places: Floats, clearance_m: float) -> Bools:
-        clearances.append(clearance_m)
-        return np.full(len(places), clearance_m > 0.0)
-
-    find_free_pose(are_free)
+    places = FakePlaces(0.5)
+    find_free_pose(places)
+    clearances = [clearance_m for _, _, clearance_m in places.tested]
     assert clearances[0] == 0.0
     assert min(clearances[1:]) > 0.01
 
@@ -144,24 +154,9 @@ def test_name_in_use_gets_the_first_free_number() -> None:
     assert unique_name("R", set()) == "R"
 
 
-def test_robot_when_its_place_is_taken_stands_beside_it() -> None:
-    tested: list[tuple[str, float]] = []
-
-    def make_place_test(description: RobotDescription, yaw_rad: float) -> PlaceTest:
-        tested.append((description.class_name, yaw_rad))
-        return lambda places, clearance_m: np.abs(places[:, 0] - 1.0) > 0.25
-
-    init = Init("P2DX", start="aside")
-    description, requested, pose = place_robot(init, CLASSES, STARTS, make_place_test)
-    assert description is CLASSES[1]
-    assert tested == [("USARBot.P2DX", 1.5)]
-    assert requested == PlanarPose(1.0, -2.0, 1.5)
-    assert 0.25 < abs(pose.x_m - 1.0) < 0.5
-
-
 def robot(x_m: float) -> Robot:
     place = PlanarPose(x_m, 0.5, 1.0)
-    return Robot(make_p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
+    return make_robot_at(make_p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
 
 
 def test_dynamic_objects_have_the_poses_of_the_robots():
@@ -180,7 +175,8 @@ def test_object_of_a_robot_is_the_same_until_its_pose_or_motion_changes() -> Non
     one.twist = Twist((1.0, 0.0, 0.0))
     (moving,) = meshes.dynamic_objects([one])
     assert moving.twist is one.twist
-    one.world_from_robot = one.world_from_robot @ one.world_from_robot
+    one.drive_wheels(Drive(1.0, 1.0), 0.0)
+    one.step(0.02, 0.02, make_ground().move)
     (moved,) = meshes.dynamic_objects([one])
     assert moved.world_from_object is one.world_from_robot
 
@@ -199,7 +195,9 @@ def test_ego_body_when_configured_has_one_mesh_a_class(mode: EffectMode) -> None
     effect_settings = EffectSettings((EffectSetting(SelfView(), mode),))
     description = make_p2at(omni_cameras=(replace(omni, effects=effect_settings),))
     appearance = RobotMeshes([description])
-    carrier = Robot(description, PlanarPose(1, 2, 3), name="R", seed=0, time_s=0.0)
+    carrier = Robot(
+        description, stand(description, PlanarPose(1, 2, 3)), name="R", seed=0, time_s=0.0
+    )
     first, second = appearance.ego_body(carrier), appearance.ego_body(carrier)
     assert first is not None
     assert second is not None

@@ -70,8 +70,8 @@ _SEARCH_DEPTH_M = 2.0
 _MARGIN_M = 0.2
 _BISECTION_STEPS = 7
 _MIN_FACING = 0.05
-# Cosine of the slope of a floor.
-_LEVEL = 0.7
+# Height up to which a triangle that faces up is the floor of a world.
+_LOW_M = 0.03
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
 # Below it a weight of a contact is none, and the base can rock about the other two.
 _NO_WEIGHT = 1e-6
@@ -228,7 +228,9 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats]:
     rim = np.stack((radius * sin(angles), 0.0 * angles, -radius * (1.0 - cos(angles))), axis=-1)
     places = [np.array((x, y, 0.0)) for x, y in base.wheel_places_m]
     length, width, _ = base.collision_size_m
-    xs, ys = np.linspace(-0.5, 0.5, 7) * length, np.linspace(-0.5, 0.5, 5) * width
+    # Within the sides of the body, which touch walls.
+    xs = np.linspace(-0.5, 0.5, 7) * (length - _SKIN_M)
+    ys = np.linspace(-0.5, 0.5, 5) * (width - _SKIN_M)
     belly = np.stack(np.meshgrid(xs, ys, [-step]), axis=-1).reshape(-1, 3)
     points = np.concatenate((*(rim + place for place in places), belly))
     return points, step + _LIFT_M + points[:, 2]
@@ -266,8 +268,10 @@ class SceneGround:
             caster: The same scene for rays, which find what wheels touch.
         """
         self._caster = caster
-        is_empty = isinstance(caster, EmptyScene)
-        self._has_floor = not is_empty and bool((scene.normals[:, 2] < -_LEVEL).any())
+        # A world of walls alone, a test pattern: robots stand on the plane z = 0.
+        is_low = (np.abs(scene.corners[..., 2]) <= _LOW_M).all(axis=-1)
+        is_floor = is_low & (scene.normals[:, 2] < 0.0)
+        self._has_floor = not isinstance(caster, EmptyScene) and bool(is_floor.any())
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
@@ -369,9 +373,7 @@ class SceneGround:
             duration_s: Length of the tick.
             others: Other robots in reach.
         """
-        footing = (
-            body.footing if isinstance(body.footing, _Footing) else _adopt(body, self._depth_m)
-        )
+        footing = body.footing if isinstance(body.footing, _Footing) else _adopt(body)
         if footing.is_settled and (travel == NO_TRAVEL or footing.stance.side):
             return body
         chassis = _shape_chassis(body.base, body.height_m)
@@ -551,7 +553,9 @@ class SceneGround:
         gaps = np.minimum(gaps, floor_z_m - points[:, 2])
         if not others:
             return gaps, np.zeros(len(gaps), dtype=bool)
-        boxes = box_distances(others, origins, down) - lifts
+        boxes = box_distances(others, origins, down)
+        # What a ray begins in is beside the base, not below.
+        boxes = np.where(boxes > 0.0, boxes - lifts, math.inf)
         return np.minimum(gaps, boxes), boxes < gaps
 
     def _depth_of_paint(self, hits: Floats) -> Floats:
@@ -583,12 +587,10 @@ def _snap(value: float) -> float:
     return 0.0 if abs(value) < 1e-6 else float(value)
 
 
-def _adopt(body: RobotBody, depth_m: float) -> _Footing:
-    """Footing of a base that nothing is known of: on its wheels, upright."""
-    x, y, z = body.world_from_robot.translation.tolist()
-    height = z + body.base.ride_height_m
-    stance = _Stance(x, y, body.pose.yaw_rad, _snap(height))
-    return _Footing(stance, body.world_from_robot, floor_z_m=depth_m)
+def _adopt(body: RobotBody) -> _Footing:
+    """Footing of a base on the plane z = 0."""
+    stance = _Stance(body.pose.x_m, body.pose.y_m, body.pose.yaw_rad)
+    return _Footing(stance, body.world_from_robot)
 
 
 def _make_body(body: RobotBody, footing: _Footing) -> RobotBody:

@@ -16,6 +16,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,14 +24,13 @@ import numpy as np
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.elementary import cos, matmul, sin
-from catoptra_protocol.optics.numerics import Floats, wrap_angle
+from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_protocol.usarsim.reports import StartPose
 from catoptra_server.frames.image_port import CameraRobot
-from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
@@ -194,6 +194,26 @@ def _mirror_patch(camera: OmniCamera) -> Patch:
     return grid(points, np.zeros((*points.shape[:2], 2)))
 
 
+class Places(Protocol):
+    """Where robots of a class stand, among the present ones."""
+
+    def place(
+        self,
+        description: RobotDescription,
+        pose: PlanarPose,
+        z_m: float = 0.0,
+        *,
+        clearance_m: float = 0.0,
+        robots: Iterable[Robot] = (),
+    ) -> RobotBody:
+        """Base at rest at a place; raises NoStandError."""
+
+    def are_open(
+        self, description: RobotDescription, places: Floats, robots: Iterable[Robot]
+    ) -> Bools:
+        """(n,) whether a test of places, (n, 2), is worth while."""
+
+
 class SpawnError(CatoptraError):
     """INIT spawns no robot; the message is the reason, in words for the client."""
 
@@ -202,7 +222,7 @@ def place_robot(
     init: Init,
     classes: Sequence[RobotDescription],
     starts: Sequence[StartPose],
-    ground: CollisionIndex,
+    ground: Places,
     robots: Collection[Robot],
 ) -> tuple[RobotDescription, RobotBody, bool]:
     """Class of a new robot, its base, and whether that stands elsewhere than requested.
@@ -357,7 +377,7 @@ def _find_place(
     description: RobotDescription,
     requested: PlanarPose,
     z_m: float,
-    ground: CollisionIndex,
+    ground: Places,
     robots: Collection[Robot],
     reason: NoStandError,
 ) -> RobotBody:
