@@ -6,7 +6,6 @@ import dataclasses
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from catoptra_protocol.usarsim.commands import (
@@ -30,11 +29,12 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.trace.ray_caster import commit_to_reference
+from catoptra_server.render.trace.ray_caster import commit_ray_caster, commit_to_reference
 from catoptra_server.simulation import spawning
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.robot_description import STANDARD_PACKAGES
+from catoptra_server.simulation.robot_description import STANDARD_PACKAGES, PlanarPose
+from catoptra_server.simulation.sensors import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import ROBOTS
 from helpers.robots import BASE, GROUND_TRUTH, SCANNER, FakeClient, make_p2at, make_walled_world
@@ -173,13 +173,14 @@ def assert_apart(fleet: Fleet, clients: list[FakeClient]) -> None:
     """Assert that no two robots touch, nor a robot the scene."""
     robots = [robot for client in clients if (robot := fleet.find_robot(client))]
     assert len(robots) == len(clients)
-    index = CollisionIndex(build_scene(make_walled_world()), CLASSES)
+    index = CollisionIndex(build_scene(make_walled_world()), EmptyScene())
     for robot in robots:
         others = [other for other in robots if other is not robot]
         pose = robot.world_from_robot
         yaw_rad = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
-        here = pose.translation[None, :2]
-        assert index.are_free(robot.description, here, 0.0, yaw_rad=yaw_rad, robots=others).all()
+        x_m, y_m = pose.translation[:2].tolist()
+        # Raises where it touches something.
+        index.place(robot.description, PlanarPose(x_m, y_m, yaw_rad), robots=others)
 
 
 def test_sixteen_robots_at_one_location_stand_apart_and_drive_off() -> None:
@@ -227,7 +228,9 @@ def test_robot_without_a_free_place_is_refused_in_words(monkeypatch: pytest.Monk
     clients = [spawn(fleet, "P2AT", 0.0) for _ in range(60)]
     refused = [client for client in clients if client.rejections]
     assert len(refused) > 10
-    assert refused[0].rejections == ["there is no free place within 8 m of 0,0"]
+    assert refused[0].rejections == [
+        "there is no free place within 8 m of 0,0, where the robot touches an obstacle"
+    ]
     assert not refused[0].spawns
     assert not refused[0].reports
     assert fleet.find_robot(refused[0]) is None
@@ -250,12 +253,13 @@ WORLD_FILES = sorted((ROBOTS.parent / "worlds").glob("*.ini"))
 def test_start_poses_of_bundled_worlds_are_free_for_all_bundled_robots(file: Path) -> None:
     world = read_world(file)[0]
     robots = [robot for each in sorted(ROBOTS.glob("*.ini")) for robot in read_robots(each)[0]]
-    index = CollisionIndex(build_scene(world), robots)
+    scene = build_scene(world)
+    index = CollisionIndex(scene, commit_ray_caster(scene))
     for start in world.starts:
-        here, yaw_rad = np.array([start.location_m[:2]]), start.rotation_rad[2]
+        (x_m, y_m, z_m), yaw_rad = start.location_m, start.rotation_rad[2]
         for robot in robots:
-            free = index.are_free(robot, here, 0.0, yaw_rad=yaw_rad, robots=())
-            assert free.all(), f"{start.name} of {file.name} for {robot.class_name}"
+            body = index.place(robot, PlanarPose(x_m, y_m, yaw_rad), z_m)
+            assert (body.pose.x_m, body.pose.y_m) == (x_m, y_m), start.name
 
 
 # Places in INIT lines of old clients: UvA's, MATLAB's, Player's and ROS's.
