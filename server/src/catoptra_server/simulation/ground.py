@@ -36,6 +36,7 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
@@ -70,6 +71,10 @@ _SEARCH_DEPTH_M = 2.0
 _MARGIN_M = 0.2
 _BISECTION_STEPS = 7
 _MIN_FACING = 0.05
+# Heights of the ground that differ by more under neighbouring points have an edge between them.
+_EDGE_M, _EDGE_PARTS = 1e-3, 16
+# As much may a slope rise from a point to the edge beside it.
+_EDGE_REACH_M = 0.02
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
@@ -164,6 +169,8 @@ class _Side(NamedTuple):
     """(k, 3) that may touch what is below; in the side's frame."""
     lifts: Floats
     """(k,) how far above the points rays begin, vertically."""
+    pairs: npt.NDArray[np.intp]
+    """(m, 2) neighbours, between which an edge of a surface may lie."""
 
 
 class _Chassis(NamedTuple):
@@ -182,9 +189,23 @@ class _Chassis(NamedTuple):
     """Tangent of the steepest plane that it climbs."""
 
 
-def _make_side(rotation: Floats, middle: Floats, points: Floats, lifts: Floats) -> _Side:
+def _make_side(
+    rotation: Floats,
+    middle: Floats,
+    points: Floats,
+    lifts: Floats,
+    pairs: list[tuple[int, int]],
+) -> _Side:
     pose = Pose(rotation, middle)
-    return _Side(pose, pose.inverse(), points, lifts)
+    return _Side(pose, pose.inverse(), points, lifts, np.array(pairs, dtype=np.intp))
+
+
+def _pair_grid(columns: int, rows: int, first: int = 0) -> list[tuple[int, int]]:
+    """Neighbours in a grid of points that are listed row by row."""
+    numbers = first + np.arange(columns * rows).reshape(rows, columns)
+    along = np.stack((numbers[:, :-1].ravel(), numbers[:, 1:].ravel()), axis=-1)
+    across = np.stack((numbers[:-1].ravel(), numbers[1:].ravel()), axis=-1)
+    return [(int(a), int(b)) for a, b in np.concatenate((along, across))]
 
 
 @cache
@@ -211,15 +232,16 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         middle = centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
         steps = np.linspace(-1.0, 1.0, 5)
         grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
-        sides.append(_make_side(rotation, middle, grid * reach, np.full(len(grid), _LIFT_M)))
+        lifts = np.full(len(grid), _LIFT_M)
+        sides.append(_make_side(rotation, middle, grid * reach, lifts, _pair_grid(5, 5)))
     corner = hypot(half[0], half[1], max(abs(low), abs(high)))
     return _Chassis(
         tuple(sides), centre, half, float(corner), tan(base.max_tilt_rad), tan(base.max_climb_rad)
     )
 
 
-def _underside(base: DriveBase) -> tuple[Floats, Floats]:
-    """Points of rims and belly in the plane of the wheels, z down, and heights of their rays."""
+def _underside(base: DriveBase) -> tuple[Floats, Floats, list[tuple[int, int]]]:
+    """Points of rims and belly in the plane of the wheels, z down; heights of their rays; pairs."""
     radius, step = base.wheel_radius_m, base.max_step_m
     # What is higher on a rim than a step is touched by no step.
     steep_rad = arccos(max(1.0 - step / radius, -1.0))
@@ -233,7 +255,13 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats]:
     ys = np.linspace(-0.5, 0.5, 5) * (width - _SKIN_M)
     belly = np.stack(np.meshgrid(xs, ys, [-step]), axis=-1).reshape(-1, 3)
     points = np.concatenate((*(rim + place for place in places), belly))
-    return points, step + _LIFT_M + points[:, 2]
+    pairs = [
+        (w * len(rim) + n, w * len(rim) + n + 1)
+        for w in range(len(places))
+        for n in range(len(rim) - 1)
+    ]
+    pairs += _pair_grid(7, 5, first=len(rim) * len(places))
+    return points, step + _LIFT_M + points[:, 2], pairs
 
 
 class _Footing(NamedTuple):
@@ -397,7 +425,10 @@ class SceneGround:
                 break
         if footing is before:
             return body if body.footing is footing else replace(body, footing=footing)
-        fall_m_s = 0.0 if footing.is_held else fall_m_s + GRAVITY_M_S2 * duration_s
+        sank_m = footing.world_from_robot.translation[2] - before.world_from_robot.translation[2]
+        # What it sank by is the mean speed of the tick, which ends faster by half a tick's gain.
+        fall_m_s = max(float(sank_m) / duration_s, 0.0) + 0.5 * GRAVITY_M_S2 * duration_s
+        fall_m_s = 0.0 if footing.is_held else fall_m_s
         footing = footing._replace(fall_m_s=fall_m_s)
         return _make_body(body, footing)
 
@@ -450,9 +481,11 @@ class SceneGround:
         stance, before = footing.stance, footing.world_from_robot
         goal = stance.drive(step.distance_m, step.turn_rad) if step.is_rolling else stance
         is_steep = stance.steepness > chassis.steepest
+        sink_m = step.sink_m
         if is_steep:
-            goal = goal.slide(step.sink_m)
-        moved = self._settle(chassis, footing, goal, step.sink_m, others)
+            goal = goal.slide(sink_m)
+            sink_m -= max(goal.z_m - stance.z_m, 0.0)
+        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others)
         if is_steep or moved.stance.steepness > chassis.steepest:
             moved = moved._replace(is_settled=False, is_held=False)
         if moved.stance == stance:
@@ -501,21 +534,34 @@ class SceneGround:
             side, pose = chassis.sides[stance.side], stance.world_from_side
             points = pose.transform_points(side.points)
             start_z = points[:, 2] if start_z is None else start_z
+            if max(contacts) >= len(points):  # an edge, which lies elsewhere now
+                contacts = (0, 0, 0)
             gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
-            if gaps.min() >= -_TOUCH_M and contacts[0] != contacts[1]:
+            edges = self._find_edges(side, points, gaps, sink_m, footing.floor_z_m, others)
+            if edges is None:
                 i, j, k = contacts
-                if max(limits[i], limits[j], limits[k]) <= _TOUCH_M:
+                is_low = gaps.min() >= -_TOUCH_M and i != j
+                if is_low and max(limits[i], limits[j], limits[k]) <= _TOUCH_M:
                     break
+            else:
+                points = np.concatenate((points, edges[0]))
+                gaps, is_robot = (
+                    np.concatenate(one) for one in ((gaps, edges[1]), (is_robot, edges[2]))
+                )
+                limits = np.concatenate((limits, np.minimum(edges[1], sink_m)))
             centre = pose.transform_points(side.side_from_robot.translation)
             x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
             found = _find_facet(x, y, limits, contacts, (stance.slope_x, stance.slope_y))
             if found is None:
-                tipped = _tip(chassis, stance)
-                if tipped is None:
-                    break
-                stance, contacts, start_z = tipped, (0, 0, 0), None
-                continue
+                # In the next tick it sinks on the side to which it tips.
+                return footing._replace(
+                    stance=_tip(chassis, stance) or stance,
+                    world_from_robot=pose @ side.side_from_robot,
+                    contacts=(0, 0, 0),
+                    is_settled=False,
+                    is_held=False,
+                )
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
             stance = stance._replace(
@@ -523,6 +569,9 @@ class SceneGround:
                 slope_x=_snap(stance.slope_x + by_x),
                 slope_y=_snap(stance.slope_y + by_y),
             )
+            if edges is not None and max(abs(sink), abs(by_x), abs(by_y)) < _TOUCH_M:
+                pose = stance.world_from_side
+                break
         rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
         stands_on_robot = any(is_robot[one] for one in contacts)
         return footing._replace(
@@ -532,6 +581,45 @@ class SceneGround:
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
         )
+
+    def _find_edges(
+        self,
+        side: _Side,
+        points: Floats,
+        gaps: Floats,
+        sink_m: float,
+        floor_z_m: float,
+        others: Sequence[OrientedBox],
+    ) -> tuple[Floats, Floats, Bools] | None:
+        """Points above edges of surfaces, their gaps and whether these are robots; None for none.
+
+        Between neighbours that see surfaces of different heights, within reach of what lies between
+        the two, the lowest gap is found by rays in between.
+        """
+        heights, rises = gaps + side.points[:, 2], side.points[:, 2]
+        i, j = side.pairs.T
+        is_edge = np.abs(heights[i] - heights[j]) > _EDGE_M
+        if not is_edge.any():
+            return None
+        reach = np.minimum(heights[i], heights[j]) - np.maximum(rises[i], rises[j])
+        chosen = np.flatnonzero(is_edge & (reach < sink_m + _EDGE_REACH_M))
+        if not len(chosen):
+            return None
+        i, j = i[chosen], j[chosen]
+        # Places and lifts of rays at both ends.
+        begins, ends = (np.column_stack((points[n], side.lifts[n])) for n in (i, j))
+        shares, spread = np.zeros((len(chosen), 1)), np.linspace(0.0, 1.0, _EDGE_PARTS + 1)
+        for _ in range(2):
+            tried = np.clip(shares + spread, 0.0, 1.0)
+            rays = begins[:, None] + tried[..., None] * (ends - begins)[:, None]
+            flat = rays.reshape(-1, 4)
+            found, is_robot = self._measure_gaps(flat[:, :3], flat[:, 3], floor_z_m, others)
+            lowest = found.reshape(tried.shape).argmin(axis=1)
+            rows = np.arange(len(chosen))
+            shares = tried[rows, lowest][:, None]
+            spread = np.linspace(-1.0, 1.0, _EDGE_PARTS + 1) / _EDGE_PARTS
+        at = rows * tried.shape[1] + lowest
+        return flat[at, :3], found[at], is_robot[at]
 
     def _measure_gaps(
         self,
