@@ -88,9 +88,9 @@ def test_solid_ramps_are_closed_at_their_sides(caster: SceneRayCaster, x_m: floa
     high = np.column_stack((np.full_like(y, x_m + 0.01), y, np.full_like(y, -0.7)))
     height = 0.7 - cast(caster, high, DOWN)
     for share in (0.1, 0.9):
-        outside = np.column_stack((np.full_like(y, x_m - 0.2), y, -share * height))
+        outside = np.column_stack((np.full_like(y, x_m - 0.05), y, -share * height))
         distances = cast(caster, outside, (1.0, 0.0, 0.0))
-        np.testing.assert_allclose(distances, 0.2, atol=TOLERANCE_M)
+        np.testing.assert_allclose(distances, 0.05, atol=TOLERANCE_M)
 
 
 def test_low_step_field_rises_by_single_steps_of_5_cm(caster: SceneRayCaster) -> None:
