@@ -68,8 +68,8 @@ experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 mi
 	  $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 # One page a machine: PORT=0 takes free ports for a second one.
-live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
-	$(BIN)/catoptra-studies live --out out/live $(if $(PORT),--view $(PORT))
+live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080] [WORLD=arena]
+	$(BIN)/catoptra-studies live --out out/live $(if $(PORT),--view $(PORT)) $(if $(WORLD),--world $(WORLD))
 
 # One worker more than processors: tests wait for servers and processes a sixth of their time.
 WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')

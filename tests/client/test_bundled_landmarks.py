@@ -22,5 +22,5 @@ def test_path_is_returned_unchanged(text: str) -> None:
 
 
 def test_name_when_unknown_is_answered_with_those_that_are_there() -> None:
-    with pytest.raises(ConfigError, match="comes with the client: four_legged_2006"):
+    with pytest.raises(ConfigError, match="comes with the client: arena, four_legged_2006"):
         find_landmark_file("four_legged")

@@ -72,9 +72,13 @@ def wait_for_robot(stream_port: int) -> None:
             deadline.check()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
-def test_command_when_interrupted_ends_with_one_line_and_its_server(tmp_path, number):
-    with run_live(tmp_path) as process:
+@pytest.mark.parametrize(
+    ("number", "arguments"),
+    [(signal.SIGINT, ()), (signal.SIGTERM, ("--world", "arena"))],
+    ids=["Ctrl-C", "SIGTERM in the arena"],
+)
+def test_command_when_interrupted_ends_with_one_line_and_its_server(tmp_path, number, arguments):
+    with run_live(tmp_path, *arguments) as process:
         lines = read_text(process)
         link = lines[-1].removeprefix("Watch it at ")
         with urlopen(link, timeout=DEADLINE_S) as page:

@@ -7,14 +7,20 @@ import math
 import statistics
 import threading
 
+import numpy as np
 import pytest
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_protocol.stream.replies import RobotState, StateReply
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.config.world_file import read_world
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_drive import ROBOT_NAME, open_live_drive
-from helpers.configs import ROBOTS
+from helpers.configs import ROBOTS, WORLDS
 from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
@@ -119,3 +125,13 @@ def test_server_when_lost_ends_the_drive_with_its_reason(server):
     server.process.kill()
     drive.join()
     assert "lost the" in str(drive.error)
+
+
+def test_arena_is_free_along_the_route():
+    (robot,) = read_robots(ROBOTS / "p2at_omni_live.ini")[0]
+    index = CollisionIndex(build_scene(read_world(WORLDS / "arena.ini")[0]), [robot])
+    for waypoint in SIM.route:
+        place = np.array([(waypoint.x_m, waypoint.y_m)])
+        # A robot that turns leaves the line by a few centimetres.
+        free = index.are_free(robot, place, 0.1, yaw_rad=waypoint.yaw_rad, robots=())
+        assert free.all(), waypoint
