@@ -59,6 +59,7 @@ _PAINT_M = 0.002
 _TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
+_ROUNDING_M = 1e-9
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
 _SKIN_M = 0.005
 # Rays begin as far above the highest point that wheels can reach.
@@ -281,8 +282,8 @@ class _Footing(NamedTuple):
     """Whether its contacts are surfaces, not the limit of a fall."""
     free_m: float = 0.0
     """How far each point of the body can move before it may touch anything of the scene."""
-    has_fallen: bool = False
-    """Whether the present fall has been logged."""
+    blocked: _Step | None = None
+    """Step of which not the smallest part was possible from here."""
 
 
 class SceneGround:
@@ -446,9 +447,11 @@ class SceneGround:
         def attempt(one: _Step) -> _Footing | None:
             return self._attempt(base, chassis, footing, one, others, obstacles)
 
+        if step == footing.blocked and not others:
+            return footing, False
         found = attempt(step)
         if found is not None:
-            return found, True
+            return found._replace(blocked=None), True
         if step.is_rolling:
             rest = attempt(_Step(0.0, 0.0, step.sink_m))
             if rest is not None:
@@ -464,7 +467,8 @@ class SceneGround:
                     else:
                         best, low = found, fraction
                     fraction = 0.5 * (low + high)
-                return best, False
+                is_stuck = best.stance == footing.stance and best.is_settled
+                return best._replace(blocked=step if is_stuck else None), False
         # Neither may it sink: it leans on what it meets.
         return footing._replace(is_settled=True, is_held=True), False
 
@@ -494,7 +498,7 @@ class SceneGround:
         if (
             step.is_rolling
             and moved.stance.steepness > chassis.steepest_climb
-            and after.translation[2] < before.translation[2] - _TOUCH_M
+            and after.translation[2] < before.translation[2] - _ROUNDING_M
         ):
             return None
         free_m = footing.free_m - _largest_motion(chassis, before, after)
