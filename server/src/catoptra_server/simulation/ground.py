@@ -60,6 +60,8 @@ _TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
 _ROUNDING_M = 1e-9
+# Metres and radians of a base that does not move.
+_STILL = 1e-6
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
 _SKIN_M = 0.005
 # Rays begin as far above the highest point that wheels can reach.
@@ -467,8 +469,10 @@ class SceneGround:
                     else:
                         best, low = found, fraction
                     fraction = 0.5 * (low + high)
-                is_stuck = best.stance == footing.stance and best.is_settled
-                return best._replace(blocked=step if is_stuck else None), False
+                changes = [abs(a - b) for a, b in zip(best.stance, footing.stance, strict=True)]
+                if best.is_settled and max(changes) < _STILL:
+                    return footing._replace(blocked=step, is_settled=True, is_held=True), False
+                return best, False
         # Neither may it sink: it leans on what it meets.
         return footing._replace(is_settled=True, is_held=True), False
 
@@ -537,7 +541,12 @@ class SceneGround:
         for _ in range(_MAX_ITERATIONS):
             side, pose = chassis.sides[stance.side], stance.world_from_side
             points = pose.transform_points(side.points)
-            start_z = points[:, 2] if start_z is None else start_z
+            if start_z is None:
+                start_z = points[:, 2]
+                if not (stance.is_level and footing.stance.is_level) and not math.isinf(sink_m):
+                    # What the arc alone lifts, in the plane of a tilted base, has not to fall.
+                    here = footing.stance.world_from_side.transform_points(side.points)
+                    start_z = np.maximum(start_z, here[:, 2])
             if max(contacts) >= len(points):  # an edge, which lies elsewhere now
                 contacts = (0, 0, 0)
             gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
