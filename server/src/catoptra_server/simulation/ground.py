@@ -611,7 +611,9 @@ class SceneGround:
         """
         heights, rises = gaps + side.points[:, 2], side.points[:, 2]
         i, j = side.pairs.T
-        is_edge = np.abs(heights[i] - heights[j]) > _EDGE_M
+        # On both sides of a ridge the ground may be as low: what is off the plane is suspected.
+        is_off = np.abs(heights) > _EDGE_M
+        is_edge = is_off[i] | is_off[j]
         if not is_edge.any():
             return None
         reach = np.minimum(heights[i], heights[j]) - np.maximum(rises[i], rises[j])
