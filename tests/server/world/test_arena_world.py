@@ -23,8 +23,8 @@ UP, DOWN = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
 RAMPS = (
     ("continuous", -5.2, -2.4, 90, 2.4, 1.2 * math.tan(math.radians(15)), 15),
     ("continuous, falling", -5.2, 0.0, -90, 2.4, 1.2 * math.tan(math.radians(15)), 15),
-    ("crossing, lane 1", 4.3, -1.2, 90, 0.6, 1.2 * math.tan(math.radians(15)), 15),
-    ("crossing, lane 2", 4.9, 0.0, -90, 0.6, 1.2 * math.tan(math.radians(15)), 15),
+    ("crossing, lane 1", 4.3, -2.4, 90, 0.6, 1.2 * math.tan(math.radians(15)), 15),
+    ("crossing, lane 2", 4.9, 1.2, -90, 0.6, 1.2 * math.tan(math.radians(15)), 15),
     ("inclined plane 25", -3.45, 4.7 - 1 / math.tan(math.radians(25)), 90, 0.9, 1.0, 25),
     ("inclined plane 35", -2.55, 4.7 - 1 / math.tan(math.radians(35)), 90, 0.9, 1.0, 35),
     ("inclined plane 45", -1.65, 3.7, 90, 0.9, 1.0, 45),
@@ -83,7 +83,7 @@ def test_ramp_rises_by_its_slope(
 
 @pytest.mark.parametrize("x_m", [-6.4, 4.0])
 def test_solid_ramps_are_closed_at_their_sides(caster: SceneRayCaster, x_m: float) -> None:
-    y = np.linspace(-1.05, 2.25, 34)  # not at the valleys, where there is no side
+    y = np.linspace(-2.35, 2.35, 48)  # not at the valleys, where there is no side
     # Just under the surface, found from above, 1 cm within the side.
     high = np.column_stack((np.full_like(y, x_m + 0.01), y, np.full_like(y, -0.7)))
     height = 0.7 - cast(caster, high, DOWN)
@@ -94,7 +94,7 @@ def test_solid_ramps_are_closed_at_their_sides(caster: SceneRayCaster, x_m: floa
 
 
 def test_low_step_field_rises_by_single_steps_of_5_cm(caster: SceneRayCaster) -> None:
-    x, y = np.meshgrid(4.15 + 0.1 * np.arange(14), -3.75 - 0.1 * np.arange(12), indexing="ij")
+    x, y = np.meshgrid(4.15 + 0.1 * np.arange(14), -4.15 - 0.1 * np.arange(12), indexing="ij")
     points = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, -2.0)))
     steps = (2.0 - cast(caster, points, DOWN).reshape(x.shape)) / 0.05
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
