@@ -137,12 +137,15 @@ def list_floor() -> Iterator[str]:
 
 def list_walls() -> Iterator[str]:
     """Yield panels of plywood: one long box would stretch its picture."""
+    thick, height = KERB_M, (0.0, WALL_M)
     for x in range(-7, 7, 2):
-        for y in (-HALF_WIDTH_M - KERB_M, HALF_WIDTH_M):
-            yield panel((x, x + PANEL_M), (y, y + KERB_M))
+        for y in (-HALF_WIDTH_M - thick, HALF_WIDTH_M):
+            span = (x, x + PANEL_M), (y, y + thick)
+            yield box("Wall", "wall", *span, height, PLYWOOD, "wood")
     for y in range(-6, 6, 2):
-        for x in (-HALF_LENGTH_M - KERB_M, HALF_LENGTH_M):
-            yield panel((x, x + KERB_M), (y, y + PANEL_M))
+        for x in (-HALF_LENGTH_M - thick, HALF_LENGTH_M):
+            span = (x, x + thick), (y, y + PANEL_M)
+            yield box("Wall", "wall", *span, height, PLYWOOD, "wood")
 
 
 def list_ramps() -> Iterator[str]:
@@ -276,11 +279,6 @@ def ramp(
     place = foot[0] + forward * math.cos(uphill), foot[1] + forward * math.sin(uphill), height
     members = f"Size={vector(run / math.cos(slope), width, thickness)},{material(colour)}"
     return item("Boxes", name, class_, place, members, (0.0, slope, uphill))
-
-
-def panel(x: Span, y: Span) -> str:
-    """Panel of the walls."""
-    return box("Wall", "wall", x, y, (0.0, WALL_M), PLYWOOD, "wood")
 
 
 def box(
