@@ -64,10 +64,10 @@ STARTS = (
     ("YardNorthWest", 2.3, -1.5, 0.0, 180.0),
     ("ContinuousRampsWest", -5.2, -3.3, 0.0, 90.0),
     ("ContinuousRampsEast", -5.2, 3.3, 0.0, -90.0),
-    ("CrossingRampsWest", 4.6, -2.1, 0.0, 90.0),
-    ("CrossingRampsEast", 4.6, 3.3, 0.0, -90.0),
-    ("StepFieldLow", 3.3, -4.2, 0.0, 0.0),
-    ("StepFieldHigh", 3.3, -5.3, 0.0, 0.0),
+    ("CrossingRampsWest", 4.6, -3.2, 0.0, 90.0),
+    ("CrossingRampsEast", 4.6, 3.2, 0.0, -90.0),
+    ("StepFieldLow", 3.3, -4.6, 0.0, 0.0),
+    ("StepFieldHigh", 3.3, -5.55, 0.0, 0.0),
     ("InclinedPlane25", -3.45, 1.6, 0.0, 90.0),
     ("InclinedPlane35", -2.55, 2.3, 0.0, 90.0),
     ("InclinedPlane45", -1.65, 2.7, 0.0, 90.0),
@@ -107,7 +107,7 @@ def format_world() -> str:
     parts = (
         *(list_starts(), list_floor(), list_walls(), list_ramps(), list_step_fields()),
         *(list_platform(), list_overhangs(), list_things()),
-        *(list_victim("Lying", 5.3, 3.9, 0.0), list_victim("Stranded", -2.4, 5.5, PLATFORM_M)),
+        *(list_victim("Lying", 5.4, 4.0, 0.0), list_victim("Stranded", -2.4, 5.5, PLATFORM_M)),
     )
     return "\n".join((HEAD, *("\n".join(part) + "\n" for part in parts)))
 
@@ -137,24 +137,30 @@ def list_floor() -> Iterator[str]:
 
 def list_walls() -> Iterator[str]:
     """Yield panels of plywood: one long box would stretch its picture."""
+    thick, height = KERB_M, (0.0, WALL_M)
     for x in range(-7, 7, 2):
-        for y in (-HALF_WIDTH_M - KERB_M, HALF_WIDTH_M):
-            yield panel((x, x + PANEL_M), (y, y + KERB_M))
+        for y in (-HALF_WIDTH_M - thick, HALF_WIDTH_M):
+            span = (x, x + PANEL_M), (y, y + thick)
+            yield box("Wall", "wall", *span, height, PLYWOOD, "wood")
     for y in range(-6, 6, 2):
-        for x in (-HALF_LENGTH_M - KERB_M, HALF_LENGTH_M):
-            yield panel((x, x + KERB_M), (y, y + PANEL_M))
+        for x in (-HALF_LENGTH_M - thick, HALF_LENGTH_M):
+            span = (x, x + thick), (y, y + PANEL_M)
+            yield box("Wall", "wall", *span, height, PLYWOOD, "wood")
 
 
 def list_ramps() -> Iterator[str]:
-    """Yield ramps along y: continuous up and down; crossing, up in one lane and down beside it."""
+    """Yield ramps along y: continuous up and down; crossing, up in one lane and down beside it.
+
+    Lanes that begin later are level at both ends: all can be entered without a step.
+    """
     for number in range(4):
         place, uphill = (-5.2, -2.4 + PALLET_M * (number + number % 2)), 90 - number % 2 * 180
         name, size = f"ContinuousRamp{number + 1}", (PALLET_M, 2.0 * PALLET_M)
         yield ramp(name, "continuous_ramp", place, uphill, size, RAMP_DEG, PLYWOOD)
     for lane in range(4):
-        for number in range(3):
+        for number in range(lane % 2, 4 - lane % 2):
             is_falling = (lane + number) % 2
-            place = (4.3 + 0.5 * PALLET_M * lane, -1.2 + PALLET_M * (number + is_falling))
+            place = (4.3 + 0.5 * PALLET_M * lane, -2.4 + PALLET_M * (number + is_falling))
             name, size = f"CrossingRamp{lane + 1}{number + 1}", (PALLET_M, 0.5 * PALLET_M)
             uphill = 90 - is_falling * 180
             yield ramp(name, "crossing_ramp", place, uphill, size, RAMP_DEG, PLYWOOD)
@@ -168,7 +174,7 @@ def list_step_fields() -> Iterator[str]:
                 level = min(3, (min(row, 11 - row) + (row + column) % 2) // 2)
             else:
                 level = (row * row + 3 * row * column + column // 2) % 4
-            x, y = 4.2 + POST_M * row, -3.7 - POST_M * column
+            x, y = 4.2 + POST_M * row, -4.1 - POST_M * column
             height = (LOW_STEP_M if is_low else HIGH_STEP_M) * (level + 1)
             name = "StepFieldLow" if is_low else "StepFieldHigh"
             spans = (x, x + POST_M), (y - POST_M, y), (0.0, height)
@@ -205,11 +211,11 @@ def list_overhangs() -> Iterator[str]:
 
 def list_things() -> Iterator[str]:
     """Yield rubble, barrels, a crate, signs on the walls, and tags in the corners."""
-    for x, y, size, turn in ((6.2, -4.3, 0.4, 0.4), (6.5, -5.0, 0.3, 1.1), (-6.3, 3.9, 0.35, 0.7)):
+    for x, y, size, turn in ((6.2, -4.7, 0.4, 0.4), (6.5, -5.4, 0.3, 1.1), (-6.3, 3.9, 0.35, 0.7)):
         place, sides = (x, y, 0.5 * size), (1.5 * size, size, size)
         members = f'Size={vector(*sides)},Texture="textures/bricks.png"'
         yield item("Boxes", "Rubble", "rubble", place, members, (0.0, 0.0, turn))
-    for x, y, colour in ((6.4, -3.2, SHIRT), (6.3, -2.4, ORANGE)):
+    for x, y, colour in ((6.55, -3.7, SHIRT), (6.6, -2.95, ORANGE)):
         members = f"Radius=0.28,Height=0.9,{material(colour)}"
         yield item("Cylinders", "Barrel", "barrel", (x, y, 0.45), members)
     crate = 'File="meshes/crate.obj",Scale=0.6,Up=z'
@@ -273,11 +279,6 @@ def ramp(
     place = foot[0] + forward * math.cos(uphill), foot[1] + forward * math.sin(uphill), height
     members = f"Size={vector(run / math.cos(slope), width, thickness)},{material(colour)}"
     return item("Boxes", name, class_, place, members, (0.0, slope, uphill))
-
-
-def panel(x: Span, y: Span) -> str:
-    """Panel of the walls."""
-    return box("Wall", "wall", x, y, (0.0, WALL_M), PLYWOOD, "wood")
 
 
 def box(
