@@ -17,6 +17,7 @@ from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.serve.web.pages import camera_table
 
 # Arithmetic in float64 over a few operations.
@@ -68,6 +69,21 @@ def test_reading_of_sonars_has_a_part_for_each(page: Tab) -> None:
         {"name": "F1", "quantity": "Range", "value": "4.5604"},
         {"name": "F2", "quantity": "Range", "value": "2.4576"},
     ]
+
+
+def test_horizon_is_level_in_the_world_however_the_robot_is_tilted(page: Tab) -> None:
+    for attitude in ((0.0, 0.0, 0.7), (0.1, 0.3, -2.0), (1.5, 0.2, 0.4), (pi - 0.1, 0.0, 1.0)):
+        rotation = rotation_from_rpy(*attitude)
+        pose = {"position_m": [1.0, 2.0, -3.0], "rotation": rotation.ravel().tolist()}
+        frame = json.dumps({"header": {"world_from_robot": pose}})
+        found = run(page, "views/directions", f"m.horizonDirections({{ frame: {frame} }})")
+        in_world = np.array(found) @ rotation.T
+        assert np.abs(in_world[:, 2]).max() < _TOLERANCE
+        # From behind by the left, of the heading.
+        assert in_world[0] @ rotation[:, 0] < 0.0
+        assert np.ptp(np.unwrap(np.arctan2(in_world[:, 1], in_world[:, 0]))) == pytest.approx(
+            2 * pi
+        )
 
 
 @pytest.mark.parametrize(

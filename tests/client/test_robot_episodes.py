@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.robot_episodes import RobotEpisodes, find_planar_pose, observe
+from catoptra_client.robot_episodes import RobotEpisodes, describe_pose, observe
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.image_port import ImageType
@@ -51,14 +51,15 @@ def test_yaw_when_printed_as_more_than_pi_is_within_pi_again(yaw_rad: float) -> 
     assert math.cos(yaw) == pytest.approx(math.cos(yaw_rad), abs=1e-6)
 
 
-def test_planar_pose_is_that_of_the_exposure() -> None:
-    frame = make_frame(Pose.from_rpy((1.0, 2.0, -0.2), (0.0, 0.0, 0.7)))
-    assert find_planar_pose(frame) == pytest.approx([1.0, 2.0, 0.7])
+def test_pose_is_that_of_the_exposure() -> None:
+    pose = describe_pose(make_frame(Pose.from_rpy((1.0, 2.0, -0.2), (0.1, 0.3, 0.7))))
+    assert pose["pose"] == pytest.approx([1.0, 2.0, 0.7])
+    assert pose["z_roll_pitch"] == pytest.approx([-0.2, 0.1, 0.3])
 
 
-def test_planar_pose_when_the_frame_has_none_is_an_error() -> None:
+def test_pose_when_the_frame_has_none_is_an_error() -> None:
     with pytest.raises(DomainError, match="only the stream"):
-        find_planar_pose(make_frame())
+        describe_pose(make_frame())
 
 
 def test_same_generator_gives_the_same_episode(tmp_path: Path) -> None:

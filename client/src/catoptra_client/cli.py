@@ -107,8 +107,8 @@ def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
     location_m = None if start else (0.0, 0.0, 0.0)
     moved_to = client.spawn(parsed.spawn, name=name, location_m=location_m, start_pose=start)
     if moved_to is not None:
-        x, y, _ = moved_to
-        print(f"the start is not free: the robot stands at {x:.2f}, {y:.2f}", file=sys.stderr)
+        place = ", ".join(f"{value:.2f}" for value in moved_to)
+        print(f"the start is not free: the robot stands at {place}", file=sys.stderr)
     return name
 
 

@@ -51,16 +51,20 @@ def observe(frame: Frame, reports: Iterable[Report]) -> Observation:
     return observation
 
 
-def find_planar_pose(frame: Frame) -> Floats:
-    """True pose (3,) of the robot at the exposure: x and y in metres, yaw in radians, in the world.
+def describe_pose(frame: Frame) -> dict[str, Floats]:
+    """True pose of the robot at the exposure, in the world, in metres and radians.
+
+    Returns:
+        `pose` (3,), x, y and yaw; `z_roll_pitch` (3,), z downwards.
 
     Raises:
         DomainError: The frame has no pose, as those of the image port.
     """
     if frame.world_from_robot is None:
         raise DomainError("only the stream sends the robot's pose with a frame")
-    x_m, y_m, _ = frame.world_from_robot.translation
-    return np.array((x_m, y_m, frame.world_from_robot.to_rpy()[2]))
+    x_m, y_m, z_m = frame.world_from_robot.translation
+    roll, pitch, yaw = frame.world_from_robot.to_rpy()
+    return {"pose": np.array((x_m, y_m, yaw)), "z_roll_pitch": np.array((z_m, roll, pitch))}
 
 
 Info = dict[str, Any]
@@ -145,7 +149,7 @@ class RobotEpisodes:
         )
         observation = observe(frame, reports)
         # Counted from the start: differences of the server's times would round by its age.
-        info: Info = {"pose": find_planar_pose(frame), "time_s": self._num_steps * self._step_s}
+        info: Info = {**describe_pose(frame), "time_s": self._num_steps * self._step_s}
         # Copies: the caller may write into what is returned.
         self._last = copy.deepcopy((observation, info))
         return observation, info

@@ -27,6 +27,7 @@ from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.world_description import Twist
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,
@@ -74,6 +75,15 @@ def spinning_state(start: Pose) -> CameraState:
     return driving_camera_state(start, 0.5, 180.0)
 
 
+def pitching_state(start: Pose) -> CameraState:
+    """A robot on a slope that only tips over, at 1 rad/s about an axle 0.6 m below."""
+    tilted = start @ Pose.from_rpy((0.0, 0.0, 0.0), (0.1, 0.2, 0.0))
+    across, down = tilted.rotation[:, 1], 0.6 * tilted.rotation[:, 2]
+    return CameraState(
+        tilted, twist=Twist((*np.cross(across, -down).tolist(),), (*across.tolist(),))
+    )
+
+
 Moving = Callable[[Pose], CameraState]
 
 
@@ -107,10 +117,11 @@ def assert_like_frames(world: str, view: View, camera_state: CameraState) -> Non
     quick_cases(
         product(
             ("corridor", "four_legged_2006"),
-            (driving_state, turning_state, state_with_object, spinning_state),
+            (driving_state, turning_state, state_with_object, spinning_state, pitching_state),
         ),
         3,
-        6,
+        4,
+        7,
     ),
 )
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
@@ -158,7 +169,7 @@ def rows_of_frames(view: View, camera_state: CameraState) -> Floats:
 
 
 @pytest.mark.parametrize(
-    ("world", "moving"), [("corridor", turning_state), ("four_legged_2006", turning_state)]
+    ("world", "moving"), [("corridor", pitching_state), ("four_legged_2006", turning_state)]
 )
 def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Moving) -> None:
     renderer, camera_state = make_trace(world), moving(START_POSES[world])

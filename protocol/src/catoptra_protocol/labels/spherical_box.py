@@ -1,10 +1,11 @@
 """Boxes on the sphere around the pixels of objects: intervals of azimuth and elevation, and cones.
 
-Frame: level axes at the camera, x ahead as the robot's, y right, z down. Azimuth from x towards y,
-elevation above the level. Each pixel counts with its whole square, as far as the camera's domain
-reaches: its centre, its corners and the middles of its edges, between which a pixel's outline bends
-by less than a thousandth of its width. Of a mirror without a viewpoint directions are those of its
-rays. A cone is an axis and a half angle of up to 180 degrees, the smallest around the directions.
+Frame: the robot's axes at the camera, x ahead, y right, z down; a robot on a slope is not level.
+Azimuth from x towards y, elevation towards the robot's top. Each pixel counts with its whole
+square, as far as the camera's domain reaches: its centre, its corners and the middles of its edges,
+between which a pixel's outline bends by less than a thousandth of its width. Of a mirror without a
+viewpoint directions are those of its rays. A cone is an axis and a half angle of up to 180 degrees,
+the smallest around the directions.
 
 Boxes enclose the pixels' squares, not their centres, and are computed from the boundary pixels
 alone. A pole inside an object means all azimuths. Cones are exact where a half space holds the
@@ -186,8 +187,8 @@ class PixelSphere:
 
         Args:
             camera: The camera.
-            level_from_camera: (3, 3) rotation of the mirror frame, or of an ordinary camera's, in
-                level axes.
+            level_from_camera: (3, 3) rotation of the mirror frame, or of an ordinary camera's, on
+                the robot.
         """
         height, width = camera.height_px, camera.width_px
         u, v = 0.5 * np.arange(2 * width + 1), 0.5 * np.arange(2 * height + 1)

@@ -184,7 +184,7 @@ class SampleAnnotator:
         number = description.place.camera
         sphere = self._spheres.pop(number, None)
         if sphere is None:
-            # Up is the robot's: a camera's mount, with the robot level.
+            # Up is the robot's, also on a slope: computed once for a camera.
             mount = description.camera.sensor.robot_from_camera({})
             sphere = PixelSphere(description.spec.camera, mount.rotation)
         self._spheres[number] = sphere

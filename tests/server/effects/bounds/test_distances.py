@@ -266,6 +266,22 @@ def test_open_floor_shares_large_cells() -> None:
     assert surroundings.num_evaluations < 30
 
 
+def test_rocking_robots_share_bounds_that_hold_for_each() -> None:
+    triangles = TriangleHierarchy(ROOM.corners)
+    shared, rng = DistanceBoundCache(triangles), np.random.default_rng(4)
+    shares = []
+    for _ in range(300):
+        tilt = (*rng.uniform(-0.12, 0.12, 2), rng.uniform(-3.0, 3.0))
+        pose = Pose.from_rpy((0.3, -0.2, -0.6), tilt)
+        here = ViewpointBox(pose.translation, np.zeros(3), rotation_to_axis(mirror_axis(pose)))
+        exact = bound_ring_distances(triangles, here, image_rings(CAMERA))
+        shares.append(shared.min_distances_m(pose, CAMERA) / exact)
+    assert np.max(shares) <= 1.0
+    assert np.median(shares) > 0.5
+    # 9 x 9 axes, each in cells of one or two sizes.
+    assert shared.num_evaluations < 170
+
+
 def test_empty_world_is_infinitely_far() -> None:
     nothing = TriangleHierarchy(np.zeros((0, 3, 3)))
     nearest = DistanceBoundCache(nothing).min_distances_m(Pose.identity(), CAMERA)

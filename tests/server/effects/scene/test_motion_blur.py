@@ -28,16 +28,18 @@ def max_blur_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.02, 0.1, 0.13, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 2.0, 10.0, 60.0])
 @pytest.mark.parametrize("range_m", [0.4, 2.0])
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], ids=["yaw", "pitch"])
 def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
-    speed_m_s: float, turn_deg_s: float, range_m: float
+    speed_m_s: float, turn_deg_s: float, range_m: float, axis: tuple[float, float, float]
 ) -> None:
-    twist = Twist((speed_m_s, 0.0, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))
+    twist = Twist((speed_m_s, 0.0, 0.0), (*(math.radians(turn_deg_s) * np.array(axis)).tolist(),))
     bound = BLUR.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     widest = max_blur_px(twist, range_m)
     # Displacement exceeds speed times duration, since the speed changes: by 1e-3 at 2 m/s.
     assert widest <= bound.displacement_px * 1.01
     if bound.displacement_px > THRESHOLD_PX:
-        assert widest > 0.5 * THRESHOLD_PX
+        # Slowest where a bound adds a turn and a drive that act in different directions.
+        assert widest > 0.45 * THRESHOLD_PX
         assert bound.reason
 
 

@@ -28,10 +28,11 @@ def max_displacement_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 10.0, 60.0, 150.0])
 @pytest.mark.parametrize("range_m", [0.3, 1.5])
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], ids=["yaw", "pitch"])
 def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
-    speed_m_s: float, turn_deg_s: float, range_m: float
+    speed_m_s: float, turn_deg_s: float, range_m: float, axis: tuple[float, float, float]
 ) -> None:
-    twist = Twist((0.0, speed_m_s, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))
+    twist = Twist((0.0, speed_m_s, 0.0), (*(math.radians(turn_deg_s) * np.array(axis)).tolist(),))
     bound = SHUTTER.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     carried = max_displacement_px(twist, range_m)
     # Displacement exceeds speed times duration, since the speed changes.

@@ -2,8 +2,9 @@
 
 Noise makes random walks of position and heading, the simplest model of integrated white noise,
 whose variance grows with time however time is cut into ticks. UDK's Precision is a steady error per
-metre and per radian, sampled once for a robot. Source: INS.uc, where noise grows with distance
-only; here also while the robot stands, as in a real instrument.
+metre over ground and per radian, sampled once for a robot. Source: INS.uc, where noise grows with
+distance only; here also while the robot stands, as in a real instrument. Roll and pitch have none:
+gravity corrects them. Nor has height.
 """
 
 from __future__ import annotations
@@ -113,8 +114,7 @@ class InsSensor:
         is_drifting = self._description.is_drifting
         error_x, error_y, error_yaw = self._error if is_drifting else self._reading_error(context)
         error_roll, error_pitch = self._tilt_error_rad
-        # Errors along world axes; of z, roll and pitch they are constant between two SET POSE, as
-        # the base stays on its floor.
+        # Errors along world axes; of z, roll and pitch they are constant between two SET POSE.
         return InsReading(
             self._description.name,
             (x + error_x, y + error_y, z + self._height_error_m),

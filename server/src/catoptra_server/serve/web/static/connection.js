@@ -7,7 +7,7 @@ const FIRST_PAUSE_MS = 100;
 const MAX_PAUSE_MS = 2000;
 
 /** Rejects a request: with the reason of an error reply, or because the connection was lost. */
-export class RequestError extends Error {}
+class RequestError extends Error {}
 
 /** One WebSocket of the page. Events: "open" and "close", each with this connection. */
 export class Connection {

@@ -31,7 +31,7 @@ export function landmarksWithStatus(records, notes) {
 }
 
 /** Name of the status of a landmark that is visible or not, with a detection or undefined. */
-export function landmarkStatus(visible, accepted) {
+function landmarkStatus(visible, accepted) {
   if (accepted !== undefined) return accepted ? "detected" : "rejected";
   return visible ? "visible" : "hidden";
 }

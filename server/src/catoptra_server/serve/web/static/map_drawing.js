@@ -45,14 +45,14 @@ export function drawGrid(pen, view, width, height) {
   setLine(pen, "grid", 1);
   pen.beginPath();
   for (let x = Math.ceil(corner.x / step) * step; x <= opposite.x; x += step) {
-    const [, top] = view.toScreen(x, 0);
-    pen.moveTo(0, Math.round(top) + 0.5);
-    pen.lineTo(width, Math.round(top) + 0.5);
+    const top = Math.round(view.toScreen(x, 0)[1]) + 0.5;
+    pen.moveTo(0, top);
+    pen.lineTo(width, top);
   }
   for (let y = Math.ceil(corner.y / step) * step; y <= opposite.y; y += step) {
-    const [left] = view.toScreen(0, y);
-    pen.moveTo(Math.round(left) + 0.5, 0);
-    pen.lineTo(Math.round(left) + 0.5, height);
+    const left = Math.round(view.toScreen(0, y)[0]) + 0.5;
+    pen.moveTo(left, 0);
+    pen.lineTo(left, height);
   }
   pen.stroke();
 }
@@ -84,11 +84,7 @@ export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash
   const enlargement = Math.max(1, 10 / (size_m[0] * view.scale));
   const corners = robotOutline(size_m.map((side) => side * enlargement));
   setLine(pen, name, 1.5, dash);
-  tracePoints(
-    pen,
-    view,
-    corners.map(({ x, y }) => compose(pose, { x, y, yaw: 0 })),
-  );
+  tracePoints(pen, view, corners.map((corner) => compose(pose, corner)));
   pen.closePath();
   if (isFilled) fillFaintly(pen, name, 0.25);
   pen.stroke();
@@ -172,12 +168,8 @@ function drawHeading(pen, left, top, yaw, covariance) {
 
 /** Ray of a detection from a pose; without a range it ends open. */
 export function drawDetection(pen, view, pose, { bearing_rad, range_m, accepted }) {
-  const length_m = range_m ?? 1.5;
-  const end = compose(pose, {
-    x: length_m * Math.cos(bearing_rad),
-    y: length_m * Math.sin(bearing_rad),
-    yaw: 0,
-  });
+  const ray = { ...pose, yaw: pose.yaw + bearing_rad };
+  const end = compose(ray, { x: range_m ?? 1.5, y: 0 });
   const [left, top] = view.toScreen(end.x, end.y);
   pen.strokeStyle = (accepted ? STATUSES.detected : STATUSES.rejected).colour;
   pen.lineWidth = 1.5;

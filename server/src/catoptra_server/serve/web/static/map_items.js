@@ -102,8 +102,7 @@ export class MapItems {
       if (sensor.type !== "RangeScanner" || !reading) continue;
       const pose = this.#paths.history.at(reading.time_s) ?? planarPose(robot.world_from_robot);
       for (const { angle_rad, range_m, has_echo } of scanRays(reading, sensor))
-        if (has_echo)
-          points.push(compose(pose, { ...rayEnd(sensor, angle_rad, range_m), yaw: 0 }));
+        if (has_echo) points.push(compose(pose, rayEnd(sensor, angle_rad, range_m)));
     }
     return points;
   }

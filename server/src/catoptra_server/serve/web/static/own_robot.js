@@ -103,7 +103,7 @@ export class OwnRobot {
       context.own = reply.robot;
       this.#own = reply.robot;
       this.#isNew = true;
-      const moved = reply.moved_to?.slice(0, 2).map((value) => value.toFixed(2));
+      const moved = reply.moved_to?.map((value) => value.toFixed(2));
       this.#say(moved ? `The place was not free: it stands at ${moved.join(", ")} m.` : "");
     } catch (error) {
       this.#say(`Not spawned: ${error.message}`, "error");

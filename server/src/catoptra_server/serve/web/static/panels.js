@@ -12,7 +12,7 @@ import { bodyOf, furnish } from "./panel.js";
 const from = (path) => async (section, context) => (await import(path)).create(section, context);
 
 /** In the order of their creation: the pictures first. */
-export const PANELS = [
+const PANELS = [
   { id: "omni", title: "Omnidirectional picture", create: from("./views/omni.js") },
   { id: "status", title: "Status", create: from("./panels/status.js") },
   { id: "drive", title: "Drive", create: from("./panels/drive.js") },
@@ -30,7 +30,7 @@ export const PANELS = [
 ];
 
 /** Section of the panel with this id. */
-export const sectionOf = (id) => document.getElementById(`panel-${id}`);
+const sectionOf = (id) => document.getElementById(`panel-${id}`);
 
 /** Give the panels their titles, expanded or collapsed as they were left; needs no connection. */
 export function preparePanels() {

@@ -49,11 +49,18 @@ function setValues(list, pairs) {
 
 const poseText = ({ x, y, yaw }) => `${x.toFixed(3)}, ${y.toFixed(3)} m, ${degrees(yaw)}`;
 
+function tiltText({ position_m, rotation }) {
+  const [x, y, z] = rotation.slice(6);
+  const tilt = [Math.atan2(y, z), Math.atan2(-x, Math.hypot(y, z))].map((one) => degrees(one));
+  return `${position_m[2].toFixed(3)} m, ${tilt.join(", ")}`;
+}
+
 function valuesOf(robot, { readings }) {
   const speeds = robot.wheel_speeds_rad_s.map((speed) => speed.toFixed(2)).join(", ");
   const measured = odometryPose(readings, robot);
   const pairs = [
     ["True pose", poseText(planarPose(robot.world_from_robot))],
+    ["z, roll, pitch", tiltText(robot.world_from_robot)],
     ["By odometry", measured ? poseText(measured) : "\u2013"],
     ["Wheels, left, right", `${speeds} rad/s`],
   ];

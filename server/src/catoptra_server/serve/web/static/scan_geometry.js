@@ -23,13 +23,13 @@ export function planarPose({ position_m, rotation }) {
   return { x: position_m[0], y: position_m[1], yaw: Math.atan2(rotation[3], rotation[0]) };
 }
 
-/** parent_from_child of parent_from_middle and middle_from_child. */
-export function compose(outer, inner) {
+/** parent_from_child of parent_from_middle and middle_from_child, or of a point there. */
+export function compose(outer, { x, y, yaw = 0 }) {
   const [cosine, sine] = [Math.cos(outer.yaw), Math.sin(outer.yaw)];
   return {
-    x: outer.x + cosine * inner.x - sine * inner.y,
-    y: outer.y + sine * inner.x + cosine * inner.y,
-    yaw: wrapped(outer.yaw + inner.yaw),
+    x: outer.x + cosine * x - sine * y,
+    y: outer.y + sine * x + cosine * y,
+    yaw: wrapped(outer.yaw + yaw),
   };
 }
 

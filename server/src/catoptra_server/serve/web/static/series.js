@@ -25,7 +25,7 @@ const PART_UNITS = { Range: "m", Tick: "ticks" };
 const SKIPPED = new Set(["type", "name", "time", "resolution", "fov", "view", "id"]);
 
 /** Numbers of a reading with their labels and units. */
-export function seriesOfReading(reading) {
+function seriesOfReading(reading) {
   const prefix = reading.word === "STA" ? "Status" : reading.name || reading.type;
   const series = reading.parts.map(({ name, quantity, value }) => ({
     group: reading.type,

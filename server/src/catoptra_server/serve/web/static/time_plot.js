@@ -13,7 +13,7 @@ export function tickStep(smallest) {
 }
 
 /** Limits a little beyond the values, and never so close that rounding fills the plot. */
-export function limitsOf(values) {
+function limitsOf(values) {
   let [low, high] = [Infinity, -Infinity];
   for (const value of values) {
     if (value === null) continue;

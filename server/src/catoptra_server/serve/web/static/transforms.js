@@ -17,7 +17,7 @@ export function rotateBack(rotation, [x, y, z]) {
 }
 
 /** Point in the child frame of a point in the parent frame. */
-export function childFromParent({ position_m, rotation }, point) {
+function childFromParent({ position_m, rotation }, point) {
   return rotateBack(rotation, point.map((value, i) => value - position_m[i]));
 }
 

@@ -1,10 +1,10 @@
 /**
- * Directions that views draw, at the viewpoint and in the axes of the robot: landmarks at the pose
- * of the frame, the cursor, the perspective window. Of a camera that looks ahead or is tilted the
- * mirror frame, in which its model is, is turned to them as the frame's header says.
+ * Directions that views draw, at the viewpoint and in the axes of the robot: landmarks and horizon
+ * at the pose of the frame, the cursor, the perspective window. The frame's header says how the
+ * mirror frame, in which the camera's model is, is turned to them.
  */
 
-import { cameraFromWorld, rotate, rotateBack, viewAxes } from "../transforms.js";
+import { cameraFromWorld, NO_TURN, rotate, rotateBack, viewAxes } from "../transforms.js";
 
 const STEPS_PER_SIDE = 16;
 
@@ -87,10 +87,14 @@ export function directionFromAngles({ theta_rad, azimuth_rad }) {
   return [sine * Math.cos(azimuth_rad), sine * Math.sin(azimuth_rad), Math.cos(theta_rad)];
 }
 
-/** Level directions in steps of two degrees, from behind by the left to behind again. */
-export function levelDirections() {
-  const azimuths = Array.from({ length: 181 }, (_, i) => ((i - 90) * Math.PI) / 90);
-  return azimuths.map((azimuth_rad) => [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
+/** The horizon of the world in steps of two degrees, from behind by the left to behind again. */
+export function horizonDirections({ frame }) {
+  const rotation = frame?.header.world_from_robot?.rotation ?? NO_TURN;
+  const yaw_rad = Math.atan2(rotation[3], rotation[0]);
+  return Array.from({ length: 181 }, (_, i) => {
+    const azimuth_rad = yaw_rad + ((i - 90) * Math.PI) / 90;
+    return rotateBack(rotation, [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
+  });
 }
 
 /** Yaw and pitch of a perspective view whose centre has this direction. */

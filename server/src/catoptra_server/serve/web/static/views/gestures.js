@@ -11,9 +11,8 @@ const PX_PER_LINE = 33;
 export function watchGestures(node, handlers) {
   const gestures = new Gestures(handlers);
   node.addEventListener("pointerdown", (event) => gestures.down(node, event));
-  node.addEventListener("pointermove", (event) => gestures.move(event));
-  node.addEventListener("pointerup", (event) => gestures.up(event));
-  node.addEventListener("pointercancel", (event) => gestures.cancel(event));
+  for (const type of ["move", "up", "cancel"])
+    node.addEventListener(`pointer${type}`, (event) => gestures[type](event));
   node.addEventListener("pointerleave", (event) => {
     if (event.pointerType === "mouse") handlers.leave?.();
   });

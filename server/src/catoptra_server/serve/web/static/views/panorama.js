@@ -7,13 +7,18 @@ import { chooseCylinder } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { drawLabel } from "../landmarks.js";
 import { viewAxes } from "../transforms.js";
-import { aimFromDirection, cursorDirection, shownPixel, windowOutline } from "./directions.js";
+import {
+  aimFromDirection,
+  cursorDirection,
+  horizonDirections,
+  shownPixel,
+  windowOutline,
+} from "./directions.js";
 import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
-import { strokeOutlined, tracePolyline } from "./view_canvases.js";
+import { strokeHorizon, strokeOutlined, tracePolyline } from "./view_canvases.js";
 
 const MAX_COLUMNS = 1440;
-const AZIMUTH_LABELS_DEG = [-135, -90, -45, 0, 45, 90, 135];
 const KEY_STEP_RAD = (2 * Math.PI) / 180;
 /** Of the cursor: straight up or down it would forget its azimuth. */
 const STEEPEST_RAD = 1.57;
@@ -73,28 +78,23 @@ class PanoramaView {
     pen.beginPath();
     pen.rect(left, top, cylinder.columns * scale, cylinder.rows * scale);
     pen.clip();
+    const { width } = this.#view.canvases;
+    const trace = (line) => tracePolyline(pen, line.map(project), 0.5 * width);
+    trace(horizonDirections(this.#context));
+    strokeHorizon(pen);
     this.#drawScale(pen, placement);
-    const outline = windowOutline(this.#context.window).map(project);
-    tracePolyline(pen, outline, 0.5 * this.#view.canvases.width);
+    trace(windowOutline(this.#context.window));
     strokeOutlined(pen, "#ff9de1");
     this.#view.drawDirections(pen, project);
     pen.restore();
   }
 
   #drawScale(pen, placement) {
-    const { cylinder, scale, top, left } = placement;
-    const [, horizon] = positionFromDirection(placement, [1, 0, 0]);
-    pen.setLineDash([6, 6]);
-    pen.beginPath();
-    pen.moveTo(left, horizon);
-    pen.lineTo(left + cylinder.columns * scale, horizon);
-    strokeOutlined(pen, "#e6e6e6", 1);
-    pen.setLineDash([]);
+    const { cylinder, scale, top } = placement;
     const bottom = top + cylinder.rows * scale;
-    for (const degrees of AZIMUTH_LABELS_DEG) {
-      const azimuth_rad = (degrees * Math.PI) / 180;
-      const direction = [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0];
-      const [x] = positionFromDirection(placement, direction);
+    for (let degrees = -135; degrees < 180; degrees += 45) {
+      const { forward } = viewAxes((degrees * Math.PI) / 180, 0);
+      const [x] = positionFromDirection(placement, forward);
       pen.beginPath();
       pen.moveTo(x, bottom - 6);
       pen.lineTo(x, bottom);

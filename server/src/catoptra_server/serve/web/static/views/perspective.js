@@ -68,14 +68,18 @@ class PerspectiveView {
     };
   }
 
+  get #axes() {
+    const { yaw_rad, pitch_rad } = this.#context.window;
+    return viewAxes(yaw_rad, pitch_rad);
+  }
+
   get #focalLength() {
     return (0.5 * this.#view.canvases.width) / Math.tan(0.5 * this.#context.window.fov_rad);
   }
 
   /** Position of a direction in CSS pixels; null behind the view. */
   #project(direction) {
-    const { yaw_rad, pitch_rad } = this.#context.window;
-    const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);
+    const { forward, right, down } = this.#axes;
     const along = dot(forward, direction);
     if (along <= 0) return null;
     const { width, height } = this.#view.canvases;
@@ -87,8 +91,7 @@ class PerspectiveView {
   }
 
   #directionFromPosition([x, y]) {
-    const { yaw_rad, pitch_rad } = this.#context.window;
-    const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);
+    const { forward, right, down } = this.#axes;
     const { width, height } = this.#view.canvases;
     const [across, along] = [x - 0.5 * width, y - 0.5 * height].map((px) => px / this.#focalLength);
     return forward.map((value, i) => value + across * right[i] + along * down[i]);

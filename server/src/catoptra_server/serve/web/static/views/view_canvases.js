@@ -72,6 +72,12 @@ export function drawCrosshair(pen, [x, y], isHeld) {
   strokeOutlined(pen, "#ffe14d");
 }
 
+export function strokeHorizon(pen) {
+  pen.setLineDash([6, 6]);
+  strokeOutlined(pen, "#e6e6e6", 1);
+  pen.setLineDash([]);
+}
+
 /** Draw a polyline of points, broken where a point is null or where it would cross the seam. */
 export function tracePolyline(pen, points, maxStep = Infinity) {
   let previous = null;
