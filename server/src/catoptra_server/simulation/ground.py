@@ -36,7 +36,6 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
@@ -74,10 +73,8 @@ _SEARCH_DEPTH_M = 2.0
 _MARGIN_M = 0.2
 _BISECTION_STEPS = 7
 _MIN_FACING = 0.05
-# Heights of the ground that differ by more under neighbouring points have an edge between them.
-_EDGE_M, _EDGE_PARTS = 1e-3, 16
-# As much may a slope rise from a point to the edge beside it.
-_EDGE_REACH_M = 0.02
+# Edges that are farther below than a base sinks, as it may tilt on the way.
+_EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
@@ -172,8 +169,13 @@ class _Side(NamedTuple):
     """(k, 3) that may touch what is below; in the side's frame."""
     lifts: Floats
     """(k,) how far above the points rays begin, vertically."""
-    pairs: npt.NDArray[np.intp]
-    """(m, 2) neighbours, between which an edge of a surface may lie."""
+    half_m: tuple[float, float]
+    """Half sides of the plane part of the side, along x and y."""
+    rise_m: float
+    """Height of the plane part above the plane z = 0, up."""
+    wheels_m: tuple[tuple[float, float], ...] = ()
+    radius_m: float = 0.0
+    """Of the wheels, at (x, y)."""
 
 
 class _Chassis(NamedTuple):
@@ -192,25 +194,6 @@ class _Chassis(NamedTuple):
     """Tangent of the steepest plane that it climbs."""
 
 
-def _make_side(
-    rotation: Floats,
-    middle: Floats,
-    points: Floats,
-    lifts: Floats,
-    pairs: list[tuple[int, int]],
-) -> _Side:
-    pose = Pose(rotation, middle)
-    return _Side(pose, pose.inverse(), points, lifts, np.array(pairs, dtype=np.intp))
-
-
-def _pair_grid(columns: int, rows: int, first: int = 0) -> list[tuple[int, int]]:
-    """Neighbours in a grid of points that are listed row by row."""
-    numbers = first + np.arange(columns * rows).reshape(rows, columns)
-    along = np.stack((numbers[:, :-1].ravel(), numbers[:, 1:].ravel()), axis=-1)
-    across = np.stack((numbers[:-1].ravel(), numbers[1:].ravel()), axis=-1)
-    return [(int(a), int(b)) for a, b in np.concatenate((along, across))]
-
-
 @cache
 def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
     length, width, body_height = base.collision_size_m
@@ -220,8 +203,10 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
     half = np.array((0.5 * length, 0.5 * width, 0.5 * (low - high)))
     centre = np.array((0.0, 0.0, 0.5 * (low + high)))
     identity = np.eye(3)
-    wheels = _make_side(identity, np.array((0.0, 0.0, ride)), *_underside(base))
-    sides = [wheels]
+    pose = Pose(identity, np.array((0.0, 0.0, ride)))
+    sides = [
+        _Side(pose, pose.inverse(), *_underside(base), base.wheel_places_m, base.wheel_radius_m)
+    ]
     # Columns: x, y and z of a side in the chassis; the roof first.
     for axes in (
         ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
@@ -233,18 +218,18 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         rotation = np.array(axes, dtype=float).T
         reach = np.abs(matmul(half, rotation))
         middle = centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
-        steps = np.linspace(-1.0, 1.0, 5)
-        grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
-        lifts = np.full(len(grid), _LIFT_M)
-        sides.append(_make_side(rotation, middle, grid * reach, lifts, _pair_grid(5, 5)))
+        grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 2, [0.0]), axis=-1)
+        points = grid.reshape(-1, 3) * reach
+        lifts, pose = np.full(len(points), _LIFT_M), Pose(rotation, middle)
+        sides.append(_Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
     corner = hypot(half[0], half[1], max(abs(low), abs(high)))
     return _Chassis(
         tuple(sides), centre, half, float(corner), tan(base.max_tilt_rad), tan(base.max_climb_rad)
     )
 
 
-def _underside(base: DriveBase) -> tuple[Floats, Floats, list[tuple[int, int]]]:
-    """Points of rims and belly in the plane of the wheels, z down; heights of their rays; pairs."""
+def _underside(base: DriveBase) -> tuple[Floats, Floats, tuple[float, float], float]:
+    """Points, lifts, half sides and rise of the side of the wheels: rims, and the belly."""
     radius, step = base.wheel_radius_m, base.max_step_m
     # What is higher on a rim than a step is touched by no step.
     steep_rad = arccos(max(1.0 - step / radius, -1.0))
@@ -252,19 +237,11 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats, list[tuple[int, int]]]:
     angles: Floats = steep_rad / count * np.arange(-count, count + 1.0)
     rim = np.stack((radius * sin(angles), 0.0 * angles, -radius * (1.0 - cos(angles))), axis=-1)
     places = [np.array((x, y, 0.0)) for x, y in base.wheel_places_m]
-    length, width, _ = base.collision_size_m
     # Within the sides of the body, which touch walls.
-    xs = np.linspace(-0.5, 0.5, 7) * (length - _SKIN_M)
-    ys = np.linspace(-0.5, 0.5, 5) * (width - _SKIN_M)
-    belly = np.stack(np.meshgrid(xs, ys, [-step]), axis=-1).reshape(-1, 3)
+    x, y = (0.5 * (size - _SKIN_M) for size in base.collision_size_m[:2])
+    belly = np.stack(np.meshgrid([-x, 0.0, x], [-y, 0.0, y], [-step]), axis=-1).reshape(-1, 3)
     points = np.concatenate((*(rim + place for place in places), belly))
-    pairs = [
-        (w * len(rim) + n, w * len(rim) + n + 1)
-        for w in range(len(places))
-        for n in range(len(rim) - 1)
-    ]
-    pairs += _pair_grid(7, 5, first=len(rim) * len(places))
-    return points, step + _LIFT_M + points[:, 2], pairs
+    return points, step + _LIFT_M + points[:, 2], (x, y), step
 
 
 class _Footing(NamedTuple):
@@ -350,7 +327,8 @@ class SceneGround:
             floor_m = floor_z_m = 0.0
         stance = _Stance(pose.x_m, pose.y_m, pose.yaw_rad, floor_m)
         footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
-        settled = self._settle(chassis, footing, stance, math.inf, others)
+        boxes = _box_triangles(others)
+        settled = self._settle(chassis, footing, stance, math.inf, others, boxes)
         if (
             settled.stance.side
             or settled.stance.steepness > chassis.steepest
@@ -360,7 +338,7 @@ class SceneGround:
             raise NoStandError("the robot would fall")
         where = settled.world_from_robot
         box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
-        triangles = np.concatenate((self._near(box, where, 0.0), _box_triangles(others)))
+        triangles = np.concatenate((self._near(box, where, 0.0), boxes))
         if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
             raise NoStandError("the robot touches an obstacle")
         if self._is_in_solid(where):
@@ -493,7 +471,7 @@ class SceneGround:
         if is_steep:
             goal = goal.slide(sink_m)
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
-        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others)
+        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others, obstacles)
         if is_steep or moved.stance.steepness > chassis.steepest:
             moved = moved._replace(is_settled=False, is_held=False)
         if moved.stance == stance:
@@ -534,6 +512,7 @@ class SceneGround:
         stance: _Stance,
         sink_m: float,
         others: Sequence[OrientedBox],
+        obstacles: Floats,
     ) -> _Footing:
         """Footing of a base that sinks from a stance, no point by more than some metres."""
         contacts, start_z = footing.contacts, None
@@ -551,7 +530,7 @@ class SceneGround:
                 contacts = (0, 0, 0)
             gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
-            edges = self._find_edges(side, points, gaps, sink_m, footing.floor_z_m, others)
+            edges = self._find_edges(chassis, side, pose, sink_m, obstacles)
             if edges is None:
                 i, j, k = contacts
                 is_low = gaps.min() >= -_TOUCH_M and i != j
@@ -559,9 +538,7 @@ class SceneGround:
                     break
             else:
                 points = np.concatenate((points, edges[0]))
-                gaps, is_robot = (
-                    np.concatenate(one) for one in ((gaps, edges[1]), (is_robot, edges[2]))
-                )
+                gaps = np.concatenate((gaps, edges[1]))
                 limits = np.concatenate((limits, np.minimum(edges[1], sink_m)))
             centre = pose.transform_points(side.side_from_robot.translation)
             x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
@@ -586,6 +563,7 @@ class SceneGround:
                 pose = stance.world_from_side
                 break
         rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
+        is_robot = np.append(is_robot, np.full(len(gaps) - len(is_robot), len(others) > 0))
         stands_on_robot = any(is_robot[one] for one in contacts)
         return footing._replace(
             stance=stance,
@@ -597,44 +575,57 @@ class SceneGround:
 
     def _find_edges(
         self,
+        chassis: _Chassis,
         side: _Side,
-        points: Floats,
-        gaps: Floats,
+        pose: Pose,
         sink_m: float,
-        floor_z_m: float,
-        others: Sequence[OrientedBox],
-    ) -> tuple[Floats, Floats, Bools] | None:
-        """Points above edges of surfaces, their gaps and whether these are robots; None for none.
+        obstacles: Floats,
+    ) -> tuple[Floats, Floats] | None:
+        """Points of the underside above edges and corners of surfaces, and their gaps.
 
-        Between neighbours that see surfaces of different heights, within reach of what lies between
-        the two, the lowest gap is found by rays in between.
+        A polygon is nearest to a plane at a corner: that of a triangle, or where its edges pass the
+        border of the plane part; to a wheel at an edge that passes the plane of the wheel, or
+        where rays find it.
         """
-        heights, rises = gaps + side.points[:, 2], side.points[:, 2]
-        i, j = side.pairs.T
-        # On both sides of a ridge the ground may be as low: what is off the plane is suspected.
-        is_off = np.abs(heights) > _EDGE_M
-        is_edge = is_off[i] | is_off[j]
-        if not is_edge.any():
+        triangles = self._near(chassis, pose @ side.side_from_robot, _MARGIN_M)
+        if len(obstacles):
+            triangles = np.concatenate((triangles, obstacles))
+        if not len(triangles):
             return None
-        reach = np.minimum(heights[i], heights[j]) - np.maximum(rises[i], rises[j])
-        chosen = np.flatnonzero(is_edge & (reach < sink_m + _EDGE_REACH_M))
-        if not len(chosen):
+        corners = matmul(triangles - pose.translation, pose.rotation)
+        top, bottom = -side.rise_m - _LIFT_M, sink_m + _EDGE_REACH_M
+        z = corners[..., 2]
+        corners = corners[(z.min(axis=1) < bottom) & (z.max(axis=1) > top)]
+        if not len(corners):
             return None
-        i, j = i[chosen], j[chosen]
-        # Places and lifts of rays at both ends.
-        begins, ends = (np.column_stack((points[n], side.lifts[n])) for n in (i, j))
-        shares, spread = np.zeros((len(chosen), 1)), np.linspace(0.0, 1.0, _EDGE_PARTS + 1)
-        for _ in range(2):
-            tried = np.clip(shares + spread, 0.0, 1.0)
-            rays = begins[:, None] + tried[..., None] * (ends - begins)[:, None]
-            flat = rays.reshape(-1, 4)
-            found, is_robot = self._measure_gaps(flat[:, :3], flat[:, 3], floor_z_m, others)
-            lowest = found.reshape(tried.shape).argmin(axis=1)
-            rows = np.arange(len(chosen))
-            shares = tried[rows, lowest][:, None]
-            spread = np.linspace(-1.0, 1.0, _EDGE_PARTS + 1) / _EDGE_PARTS
-        at = rows * tried.shape[1] + lowest
-        return flat[at, :3], found[at], is_robot[at]
+        edges = np.stack((corners, np.roll(corners, -1, axis=1)), axis=2).reshape(-1, 2, 3)
+        (x, y), tolerance = side.half_m, 1e-9
+        found = []
+        for axis, value in ((0, -x), (0, x), (1, -y), (1, y)):
+            found.append(_cross(edges, axis, value))
+        flat = np.concatenate((corners.reshape(-1, 3), *found))
+        inside = (np.abs(flat[:, 0]) <= x + tolerance) & (np.abs(flat[:, 1]) <= y + tolerance)
+        flat = flat[inside]
+        places = [np.column_stack((flat[:, :2], np.full(len(flat), -side.rise_m), flat[:, 2]))]
+        for wheel_x, wheel_y in side.wheels_m:
+            hits = _cross(edges, 1, wheel_y)
+            along = hits[:, 0] - wheel_x
+            hits, along = (one[np.abs(along) < side.radius_m] for one in (hits, along))
+            rise = side.radius_m - np.sqrt(side.radius_m**2 - along * along)
+            low = rise < side.rise_m
+            places.append(np.column_stack((hits[:, :2], -rise, hits[:, 2]))[low])
+        on_side = np.concatenate(places)
+        gaps = (on_side[:, 3] - on_side[:, 2]) / float(pose.rotation[2, 2])
+        chosen = (on_side[:, 3] > top) & (gaps < bottom)
+        if not chosen.any():
+            return None
+        points, gaps = pose.transform_points(on_side[chosen, :3]), gaps[chosen]
+        raised = np.flatnonzero(gaps < -_TOUCH_M)
+        if len(raised):
+            hits = points[raised]
+            hits[:, 2] += gaps[raised]
+            gaps[raised] += self._depth_of_paint(hits)
+        return points, gaps
 
     def _measure_gaps(
         self,
@@ -831,6 +822,16 @@ def _surround(x: Floats, y: Floats) -> tuple[int, int, int] | None:
         if least > most:
             best, most = one, least
     return best
+
+
+def _cross(edges: Floats, axis: int, value: float) -> Floats:
+    """(m, 3) points at which some of (n, 2, 3) edges pass a plane across an axis."""
+    begins, ends = edges[:, 0, axis] - value, edges[:, 1, axis] - value
+    # Each edge is one of two triangles in either direction: once is enough for most.
+    passes = np.flatnonzero((begins < 0.0) != (ends < 0.0))
+    share = begins[passes] / (begins[passes] - ends[passes])
+    points: Floats = edges[passes, 0] + share[:, None] * (edges[passes, 1] - edges[passes, 0])
+    return points
 
 
 def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
