@@ -97,8 +97,8 @@ class Judge:
         hits = np.flatnonzero(stage.caster.distances(begins, ways) < lengths)
         if not len(hits):
             return ""
-        first = int(hits[0])
-        return f"segment {self._begins[first].round(4)} to {self._ends[first].round(4)} meets a surface"
+        begin, end = (one[int(hits[0])].round(4) for one in (self._begins, self._ends))
+        return f"segment {begin} to {end} of the chassis meets a surface"
 
 
 def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats]:

@@ -36,6 +36,7 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
@@ -70,7 +71,7 @@ _RIM_STEP_RAD = math.radians(10.0)
 _CELL_M, _MAX_BLOCKS = 0.5, 128
 _DOWN = np.array([0.0, 0.0, 1.0])
 _SEARCH_DEPTH_M = 2.0
-_MARGIN_M = 0.2
+_MARGIN_M = 0.25
 _BISECTION_STEPS = 7
 _MIN_FACING = 0.05
 # Edges that are farther below than a base sinks, as it may tilt on the way.
@@ -261,6 +262,8 @@ class _Footing(NamedTuple):
     """Whether its contacts are surfaces, not the limit of a fall."""
     free_m: float = 0.0
     """How far each point of the body can move before it may touch anything of the scene."""
+    calm_m: float = 0.0
+    """How far it can move before anything rises above its plane."""
     blocked: _Step | None = None
     """Step of which not the smallest part was possible from here."""
 
@@ -466,12 +469,15 @@ class SceneGround:
         """Footing after a step; None where something stops it."""
         stance, before = footing.stance, footing.world_from_robot
         goal = stance.drive(step.distance_m, step.turn_rad) if step.is_rolling else stance
+        if not footing.is_held:  # what has no hold keeps its way, and falls
+            goal = goal._replace(z_m=min(goal.z_m, stance.z_m))
         is_steep = stance.steepness > chassis.steepest
         sink_m = step.sink_m
         if is_steep:
             goal = goal.slide(sink_m)
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
-        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others, obstacles)
+        moved_m = abs(step.distance_m) + abs(step.turn_rad) * chassis.reach_m
+        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others, obstacles, moved_m)
         if is_steep or moved.stance.steepness > chassis.steepest:
             moved = moved._replace(is_settled=False, is_held=False)
         if moved.stance == stance:
@@ -513,9 +519,14 @@ class SceneGround:
         sink_m: float,
         others: Sequence[OrientedBox],
         obstacles: Floats,
+        moved_m: float = 0.0,
     ) -> _Footing:
-        """Footing of a base that sinks from a stance, no point by more than some metres."""
+        """Footing of a base that sinks from a stance, no point by more than some metres.
+
+        The stance is at most `moved_m` from that of the footing.
+        """
         contacts, start_z = footing.contacts, None
+        calm_m = footing.calm_m - moved_m if stance.side == footing.stance.side else 0.0
         gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
         for _ in range(_MAX_ITERATIONS):
             side, pose = chassis.sides[stance.side], stance.world_from_side
@@ -530,7 +541,9 @@ class SceneGround:
                 contacts = (0, 0, 0)
             gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
-            edges = self._find_edges(chassis, side, pose, sink_m, obstacles)
+            edges, heights = None, gaps * pose.rotation[2, 2] + side.points[:, 2]
+            if calm_m <= 0.0 or len(obstacles) or np.abs(heights).max() > 2.0 * _TOUCH_M:
+                edges, calm_m = self._find_edges(chassis, side, pose, sink_m, obstacles)
             if edges is None:
                 i, j, k = contacts
                 is_low = gaps.min() >= -_TOUCH_M and i != j
@@ -554,6 +567,7 @@ class SceneGround:
                 )
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
+            calm_m = 0.0 if max(abs(by_x), abs(by_y)) > _TOUCH_M else calm_m
             stance = stance._replace(
                 z_m=_snap(stance.z_m + sink + by_x * dx + by_y * dy),
                 slope_x=_snap(stance.slope_x + by_x),
@@ -569,6 +583,7 @@ class SceneGround:
             stance=stance,
             world_from_robot=pose @ side.side_from_robot,
             contacts=contacts,
+            calm_m=calm_m,
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
         )
@@ -580,8 +595,9 @@ class SceneGround:
         pose: Pose,
         sink_m: float,
         obstacles: Floats,
-    ) -> tuple[Floats, Floats] | None:
-        """Points of the underside above edges and corners of surfaces, and their gaps.
+    ) -> tuple[tuple[Floats, Floats] | None, float]:
+        """Points of the underside above edges and corners of surfaces, and their gaps; and how far
+        away the nearest thing is that rises above the plane of the side.
 
         A polygon is nearest to a plane at a corner: that of a triangle, or where its edges pass the
         border of the plane part; to a wheel at an edge that passes the plane of the wheel, or
@@ -590,42 +606,43 @@ class SceneGround:
         triangles = self._near(chassis, pose @ side.side_from_robot, _MARGIN_M)
         if len(obstacles):
             triangles = np.concatenate((triangles, obstacles))
-        if not len(triangles):
-            return None
         corners = matmul(triangles - pose.translation, pose.rotation)
         top, bottom = -side.rise_m - _LIFT_M, sink_m + _EDGE_REACH_M
         z = corners[..., 2]
         corners = corners[(z.min(axis=1) < bottom) & (z.max(axis=1) > top)]
         if not len(corners):
-            return None
-        edges = np.stack((corners, np.roll(corners, -1, axis=1)), axis=2).reshape(-1, 2, 3)
+            return None, _MARGIN_M
+        rising = corners[corners[..., 2].min(axis=1) < -2.0 * _TOUCH_M][..., :2]
+        # The rims of wheels are within the sides of the body, or little outside.
+        reach = np.array(side.half_m) + side.radius_m
+        away = np.maximum(rising.min(axis=1), -rising.max(axis=1)) - reach
+        calm_m = min(_MARGIN_M - side.radius_m, float(away.max(axis=1).min(initial=_MARGIN_M)))
+        begins, ends = corners.reshape(-1, 3), corners[:, [1, 2, 0]].reshape(-1, 3)
         (x, y), tolerance = side.half_m, 1e-9
-        found = []
-        for axis, value in ((0, -x), (0, x), (1, -y), (1, y)):
-            found.append(_cross(edges, axis, value))
-        flat = np.concatenate((corners.reshape(-1, 3), *found))
-        inside = (np.abs(flat[:, 0]) <= x + tolerance) & (np.abs(flat[:, 1]) <= y + tolerance)
-        flat = flat[inside]
+        wheels_y = sorted({wheel_y for _, wheel_y in side.wheels_m})
+        ahead, _ = _cross(begins, ends, 0, (-x, x))
+        aside, plane = _cross(begins, ends, 1, (-y, y, *wheels_y))
+        flat = np.concatenate((begins, ahead, aside[plane < 2]))
+        flat = flat[(np.abs(flat[:, :2]) <= np.array((x, y)) + tolerance).all(axis=1)]
         places = [np.column_stack((flat[:, :2], np.full(len(flat), -side.rise_m), flat[:, 2]))]
-        for wheel_x, wheel_y in side.wheels_m:
-            hits = _cross(edges, 1, wheel_y)
-            along = hits[:, 0] - wheel_x
-            hits, along = (one[np.abs(along) < side.radius_m] for one in (hits, along))
+        for wheel_x, wheel_y in side.wheels_m if len(aside) else ():
+            along = aside[:, 0] - wheel_x
+            is_near = (plane == 2 + wheels_y.index(wheel_y)) & (np.abs(along) < side.radius_m)
+            hits, along = aside[is_near], along[is_near]
             rise = side.radius_m - np.sqrt(side.radius_m**2 - along * along)
-            low = rise < side.rise_m
-            places.append(np.column_stack((hits[:, :2], -rise, hits[:, 2]))[low])
+            places.append(np.column_stack((hits[:, :2], -rise, hits[:, 2]))[rise < side.rise_m])
         on_side = np.concatenate(places)
         gaps = (on_side[:, 3] - on_side[:, 2]) / float(pose.rotation[2, 2])
         chosen = (on_side[:, 3] > top) & (gaps < bottom)
         if not chosen.any():
-            return None
+            return None, calm_m
         points, gaps = pose.transform_points(on_side[chosen, :3]), gaps[chosen]
         raised = np.flatnonzero(gaps < -_TOUCH_M)
         if len(raised):
             hits = points[raised]
             hits[:, 2] += gaps[raised]
             gaps[raised] += self._depth_of_paint(hits)
-        return points, gaps
+        return (points, gaps), calm_m
 
     def _measure_gaps(
         self,
@@ -824,14 +841,17 @@ def _surround(x: Floats, y: Floats) -> tuple[int, int, int] | None:
     return best
 
 
-def _cross(edges: Floats, axis: int, value: float) -> Floats:
-    """(m, 3) points at which some of (n, 2, 3) edges pass a plane across an axis."""
-    begins, ends = edges[:, 0, axis] - value, edges[:, 1, axis] - value
-    # Each edge is one of two triangles in either direction: once is enough for most.
-    passes = np.flatnonzero((begins < 0.0) != (ends < 0.0))
-    share = begins[passes] / (begins[passes] - ends[passes])
-    points: Floats = edges[passes, 0] + share[:, None] * (edges[passes, 1] - edges[passes, 0])
-    return points
+def _cross(
+    begins: Floats, ends: Floats, axis: int, values: tuple[float, ...]
+) -> tuple[Floats, npt.NDArray[np.intp]]:
+    """(m, 3) points at which edges of (n, 3) ends pass planes across an axis, and which planes."""
+    planes = np.array(values)
+    starts, stops = begins[:, axis, None] - planes, ends[:, axis, None] - planes
+    edge, plane = np.nonzero((starts < 0.0) != (stops < 0.0))
+    start = starts[edge, plane]
+    share = start / (start - stops[edge, plane])
+    points: Floats = begins[edge] + share[:, None] * (ends[edge] - begins[edge])
+    return points, plane
 
 
 def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
