@@ -118,7 +118,8 @@ def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats]:
     radius = base.wheel_radius_m
     for wheel_x, wheel_y in base.wheel_places_m:
         for rise in np.linspace(0.004, base.max_step_m, 8):
-            half = math.sqrt(radius**2 - (radius - rise) ** 2) - 2.0 * _INSIDE_M
+            # A chord of the disc whose rim is as far inside.
+            half = math.sqrt((radius - _INSIDE_M) ** 2 - (radius - rise) ** 2)
             z = base.ride_height_m - rise
             begins.append((wheel_x - half, wheel_y, z))
             ends.append((wheel_x + half, wheel_y, z))

@@ -77,6 +77,10 @@ class RobotBody:
     """What its ground remembers of it."""
     is_settled: bool = False
     """Whether it lies still as long as no wheel turns."""
+    is_flipping: bool = False
+    """Whether it is to be turned onto its wheels in the next tick, where there is room."""
+    mishap: str = ""
+    """In words, how it lies after a fall; empty for a base on its wheels."""
 
     @classmethod
     def on_floor(cls, base: DriveBase, pose: PlanarPose, height_m: float = 0.0) -> RobotBody:

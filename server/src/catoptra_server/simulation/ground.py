@@ -66,7 +66,7 @@ _STILL = 1e-6
 _SKIN_M = 0.005
 # Rays begin as far above the highest point that wheels can reach.
 _LIFT_M = 0.02
-_RIM_STEP_RAD = math.radians(10.0)
+_RIM_STEP_RAD = math.radians(7.5)
 # A box of cells is searched once: a power of two rounds nothing.
 _CELL_M, _MAX_BLOCKS = 0.5, 128
 _DOWN = np.array([0.0, 0.0, 1.0])
@@ -386,7 +386,9 @@ class SceneGround:
             others: Other robots in reach.
         """
         footing = body.footing if isinstance(body.footing, _Footing) else _adopt(body)
-        if footing.is_settled and (travel == NO_TRAVEL or footing.stance.side):
+        if body.is_flipping:
+            return self._flip(body, footing, others)
+        if body.is_settled and (travel == NO_TRAVEL or footing.stance.side):
             return body
         chassis = _shape_chassis(body.base, body.height_m)
         obstacles = _box_triangles(others)
@@ -415,6 +417,18 @@ class SceneGround:
         fall_m_s = 0.0 if footing.is_held else fall_m_s
         footing = footing._replace(fall_m_s=fall_m_s)
         return _make_body(body, footing)
+
+    def _flip(self, body: RobotBody, footing: _Footing, others: Sequence[OrientedBox]) -> RobotBody:
+        """Base on its wheels at its place, or as it lies where it has no room."""
+        still = replace(body, is_flipping=False, is_settled=footing.is_settled)
+        if footing.stance.side == 0:
+            return still
+        z_m = float(body.world_from_robot.translation[2])
+        try:
+            placed = self.place(body.base, body.pose, z_m, height_m=body.height_m, others=others)
+        except NoStandError:
+            return still
+        return replace(placed, spin=body.spin, tick=body.tick)
 
     def _go(
         self,
@@ -715,7 +729,22 @@ def _make_body(body: RobotBody, footing: _Footing) -> RobotBody:
         world_from_robot=where,
         footing=footing,
         is_settled=footing.is_settled,
+        mishap=_describe_rest(footing) if footing.is_settled else body.mishap,
     )
+
+
+def _describe_rest(footing: _Footing) -> str:
+    if footing.floor_z_m > 0.0 and footing.stance.z_m > footing.floor_z_m - 0.5 * REST_DEPTH_M:
+        return f"has nothing below: it rests {REST_DEPTH_M:g} m below the world"
+    sides = (
+        "",
+        "on its roof",
+        "on its front",
+        "on its back",
+        "on its right side",
+        "on its left side",
+    )
+    return f"has fallen, and lies {sides[footing.stance.side]}" if footing.stance.side else ""
 
 
 def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:

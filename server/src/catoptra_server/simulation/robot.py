@@ -136,6 +136,11 @@ class Robot:
         return self._body.world_from_robot
 
     @property
+    def mishap(self) -> str:
+        """In words, how the robot lies after a fall; empty on its wheels."""
+        return self._body.mishap
+
+    @property
     def may_move(self) -> bool:
         """Whether it may be elsewhere after the next tick."""
         return self.is_rolling or not self._body.is_settled
@@ -223,6 +228,8 @@ class Robot:
         self._body = dataclasses.replace(
             self._body, spin=WheelSpin(left, right).limit_to(max_rad_s)
         )
+        if drive.flip:
+            self._body = dataclasses.replace(self._body, is_flipping=True, is_settled=False)
         self._light = self._light if drive.light is None else drive.light
         if drive.left is not None or drive.right is not None:
             after_s = math.inf if drive.halt_after_s is None else drive.halt_after_s
