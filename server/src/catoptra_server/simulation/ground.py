@@ -65,15 +65,17 @@ _STILL = 1e-6
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
 _SKIN_M = 0.005
 # Rays begin as far above the highest point that wheels can reach.
-_LIFT_M = 0.02
+_LIFT_M = 0.005
 _RIM_STEP_RAD = math.radians(7.5)
 # A box of cells is searched once: a power of two rounds nothing.
 _CELL_M, _MAX_BLOCKS = 0.5, 128
 _DOWN = np.array([0.0, 0.0, 1.0])
 _SEARCH_DEPTH_M = 2.0
+# Not above: the floor of a place may be as much higher.
+_NEAR_M = 0.05
 _MARGIN_M = 0.25
 _BISECTION_STEPS = 7
-_MIN_FACING = 0.05
+_MIN_FACING, _MIN_FLOOR = 0.05, 0.5
 # Edges that are farther below than a base sinks, as it may tilt on the way.
 _EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
@@ -193,6 +195,8 @@ class _Chassis(NamedTuple):
     """Tangent of the largest tilt at which it lies still."""
     steepest_climb: float
     """Tangent of the steepest plane that it climbs."""
+    tumble_rad_s: float
+    """Speed at which it turns on after it slid off an edge."""
 
 
 @cache
@@ -224,8 +228,16 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         lifts, pose = np.full(len(points), _LIFT_M), Pose(rotation, middle)
         sides.append(_Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
     corner = hypot(half[0], half[1], max(abs(low), abs(high)))
+    # A rod that has turned about its middle from level to the largest tilt: v^2 = 2 g h.
+    lost_m = 0.5 * length * (1.0 - cos(base.max_tilt_rad))
     return _Chassis(
-        tuple(sides), centre, half, float(corner), tan(base.max_tilt_rad), tan(base.max_climb_rad)
+        tuple(sides),
+        centre,
+        half,
+        float(corner),
+        tan(base.max_tilt_rad),
+        tan(base.max_climb_rad),
+        math.sqrt(1.5 * GRAVITY_M_S2 * lost_m) / (0.5 * length),
     )
 
 
@@ -260,8 +272,12 @@ class _Footing(NamedTuple):
     """Whether it lies still until a wheel moves."""
     is_held: bool = False
     """Whether its contacts are surfaces, not the limit of a fall."""
+    is_aloft: bool = False
+    """Whether it has no contact at all."""
     free_m: float = 0.0
     """How far each point of the body can move before it may touch anything of the scene."""
+    tumble: tuple[float, float] = (0.0, 0.0)
+    """Level unit axis about which it turns in the air; 0 for none."""
     calm_m: float = 0.0
     """How far it can move before anything rises above its plane."""
     blocked: _Step | None = None
@@ -322,13 +338,11 @@ class SceneGround:
             NoStandError: It has no room there, or would not stand.
         """
         chassis = _shape_chassis(base, height_m)
-        floor_m = self._find_floor(pose.x_m, pose.y_m, z_m)
-        floor_z_m = self._depth_m
-        if floor_m is None:
+        stance, floor_z_m = self._find_floor(pose, z_m), self._depth_m
+        if stance is None:
             if self._has_floor:
                 raise NoStandError("there is no floor")
-            floor_m = floor_z_m = 0.0
-        stance = _Stance(pose.x_m, pose.y_m, pose.yaw_rad, floor_m)
+            stance, floor_z_m = _Stance(pose.x_m, pose.y_m, pose.yaw_rad), 0.0
         footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
         boxes = _box_triangles(others)
         settled = self._settle(chassis, footing, stance, math.inf, others, boxes)
@@ -336,7 +350,7 @@ class SceneGround:
             settled.stance.side
             or settled.stance.steepness > chassis.steepest
             or not settled.is_held
-            or settled.stance.z_m > floor_m + _SEARCH_DEPTH_M
+            or settled.stance.z_m > stance.z_m + _SEARCH_DEPTH_M
         ):
             raise NoStandError("the robot would fall")
         where = settled.world_from_robot
@@ -348,19 +362,22 @@ class SceneGround:
             raise NoStandError("it is inside a solid")
         return _make_body(RobotBody.on_floor(base, pose, height_m), settled)
 
-    def _find_floor(self, x_m: float, y_m: float, z_m: float) -> float | None:
-        """z of the surface on which a base at a height stands; None for none at all."""
-        at = np.array([[x_m, y_m, z_m - _LIFT_M]])
-        below, above = (
-            float(self._caster.distances(at, way)[0]) for way in (_DOWN[None], -_DOWN[None])
-        )
-        if below <= _SEARCH_DEPTH_M + _LIFT_M or not math.isfinite(above):
-            floor_m = z_m - _LIFT_M + below
-        else:
-            floor_m = z_m - _LIFT_M - above
-        if not math.isfinite(floor_m):
+    def _find_floor(self, pose: PlanarPose, z_m: float) -> _Stance | None:
+        """The surface on which a base at a height stands, as a plane; None for none at all."""
+        at = np.array([[pose.x_m, pose.y_m, z_m - _NEAR_M]])
+        below, normals = self._caster.closest_hits(at, _DOWN[None])
+        distance_m = float(below[0])
+        if distance_m > _SEARCH_DEPTH_M + _NEAR_M:
+            above, normals_above = self._caster.closest_hits(at, -_DOWN[None])
+            if math.isfinite(above[0]):
+                distance_m, normals = -float(above[0]), normals_above
+        if not math.isfinite(distance_m):
             return None
-        return _snap(floor_m + float(self._depth_of_paint(np.array([[x_m, y_m, floor_m]]))[0]))
+        at[0, 2] += distance_m
+        floor_m = float(at[0, 2] + self._depth_of_paint(at)[0])
+        nx, ny, nz = normals[0].tolist()
+        slopes = (-nx / nz, -ny / nz) if abs(nz) > _MIN_FLOOR else (0.0, 0.0)
+        return _Stance(pose.x_m, pose.y_m, pose.yaw_rad, *map(_snap, (floor_m, *slopes)))
 
     def _is_in_solid(self, where: Pose) -> bool:
         """Whether rays from the chassis to all sides meet the backs of surfaces first."""
@@ -403,6 +420,7 @@ class SceneGround:
             distance_m / count,
             turn_rad / count,
             (fall_m_s * duration_s + 0.5 * GRAVITY_M_S2 * duration_s**2) / count,
+            duration_s / count,
         )
         before = footing
         for _ in range(count):
@@ -447,10 +465,13 @@ class SceneGround:
         if step == footing.blocked and not others:
             return footing, False
         found = attempt(step)
+        if found is None and footing.tumble != (0.0, 0.0):
+            footing = footing._replace(tumble=(0.0, 0.0))
+            found = attempt(step)
         if found is not None:
             return found._replace(blocked=None), True
         if step.is_rolling:
-            rest = attempt(_Step(0.0, 0.0, step.sink_m))
+            rest = attempt(step.scale(0.0))
             if rest is not None:
                 # Most bases that are stopped push on: the shortest way first.
                 best, low, high = rest, 0.0, 1.0
@@ -490,10 +511,17 @@ class SceneGround:
         if is_steep:
             goal = goal.slide(sink_m)
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
+        if footing.tumble != (0.0, 0.0):
+            goal = _tumble(chassis, goal, footing.tumble, chassis.tumble_rad_s * step.duration_s)
         moved_m = abs(step.distance_m) + abs(step.turn_rad) * chassis.reach_m
         moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others, obstacles, moved_m)
         if is_steep or moved.stance.steepness > chassis.steepest:
             moved = moved._replace(is_settled=False, is_held=False)
+        if is_steep and moved.is_aloft and footing.tumble == (0.0, 0.0):
+            rise = stance.steepness
+            moved = moved._replace(tumble=(stance.slope_y / rise, -stance.slope_x / rise))
+        elif not moved.is_aloft:
+            moved = moved._replace(tumble=(0.0, 0.0))
         if moved.stance == stance:
             return moved
         after = moved.world_from_robot
@@ -539,21 +567,24 @@ class SceneGround:
 
         The stance is at most `moved_m` from that of the footing.
         """
-        contacts, start_z = footing.contacts, None
+        contacts, start_z, goal_z = footing.contacts, None, np.zeros(0)
         calm_m = footing.calm_m - moved_m if stance.side == footing.stance.side else 0.0
         gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
         for _ in range(_MAX_ITERATIONS):
             side, pose = chassis.sides[stance.side], stance.world_from_side
             points = pose.transform_points(side.points)
             if start_z is None:
-                start_z = points[:, 2]
-                if not (stance.is_level and footing.stance.is_level) and not math.isinf(sink_m):
+                start_z = goal_z = points[:, 2]
+                is_tilted = not (stance.is_level and footing.stance.is_level)
+                if is_tilted and stance.side == footing.stance.side and not math.isinf(sink_m):
                     # What the arc alone lifts, in the plane of a tilted base, has not to fall.
                     here = footing.stance.world_from_side.transform_points(side.points)
                     start_z = np.maximum(start_z, here[:, 2])
             if max(contacts) >= len(points):  # an edge, which lies elsewhere now
                 contacts = (0, 0, 0)
-            gaps, is_robot = self._measure_gaps(points, side.lifts, footing.floor_z_m, others)
+            # A step of the search may take a point below the floor: rays begin where it came from.
+            lifts = side.lifts + np.maximum(points[:, 2] - goal_z, 0.0)
+            gaps, is_robot = self._measure_gaps(points, lifts, footing.floor_z_m, others)
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
             edges, heights = None, gaps * pose.rotation[2, 2] + side.points[:, 2]
             if calm_m <= 0.0 or len(obstacles) or np.abs(heights).max() > 2.0 * _TOUCH_M:
@@ -600,6 +631,7 @@ class SceneGround:
             calm_m=calm_m,
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
+            is_aloft=not any(rests),
         )
 
     def _find_edges(
@@ -697,6 +729,7 @@ class _Step(NamedTuple):
     turn_rad: float
     sink_m: float
     """How far it falls in this time."""
+    duration_s: float
 
     @property
     def is_rolling(self) -> bool:
@@ -704,7 +737,9 @@ class _Step(NamedTuple):
 
     def scale(self, fraction: float) -> _Step:
         """Part of the way in the same time."""
-        return _Step(fraction * self.distance_m, fraction * self.turn_rad, self.sink_m)
+        return self._replace(
+            distance_m=fraction * self.distance_m, turn_rad=fraction * self.turn_rad
+        )
 
 
 def _snap(value: float) -> float:
@@ -750,12 +785,41 @@ def _describe_rest(footing: _Footing) -> str:
 def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:
     """The same pose as a stance on the side that faces the ground next; None if none does."""
     where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
-    normals = np.array([one.robot_from_side.rotation[:, 2] for one in chassis.sides])
-    facing = matmul(normals, where.rotation[2]).tolist()
+    facing = _face_ground(chassis, where)
     facing[stance.side] = -1.0
     side = max(range(len(facing)), key=facing.__getitem__)
-    if facing[side] < _MIN_FACING:
-        return None
+    return _stand_on(chassis, where, side) if facing[side] > _MIN_FACING else None
+
+
+def _tumble(
+    chassis: _Chassis, stance: _Stance, axis: tuple[float, float], angle_rad: float
+) -> _Stance:
+    """Stance after a turn about a level axis through the robot's origin."""
+    where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
+    turn = _rotate_about(*axis, angle_rad)
+    turned = Pose(matmul(turn, where.rotation), where.translation)
+    facing = _face_ground(chassis, turned)
+    return _stand_on(chassis, turned, max(range(len(facing)), key=facing.__getitem__))
+
+
+def _rotate_about(x: float, y: float, angle_rad: float) -> Floats:
+    """Rotation about a level unit axis, by Rodrigues' formula."""
+    c, s = cos(angle_rad), sin(angle_rad)
+    d = 1.0 - c
+    return np.array(
+        ((c + d * x * x, d * x * y, s * y), (d * x * y, c + d * y * y, -s * x), (-s * y, s * x, c))
+    )
+
+
+def _face_ground(chassis: _Chassis, where: Pose) -> list[float]:
+    """Cosine of the angle between the normal of each side and straight down."""
+    normals = np.array([one.robot_from_side.rotation[:, 2] for one in chassis.sides])
+    facing: list[float] = matmul(normals, where.rotation[2]).tolist()
+    return facing
+
+
+def _stand_on(chassis: _Chassis, where: Pose, side: int) -> _Stance:
+    """A pose as a stance on a side that faces the ground."""
     pose = where @ chassis.sides[side].robot_from_side
     (fx, fy, _), (nx, ny, nz) = pose.rotation[:, 0].tolist(), pose.rotation[:, 2].tolist()
     x, y, z = pose.translation.tolist()
