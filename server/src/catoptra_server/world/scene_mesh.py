@@ -19,6 +19,7 @@ have one source.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +36,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world.shading import OcclusionMap
+from catoptra_server.world.shading import MAX_LAYERS, OcclusionMap
 from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
 from catoptra_server.world.textures import (
     MeshAppearance,
@@ -58,6 +59,11 @@ from catoptra_server.world.world_description import (
     World,
 )
 
+log = logging.getLogger(__name__)
+_DROPPED_LAYERS = (
+    f"more than {MAX_LAYERS} surfaces that blend lie behind one another: the nearest {MAX_LAYERS} "
+    "are drawn over what is opaque, the others are not"
+)
 MAX_FLOAT_REACH_M = 64.0
 """Coordinates up to it are precise enough as float32, beside a camera: steps of 4 micrometres."""
 
@@ -127,6 +133,8 @@ class SceneMesh:
     """Whether float32 relative to the centre is too coarse for what is near a camera."""
     hierarchy: Callable[[], TriangleHierarchy] = field(init=False)
     """Triangles in groups of neighbours; made at the first call."""
+    report_dropped_layers: Callable[[], None] = field(init=False)
+    """Log, once, that a ray meets more blended surfaces than it shows."""
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
@@ -139,6 +147,8 @@ class SceneMesh:
         is_large = bool(len(self)) and float((high - low).max()) > 2.0 * MAX_FLOAT_REACH_M
         object.__setattr__(self, "is_large", is_large)
         object.__setattr__(self, "hierarchy", cache(partial(TriangleHierarchy, self.corners)))
+        report = partial(log.warning, "%s", _DROPPED_LAYERS)
+        object.__setattr__(self, "report_dropped_layers", cache(report))
         for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit):
             array.setflags(write=False)
         for array in (low, high, centre):
