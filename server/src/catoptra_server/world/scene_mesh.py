@@ -25,7 +25,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +65,9 @@ _DROPPED_LAYERS = (
     f"more than {MAX_LAYERS} surfaces that blend lie behind one another: the nearest {MAX_LAYERS} "
     "are drawn over what is opaque, the others are not"
 )
+if TYPE_CHECKING:
+    from catoptra_server.world.mesh_files import MeshFileLoader
+
 MAX_FLOAT_REACH_M = 64.0
 """Coordinates up to it are precise enough as float32, beside a camera: steps of 4 micrometres."""
 
@@ -405,14 +409,20 @@ class _ItemLoader:
         normals, _ = facet_normals(corners)
         return MeshPart(corners, normals, look, item=index)
 
+    @cached_property
+    def _mesh_files(self) -> MeshFileLoader:
+        from catoptra_server.world.mesh_files import MeshFileLoader
+
+        return MeshFileLoader(self._num_places, self._textures)
+
     def _load_mesh_file(self, shape: MeshFile) -> list[MeshPart]:
         """Meshes of a file; those of all its places but the last are the same objects."""
         # Imported on demand: many worlds have no mesh file.
-        from catoptra_server.world.mesh_files import load_mesh_file, reserve_triangles
+        from catoptra_server.world.mesh_files import reserve_triangles
 
         self._num_places[shape] -= 1
         if shape not in self._meshes:
-            meshes = load_mesh_file(shape, self._textures)
+            meshes = self._mesh_files.load(shape)
         else:
             meshes = self._meshes.pop(shape)
             for mesh in meshes:
