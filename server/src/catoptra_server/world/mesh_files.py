@@ -143,7 +143,8 @@ class MeshFileLoader:
             if mesh.material.blends:  # its texels say whether it does
                 self._textures.wait(mesh.material.texture)
             yield _convert_mesh(mesh, shape, shape.up or up)
-        losses.log()
+        if self._textures.has_texels:  # else the file is read once more, for its looks
+            losses.log()
 
     def _reserve_reading(self, path: Path) -> None:
         num_bytes = path.stat().st_size

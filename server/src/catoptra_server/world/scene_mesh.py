@@ -196,12 +196,15 @@ class SceneMesh:
         return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)
 
 
-def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
+def build_scene(
+    world: World, memory: MemoryBudget | None = None, *, has_texels: bool = True
+) -> SceneMesh:
     """Build the triangles of a world, landmarks included.
 
     Args:
         world: the description.
         memory: budget of all triangles and textures; None for the default.
+        has_texels: whether images are decoded; else textures are white, for shapes alone.
 
     Raises:
         ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
@@ -212,7 +215,7 @@ def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
         for item in _items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *landmark_items)
-    with TextureReader(memory) as textures:
+    with TextureReader(memory, has_texels=has_texels) as textures:
         loader = _ItemLoader(world.name, items, textures)
         parts = [part for number in range(len(items)) for part in loader.load_parts(number)]
         for part in parts:

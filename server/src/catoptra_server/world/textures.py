@@ -61,9 +61,15 @@ class TextureReader:
     while the scene is read on.
     """
 
-    def __init__(self, memory: MemoryBudget | None = None) -> None:
-        """Read nothing yet; `memory` is the budget of the scene, None for the default."""
+    def __init__(self, memory: MemoryBudget | None = None, *, has_texels: bool = True) -> None:
+        """Read nothing yet.
+
+        Args:
+            memory: budget of the scene, None for the default.
+            has_texels: whether images are decoded; else they are white, for their sizes alone.
+        """
         self.memory = memory or MemoryBudget()
+        self.has_texels = has_texels
         self._textures: dict[tuple[Path | bytes, bool], Texture] = {}
         self._decoding: dict[int, futures.Future[None]] = {}
         self._busy: list[futures.Future[None]] = []
@@ -112,6 +118,9 @@ class TextureReader:
                     remedy="a smaller image",
                 )
             channels = 4 if has_opacity and not image.mode.startswith("I") else 3
+            if not self.has_texels:
+                white = np.full((1, 1, channels), 255, dtype=np.uint8)
+                return self._textures.setdefault(key, white)
             texture = self._textures[key] = np.zeros((height, width, channels), dtype=np.uint8)
             # Files wait in memory for their threads: not all of them.
             self._busy = [one for one in self._busy if not one.done()]
