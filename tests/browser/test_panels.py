@@ -144,13 +144,6 @@ def _cursor(tab: Tab) -> list[float]:
     return [float(value) for value in pixel]
 
 
-def _wait_for_number(tab: Tab, expression: str, expected: object) -> None:
-    """Wait until a number of the page, or of what it shows, is as expected; see `pytest.approx`."""
-    wait_until(
-        lambda: tab.evaluate(expression) == expected, f"{expression} of {expected}", _LIMIT_S
-    )
-
-
 def _hover(tab: Tab, selector: str, dx: float = 0.0, dy: float = 0.0) -> None:
     x, y = tab.centre_of(selector)
     tab.mouse("mouseMoved", x + dx, y + dy)
@@ -168,7 +161,8 @@ def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
     overlay = "#panel-omni .overlay"
     _hover(page, overlay)
     pixel = "catoptra.context.cursor.pixel"
-    _wait_for_number(page, pixel, pytest.approx([_PIXELS_PX / 2] * 2, abs=3.0))
+    is_middle = f"{pixel}?.every((value) => Math.abs(value - {_PIXELS_PX / 2}) < 3)"
+    page.wait_for(is_middle, "cursor in the middle", _LIMIT_S)
     middle = _cursor(page)
     _hover(page, overlay, dx=60.0)
     page.wait_for(f"{pixel}[0] > {middle[0] + 10.0}", "cursor at the right", _LIMIT_S)
@@ -189,7 +183,7 @@ def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
     page.press("ArrowRight")
     page.press("ArrowRight", shift=True)
     # The first key moves the cursor to the centre of a pixel.
-    _wait_for_number(page, f"{pixel}[0]", pytest.approx(before[0] + 11.0, abs=0.6))
+    page.wait_for(f"Math.abs({pixel}[0] - {before[0] + 11.0}) < 0.6", "step of 11 px", _LIMIT_S)
     page.press("Escape")
     page.wait_for(f"{pixel} === null", "end of the cursor", _LIMIT_S)
 
@@ -216,8 +210,8 @@ def test_panorama_turns_the_perspective_view(page: Tab) -> None:
     page.mouse("mouseMoved", x + width / 4, y)
     page.press("l")
     # A quarter of the width is a quarter of a turn to the right.
-    quarter = pytest.approx(math.pi / 2, abs=0.03)
-    _wait_for_number(page, "catoptra.context.window.yaw_rad", quarter)
+    quarter = "Math.abs(catoptra.context.window.yaw_rad - Math.PI / 2) < 0.03"
+    page.wait_for(quarter, "quarter of a turn", _LIMIT_S)
     _click_button(page, "perspective", "Ahead")
     page.wait_for("catoptra.context.window.yaw_rad === 0", "view ahead", _LIMIT_S)
 
