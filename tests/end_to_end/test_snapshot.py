@@ -12,6 +12,8 @@ from catoptra_client.__main__ import main
 from catoptra_client.frame import Pixels, rgb_from_image_bytes
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_server.__main__ import main as server_main
+from helpers.gazebo_house import write_house
 from helpers.server_process import RunningServer, start_server, write_small_robot
 
 
@@ -84,3 +86,37 @@ def test_snapshot_spawns_a_robot_for_itself(
         assert take_snapshot(server, tmp_path / "c.png", *words) == 1
         assert hint in capsys.readouterr().err
     assert not (tmp_path / "c.png").exists()
+
+
+def test_snapshot_of_an_imported_world_shows_its_walls_around_its_start(tmp_path: Path) -> None:
+    placements = write_house(tmp_path, num_models=5, num_placements=9, num_segments=2)
+    path, out = tmp_path / "arena.world", tmp_path / "house.ini"
+    # From the panorama's left border: behind, left, ahead and right, in Gazebo's axes.
+    walls = {(0, 0, 1): (-40, 0), (1, 1, 0): (0, 40), (1, 0, 0): (40, 0), (0, 1, 0): (0, -40)}
+    text = "<include><uri>model://ground_plane</uri></include>"
+    for (r, g, b), (x, y) in walls.items():
+        size = "1 81 20" if x else "81 1 20"
+        text += (
+            f"<model name='{r}{g}{b}'><pose>{x} {y} 10 0 0 0</pose><link name='l'><visual name='v'>"
+            f"<geometry><box><size>{size}</size></box></geometry><material><diffuse>0 0 0</diffuse>"
+            f"<emissive>{r} {g} {b}</emissive></material></visual></link></model>"
+        )
+    path.write_text(path.read_text().replace("</world>", f"{text}</world>"))
+    models = str(tmp_path / "models")
+    assert server_main(["import", str(path), "--models", models, "--out", str(out)]) == 0
+    assert out.read_text().count("\nMeshes=") == len(placements)
+    with start_server(tmp_path, "--clock", "lockstep", world=out) as running:
+        spawned = "--spawn", "USARBot.OmniP2AT", "--panorama"
+        assert take_snapshot(running, tmp_path / "a.png", *spawned) == 0
+    picture = read_image(tmp_path / "a.png")
+    columns = picture.shape[1] // 8
+    # Behind is in the middle of the first quarter, once the picture is turned by an eighth.
+    quarters = np.split(np.roll(picture, columns, axis=1)[:, : 8 * columns], 4, axis=1)
+    for quarter, colour in zip(quarters, walls, strict=True):
+        middle = quarter[:, columns // 2 : -columns // 2]
+        shares = {
+            other: float((np.abs(middle - 255.0 * np.array(other)) < 12).all(axis=-1).mean())
+            for other in walls
+        }
+        assert shares.pop(colour) > 0.1
+        assert max(shares.values()) == 0.0

@@ -14,7 +14,7 @@ from catoptra_server.world.world_description import MeshFile
 def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[MeshPart]:
     """Meshes of a file, their textures decoded."""
     with TextureReader(memory) as textures:
-        meshes = mesh_files.load_mesh_file(shape, textures)
+        meshes = mesh_files.MeshFileLoader([shape], textures).load(shape)
         for mesh in meshes:
             textures.wait(mesh.appearance.texture)
     return meshes

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL.ImageFile import ImageFile
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.startup import read_startup_config
@@ -15,6 +16,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import MeshFile, World
 from helpers.configs import ROBOTS
+from helpers.mesh_features import Gltf, pbr
 
 
 def write_house(path: Path, *, floor_m: float = 0.0, furniture: bool = False) -> Path:
@@ -114,3 +116,22 @@ def test_thing_stands_on_the_ground_and_the_start_is_beside_it(
 def test_mesh_file_that_cannot_be_a_world_is_rejected(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError):
         read_world(tmp_path / name)
+
+
+def test_images_of_a_mesh_file_are_decoded_and_its_losses_reported_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = Gltf(**pbr(texture=0, normalTexture={"index": 0})).texture().write(tmp_path)
+    loaded, load = [], ImageFile.load
+
+    def count(image: ImageFile) -> object:
+        loaded.append(image)
+        return load(image)
+
+    monkeypatch.setattr(ImageFile, "load", count)
+    world = read(path)
+    assert loaded == []
+    (texture,) = build_scene(world).textures
+    assert len({id(image) for image in loaded}) == 1
+    assert texture.shape == (*loaded[0].size[::-1], 3)
+    assert caplog.text.count("normal map") == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -277,8 +278,13 @@ def test_mesh_file_of_many_places_is_read_once_for_its_lights(
 ) -> None:
     (tmp_path / "m.gltf").write_text('{"asset": {"version": "2.0"}}')
     reads: list[str] = []
-    read = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: (reads.append(path.name), read(path))[1])
+    read = Path.open
+
+    def count(path: Path, *mode: Any, **options: Any) -> Any:
+        reads.append(path.name)
+        return read(path, *mode, **options)
+
+    monkeypatch.setattr(Path, "open", count)
     lines = "\n".join(f"Meshes=(Name=m{x},File=m.gltf,Position=(X={x})))" for x in range(5))
     read_world_text(tmp_path, lines.replace(")))", "))"))
     assert reads.count("m.gltf") == 1

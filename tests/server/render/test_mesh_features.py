@@ -52,17 +52,24 @@ def write_world(folder: Path, mesh: Path, row: Feature) -> Path:
     return path
 
 
-def draw(device: GlDevice, path: Path, *, has_shadows: bool = False) -> dict[str, Image]:
-    """Picture from above by each renderer."""
+def draw(
+    device: GlDevice, path: Path, *, has_shadows: bool = False, only: str = "", frames: int = 1
+) -> dict[str, Image]:
+    """Last picture from above by each renderer, or by one."""
     world, _ = read_world(path)
     scene = build_scene(world)
     state = CameraState(ABOVE, has_shadows=has_shadows)
     trace = TraceRenderer(scene, world, threads=1)
     raster = RasterRenderer(scene, world, device=device)
     try:
-        return {
-            name: renderer.prepare_perspective(CAMERA, 2).render(state).rgb
+        views = {
+            name: renderer.prepare_perspective(CAMERA, 2)
             for name, renderer in (("trace", trace), ("raster", raster))
+            if only in (name, "")
+        }
+        return {
+            name: [view.render(state).rgb for _ in range(frames)][-1]
+            for name, view in views.items()
         }
     finally:
         trace.close()
@@ -142,6 +149,23 @@ def test_what_blends_casts_shadows_and_has_a_range_from_half_of_the_opacity(
     for commit in (commit_ray_caster, commit_to_reference):
         distance = commit(build_scene(world)).distances(above, down)
         assert distance == pytest.approx(2.0 if is_surface else 2.5, abs=1e-5)
+
+
+@pytest.mark.parametrize(("name", "is_reported"), [("ten layers", True), ("eight layers", False)])
+@pytest.mark.parametrize("renderer", ["trace", "raster"])
+def test_layers_that_are_not_drawn_are_reported_once(
+    device: GlDevice,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    name: str,
+    is_reported: bool,
+    renderer: str,
+) -> None:
+    (row,) = (row for row in FEATURES if f"BLEND of {name}" in row.name)
+    path = write_world(tmp_path, row.write(tmp_path), row)
+    draw(device, path, only=renderer, frames=2)
+    drawn = "more than 8 surfaces that blend lie behind one another: the nearest 8 are drawn"
+    assert caplog.text.count(drawn) == is_reported
 
 
 def test_features_are_many_and_their_names_differ() -> None:

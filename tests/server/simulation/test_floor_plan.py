@@ -50,6 +50,23 @@ def test_obstacle_is_what_the_robot_meets(
     assert not look_up(plan, plan.obstacles, -1.0, -1.0)
 
 
+def test_walls_that_touch_or_overlap_are_obstacles_all_over() -> None:
+    # One ends at the face of another, one begins within it; a table's side begins within, too.
+    boxes = [
+        ((0.12, 2.24, 2.0), (1.06, 0.0)),
+        ((1.0, 0.12, 2.0), (0.5, 1.06)),
+        ((0.8, 0.12, 2.0), (0.65, -0.7)),
+        ((0.05, 0.7, 0.7), (0.3, -0.4)),
+    ]
+    plan = draw_plan(*((Box(size), (*at, -0.5 * size[2])) for size, at in boxes))
+    y, x = (np.indices(plan.obstacles.shape) + 0.5) / plan.px_per_m
+    x, y = x + plan.origin_m[0], y + plan.origin_m[1]
+    for (length, width, _), (at_x, at_y) in boxes:
+        inside = (np.abs(x - at_x) < 0.5 * length) & (np.abs(y - at_y) < 0.5 * width)
+        assert plan.obstacles[inside].all()
+    assert not look_up(plan, plan.obstacles, 0.65, 0.2)
+
+
 def test_free_is_where_the_base_has_floor_and_room() -> None:
     free = (plan := draw_plan((Box((0.4, 0.4, 1.0)), (0.5, 0.2, -0.5)))).find_free(0.3)
     assert look_up(plan, free, -0.5, 0.2)

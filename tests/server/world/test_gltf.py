@@ -19,7 +19,7 @@ from catoptra_server.runtime.memory import MIB, MemoryBudget
 from catoptra_server.world.mesh_files import load_mesh_lights
 from catoptra_server.world.world_description import MeshFile
 from helpers.loaded_files import load_mesh_file
-from helpers.mesh_features import Gltf, pbr
+from helpers.mesh_features import Gltf, pbr, png
 from helpers.mesh_file_samples import make_announcing_png
 
 HUGE_IMAGE = make_announcing_png(13_300, 13_300)
@@ -277,3 +277,10 @@ def test_materials_of_one_image_and_one_occlusion_share_their_product(tmp_path: 
     primitives.append(dict(primitives[0], material=1))
     first, second = load_mesh_file(MeshFile(document.write(tmp_path)))
     assert first.appearance.texture is second.appearance.texture is not None
+
+
+def test_opaque_texture_of_a_material_that_blends_is_awaited(tmp_path: Path) -> None:
+    image = png(np.full((2048, 2048, 4), 255, dtype=np.uint8))
+    document = Gltf(**pbr(texture=0, alphaMode="BLEND")).texture(image)
+    (mesh,) = load_mesh_file(MeshFile(document.write(tmp_path)))
+    assert not mesh.appearance.blends

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,10 @@ import pytest
 import trimesh
 
 from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.world_file import read_world
 from catoptra_server.runtime.memory import MIB, MemoryBudget
 from catoptra_server.world.mesh_files import MeshPart, read_triangle_file
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.textures import linear_light
 from catoptra_server.world.world_description import MeshFile
 from helpers.loaded_files import load_mesh_file
@@ -464,3 +467,32 @@ def test_file_of_points_alone_is_rejected_as_such(tmp_path: Path, suffix: str) -
     trimesh.Scene(cloud).export(path) if suffix == ".glb" else cloud.export(path)
     with pytest.raises(ConfigError, match="a mesh with triangles: this file has none"):
         load_mesh_file(MeshFile(path))
+
+
+@pytest.mark.parametrize("ending", ["glb", "obj", "dae"])
+def test_file_is_read_once_for_all_of_its_scales_and_axes(
+    tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = export_mesh(make_plain_square(), tmp_path / f"m.{ending}")
+    places = ("", "Scale=2", "Scale=3,Up=z", "Scale=(X=1,Y=-1,Z=1)", "Scale=2")
+    lines = (f"Meshes=(File={file.name},{place})" for place in places)
+    (tmp_path / "w.ini").write_text("\n".join(("[Catoptra.World]", *lines)))
+    reads, parse, read = Counter[str](), json.loads, Path.read_bytes
+
+    def count(name: str, value: Any) -> Any:
+        reads[name] += 1
+        return value
+
+    monkeypatch.setattr(Path, "read_bytes", lambda path: count(path.name, read(path)))
+    # Not what libraries parse with hooks of their own.
+    monkeypatch.setattr(
+        json,
+        "loads",
+        lambda text, **hooks: count("" if hooks else file.name, parse(text, **hooks)),
+    )
+    scene = build_scene(read_world(tmp_path / "w.ini")[0])
+    assert reads[file.name] == 1
+    assert len(scene.objects) == len(places)
+    each = [scene.corners[scene.item_index == index] for index in range(len(places))]
+    sizes = np.array([float(np.ptp(corners, axis=(0, 1)).max()) for corners in each])
+    np.testing.assert_allclose(sizes / sizes[0], (1.0, 2.0, 3.0, 1.0, 2.0), atol=1e-6)

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str]) -> int:
 def _add_start(path: Path, text: str) -> str:
     """Add a start to a world file, and describe it; a world that cannot be loaded has none."""
     try:
-        start = find_start(build_scene(read_world(path)[0]))
+        start = find_start(build_scene(read_world(path)[0], has_texels=False))
     except CatoptraError as error:
         return f"no start: {error}"
     if start is None:

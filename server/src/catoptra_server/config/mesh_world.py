@@ -47,7 +47,9 @@ def describe_mesh_world(path: Path) -> str:
         raise ConfigError(where, key="file", value=path.name, expected=expected)
     up = "y" if path.suffix.lower() in (".glb", ".gltf") else ""
     shape = MeshFile(path, up=up) if up else MeshFile(path)
-    scene = build_scene(World(path.name, (Item(path.stem, shape, Pose.identity(), None),)))
+    # The server builds the world once more: images take most of the time, and say nothing here.
+    world = World(path.name, (Item(path.stem, shape, Pose.identity(), None),))
+    scene = build_scene(world, has_texels=False)
     floor_z = _find_floor(scene)
     start = find_start(_raise_scene(scene, floor_z))
     if start is None:

@@ -40,6 +40,8 @@ _SMALL_PX = 2.0
 _BLOCK = 65536
 # Thickness of a wall, and what a block rises above half a robot. A room is wider and higher.
 _MAX_WALL_M, _MAX_BLOCK_M = 1.0, 1.5
+# Narrower gaps are no floor: no base turns in them.
+_MAX_GAP_M = 0.2
 # Colours in sRGB, with the shares of what is seen from above and of free floor.
 PAPER, OBSTACLE = (250, 250, 248), (74, 80, 92)
 _GREEN = (116, 190, 120)
@@ -75,16 +77,7 @@ class FloorPlan:
 
     def find_free(self, radius_m: float) -> Bools:
         """(h, w) places with floor and no obstacle all over a square of a half size."""
-        reach = math.ceil(radius_m * self.px_per_m)
-        counts = (self.obstacles | ~self.has_floor).astype(np.int32)
-        for axis, size in enumerate(counts.shape):
-            # Sums over a stretch, as differences of sums from the first pixel.
-            sums = np.insert(counts.cumsum(axis=axis), 0, 0, axis=axis)
-            first = np.arange(size) - reach
-            counts = sums.take((first + 2 * reach + 1).clip(max=size), axis)
-            counts -= sums.take(first.clip(min=0), axis)
-        free: Bools = counts == 0
-        return free
+        return _has_none_near(self.obstacles | ~self.has_floor, math.ceil(radius_m * self.px_per_m))
 
     def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
         """(h, w, 3) picture, free for a base of a radius."""
@@ -99,6 +92,19 @@ class FloorPlan:
         picture[free] = _FREE_SHARE * np.array(_GREEN) + (1.0 - _FREE_SHARE) * picture[free]
         picture[self.obstacles] = OBSTACLE
         return picture.round().astype(np.uint8)
+
+
+def _has_none_near(mask: Bools, reach: int) -> Bools:
+    """(h, w) pixels without one of a mask in the square of `reach` pixels on all sides."""
+    counts = mask.astype(np.int32)
+    for axis, size in enumerate(counts.shape):
+        # Sums over a stretch, as differences of sums from the first pixel.
+        sums = np.insert(counts.cumsum(axis=axis), 0, 0, axis=axis)
+        first = np.arange(size) - reach
+        counts = sums.take((first + 2 * reach + 1).clip(max=size), axis)
+        counts -= sums.take(first.clip(min=0), axis)
+    none: Bools = counts == 0
+    return none
 
 
 def measure_robot(robot: RobotDescription) -> tuple[float, float]:
@@ -185,6 +191,9 @@ def draw_floor_plan(
     caster = commit_ray_caster(scene)
     for first in range(0, height, rows_each := _BLOCK // width + 1):
         _look_down(plan, caster, height_m, slice(first, first + rows_each))
+    # Where walls overlap or touch, a face of one hides that a point is inside of the other.
+    reach_px = round(0.5 * _MAX_GAP_M * px_per_m)
+    obstacles |= _has_none_near(_has_none_near(obstacles, reach_px), reach_px)
     return plan
 
 

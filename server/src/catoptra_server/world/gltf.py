@@ -124,7 +124,10 @@ def read_gltf(path: Path, assets: MeshAssets, losses: Losses) -> Iterator[FileMe
 
 def read_lights(path: Path) -> list[FileLight]:
     """Lights of a file's scene by KHR_lights_punctual; spot lights shine to all sides."""
-    document, _ = _read_document(path)
+    text, _ = _read_text(path)
+    if b"KHR_lights_punctual" not in text:
+        return []  # as most files: their JSON is parsed for their meshes, once
+    document = _parse_json(text)
     kinds = document.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
     lights = []
     for node, _, matrix in _walk_nodes(document) if kinds else ():
@@ -143,17 +146,25 @@ def read_lights(path: Path) -> list[FileLight]:
 
 def _read_document(path: Path) -> tuple[dict[str, Any], memoryview]:
     """JSON of a file, and the binary chunk of GLB."""
-    data = path.read_bytes()
-    if not data:
-        raise ValueError("it is empty")
-    if data[:4] != _MAGIC:
-        return _parse_json(data), memoryview(b"")
-    stated = int.from_bytes(data[8:12], "little")
-    if len(data) < stated:
-        raise ValueError(f"it is cut off: {len(data)} of {stated} bytes")
-    end = 20 + int.from_bytes(data[12:16], "little")
-    length = int.from_bytes(data[end : end + 4], "little")
-    return _parse_json(data[20:end]), memoryview(data)[end + 8 : end + 8 + length]
+    text, end = _read_text(path)
+    with path.open("rb") as file:
+        file.seek(end)
+        length = int.from_bytes(file.read(8)[:4], "little") if end else 0
+        return _parse_json(text), memoryview(file.read(length))
+
+
+def _read_text(path: Path) -> tuple[bytes, int]:
+    """JSON of a file, and where it ends in GLB; else 0."""
+    with path.open("rb") as file:
+        head = file.read(20)
+        if not head:
+            raise ValueError("it is empty")
+        if head[:4] != _MAGIC:
+            return head + file.read(), 0
+        stated, size = int.from_bytes(head[8:12], "little"), path.stat().st_size
+        if size < stated:
+            raise ValueError(f"it is cut off: {size} of {stated} bytes")
+        return file.read(int.from_bytes(head[12:16], "little")), file.tell()
 
 
 def _parse_json(data: bytes) -> dict[str, Any]:

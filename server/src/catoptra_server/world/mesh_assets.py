@@ -178,7 +178,7 @@ class MeshAssets:
         for text in dict.fromkeys((plain, unquote(plain))):
             last = text.rsplit("/", 1)[-1]
             # Gazebo has textures of bare names beside the folder of meshes.
-            for candidate in (text, last, f"../materials/textures/{last}"):
+            for candidate in dict.fromkeys((text, last, f"../materials/textures/{last}")):
                 path = self._find_inside(candidate)
                 if path is not None:
                     return path

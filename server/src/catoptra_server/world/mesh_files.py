@@ -15,6 +15,7 @@ Specification", 1989.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import takewhile
@@ -81,41 +82,91 @@ _SAE_FROM_UP: dict[str, tuple[slice | list[int], tuple[float, float, float]]] = 
 }
 
 
-def load_mesh_file(shape: MeshFile, textures: TextureReader) -> list[MeshPart]:
-    """Load the meshes of a file, scaled and rotated into SAE.
+class MeshFileLoader:
+    """Loader of a scene's mesh files: a file is read once for all of its scales and axes."""
 
-    Args:
-        shape: the file with its scale and its axis.
-        textures: reader of the scene's textures, which are there once it has waited for them.
+    def __init__(self, shapes: Iterable[MeshFile], textures: TextureReader) -> None:
+        """Read nothing yet.
 
-    Raises:
-        ConfigError: The file is missing, unreadable, without a triangle, or larger than the budget.
-    """
-    _check_name(shape)
-    losses = Losses(shape.path)
-    try:
-        meshes = list(_load_meshes(shape, textures, losses))
-    except ConfigError:
-        raise
-    except Exception as error:  # readers of six formats raise many types
-        reason = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
-        raise _mesh_file_error(shape, f"a readable mesh file ({reason})") from error
-    losses.log()
-    if not meshes:
-        raise _mesh_file_error(shape, "a mesh with triangles: this file has none, as one of points")
-    if not any(len(mesh.corners) for mesh in meshes):
-        raise _mesh_file_error(
-            shape,
-            "a mesh with at least one triangle that has an area and corners within "
-            f"{_MAX_COORDINATE_M:g} m at Scale={shape.scale:g}",
+        Args:
+            shapes: all files with their scales and axes, each loaded once.
+            textures: reader of the scene's textures, which are there once it has waited for them.
+        """
+        self._textures = textures
+        self._num_variants = Counter(map(_file_alone, set(shapes)))
+        self._contents: dict[MeshFile, tuple[str, list[FileMesh]]] = {}
+
+    def load(self, shape: MeshFile) -> list[MeshPart]:
+        """Meshes of a file, scaled and rotated into SAE.
+
+        Raises:
+            ConfigError: The file is missing, unreadable, without a triangle, or larger than the
+                budget.
+        """
+        _check_name(shape)
+        try:
+            meshes = list(self._load_meshes(shape))
+        except ConfigError:
+            raise
+        except Exception as error:  # readers of six formats raise many types
+            reason = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
+            raise _mesh_file_error(shape, f"a readable mesh file ({reason})") from error
+        if not meshes:
+            raise _mesh_file_error(
+                shape, "a mesh with triangles: this file has none, as one of points"
+            )
+        if not any(len(mesh.corners) for mesh in meshes):
+            raise _mesh_file_error(
+                shape,
+                "a mesh with at least one triangle that has an area and corners within "
+                f"{_MAX_COORDINATE_M:g} m at Scale={shape.scale:g}",
+            )
+        return meshes
+
+    def _load_meshes(self, shape: MeshFile) -> Iterator[MeshPart]:
+        """Yield the meshes of a file; sizes that the file announces are checked first."""
+        file, losses = _file_alone(shape), Losses(shape.path)
+        if file not in self._contents:
+            self._reserve_reading(shape.path)
+            up, meshes = _read_meshes(shape, self._textures, losses)
+            if self._num_variants[file] > 1:
+                meshes = self._contents.setdefault(file, (up, list(meshes)))[1]
+        else:
+            up, meshes = self._contents[file]
+        self._num_variants[file] -= 1
+        if self._num_variants[file] == 0:
+            self._contents.pop(file, None)
+        for mesh in meshes:
+            count, is_smooth = len(mesh.faces), mesh.normals is not None
+            memory = self._textures.memory
+            reserve_triangles(count, memory, shape.path, mesh.name, is_smooth=is_smooth)
+            if mesh.material.blends:  # its texels say whether it does
+                self._textures.wait(mesh.material.texture)
+            yield _convert_mesh(mesh, shape, shape.up or up)
+        if self._textures.has_texels:  # else the file is read once more, for its looks
+            losses.log()
+
+    def _reserve_reading(self, path: Path) -> None:
+        num_bytes = path.stat().st_size
+        per_byte = _GLTF_BYTES_PER_FILE_BYTE if _is_gltf(path) else _READ_BYTES_PER_FILE_BYTE
+        self._textures.memory.for_reading().reserve(
+            per_byte * num_bytes,
+            where=SourceLocation(str(path)),
+            key="File",
+            value=f"{num_bytes} bytes",
+            remedy="a smaller mesh file",
         )
-    return meshes
+
+
+def _file_alone(shape: MeshFile) -> MeshFile:
+    """The file, whatever its scale and axes."""
+    return replace(shape, scale=1.0, up="")
 
 
 def load_mesh_lights(shape: MeshFile) -> list[Light]:
     """Load the lights of a glTF file, scaled and rotated into SAE; none of a file that is none.
 
-    `load_mesh_file` reports what is wrong with a file.
+    `MeshFileLoader` reports what is wrong with a file.
     """
     if shape.path.suffix.lower() not in _GLTF_SUFFIXES:
         return []
@@ -148,25 +199,6 @@ def _check_name(shape: MeshFile) -> None:
         raise _mesh_file_error(shape, "a mesh file that exists")
     if shape.path.suffix.lower() not in _SUFFIXES:
         raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
-
-
-def _load_meshes(shape: MeshFile, textures: TextureReader, losses: Losses) -> Iterator[MeshPart]:
-    """Yield the meshes of a file; sizes that the file announces are checked first."""
-    path, where, memory = shape.path, SourceLocation(str(shape.path)), textures.memory
-    num_bytes = path.stat().st_size
-    per_byte = _GLTF_BYTES_PER_FILE_BYTE if _is_gltf(path) else _READ_BYTES_PER_FILE_BYTE
-    memory.for_reading().reserve(
-        per_byte * num_bytes,
-        where=where,
-        key="File",
-        value=f"{num_bytes} bytes",
-        remedy="a smaller mesh file",
-    )
-    up, meshes = _read_meshes(shape, textures, losses)
-    for mesh in meshes:
-        is_smooth = mesh.normals is not None
-        reserve_triangles(len(mesh.faces), memory, path, mesh.name, is_smooth=is_smooth)
-        yield _convert_mesh(mesh, shape, shape.up or up)
 
 
 def _is_gltf(path: Path) -> bool:

@@ -19,12 +19,14 @@ have one source.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +37,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world.shading import OcclusionMap
+from catoptra_server.world.shading import MAX_LAYERS, OcclusionMap
 from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
 from catoptra_server.world.textures import (
     MeshAppearance,
@@ -57,6 +59,14 @@ from catoptra_server.world.world_description import (
     Vector3,
     World,
 )
+
+log = logging.getLogger(__name__)
+_DROPPED_LAYERS = (
+    f"more than {MAX_LAYERS} surfaces that blend lie behind one another: the nearest {MAX_LAYERS} "
+    "are drawn over what is opaque, the others are not"
+)
+if TYPE_CHECKING:
+    from catoptra_server.world.mesh_files import MeshFileLoader
 
 MAX_FLOAT_REACH_M = 64.0
 """Coordinates up to it are precise enough as float32, beside a camera: steps of 4 micrometres."""
@@ -127,6 +137,8 @@ class SceneMesh:
     """Whether float32 relative to the centre is too coarse for what is near a camera."""
     hierarchy: Callable[[], TriangleHierarchy] = field(init=False)
     """Triangles in groups of neighbours; made at the first call."""
+    report_dropped_layers: Callable[[], None] = field(init=False)
+    """Log, once, that a ray meets more blended surfaces than it shows."""
 
     def __post_init__(self) -> None:
         """Find the box around all triangles, which renderers and bounds need in several places."""
@@ -139,6 +151,8 @@ class SceneMesh:
         is_large = bool(len(self)) and float((high - low).max()) > 2.0 * MAX_FLOAT_REACH_M
         object.__setattr__(self, "is_large", is_large)
         object.__setattr__(self, "hierarchy", cache(partial(TriangleHierarchy, self.corners)))
+        report = partial(log.warning, "%s", _DROPPED_LAYERS)
+        object.__setattr__(self, "report_dropped_layers", cache(report))
         for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit):
             array.setflags(write=False)
         for array in (low, high, centre):
@@ -182,12 +196,15 @@ class SceneMesh:
         return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)
 
 
-def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
+def build_scene(
+    world: World, memory: MemoryBudget | None = None, *, has_texels: bool = True
+) -> SceneMesh:
     """Build the triangles of a world, landmarks included.
 
     Args:
         world: the description.
         memory: budget of all triangles and textures; None for the default.
+        has_texels: whether images are decoded; else textures are white, for shapes alone.
 
     Raises:
         ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
@@ -198,7 +215,7 @@ def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
         for item in _items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *landmark_items)
-    with TextureReader(memory) as textures:
+    with TextureReader(memory, has_texels=has_texels) as textures:
         loader = _ItemLoader(world.name, items, textures)
         parts = [part for number in range(len(items)) for part in loader.load_parts(number)]
         for part in parts:
@@ -395,14 +412,20 @@ class _ItemLoader:
         normals, _ = facet_normals(corners)
         return MeshPart(corners, normals, look, item=index)
 
+    @cached_property
+    def _mesh_files(self) -> MeshFileLoader:
+        from catoptra_server.world.mesh_files import MeshFileLoader
+
+        return MeshFileLoader(self._num_places, self._textures)
+
     def _load_mesh_file(self, shape: MeshFile) -> list[MeshPart]:
         """Meshes of a file; those of all its places but the last are the same objects."""
         # Imported on demand: many worlds have no mesh file.
-        from catoptra_server.world.mesh_files import load_mesh_file, reserve_triangles
+        from catoptra_server.world.mesh_files import reserve_triangles
 
         self._num_places[shape] -= 1
         if shape not in self._meshes:
-            meshes = load_mesh_file(shape, self._textures)
+            meshes = self._mesh_files.load(shape)
         else:
             meshes = self._meshes.pop(shape)
             for mesh in meshes:

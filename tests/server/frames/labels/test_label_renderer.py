@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_maps
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.labels import LabelledImage
@@ -24,8 +28,11 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.renderer import RenderSettings, advance
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.trace_renderer import EngineName
+from catoptra_server.simulation.sight import NamedScene
 from catoptra_server.world.objects import INSTANTANEOUS, CameraState, FogMedium
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Twist
 from helpers.labelled_rooms import (
     CAMERAS,
@@ -39,6 +46,7 @@ from helpers.labelled_rooms import (
     open_labels,
 )
 from helpers.long_cases import quick_cases
+from helpers.worlds import make_omni_camera
 
 ALL = tuple(LABEL_CHANNELS)
 
@@ -445,3 +453,39 @@ def test_points_near_a_mirror_without_a_viewpoint_have_the_pixels_of_the_exact_r
     expected, _ = pixel_from_point(camera, points)
     assert shown.all()
     np.testing.assert_allclose(found, expected, atol=2e-3)
+
+
+def test_placements_of_one_file_are_an_object_each(tmp_path: Path) -> None:
+    trimesh.creation.box((0.1, 0.1, 1.0)).export(tmp_path / "post.stl")
+    angles = np.arange(113) / 113.0 * math.tau
+    scales = ("", ",Scale=1.5", ",Scale=(X=1,Y=-1,Z=1)")
+    posts = [
+        f"Meshes=(Name=post{i},File=post.stl,Position=(X={5 * math.cos(a):.6f},"
+        f"Y={5 * math.sin(a):.6f},Z=-0.5),Direction=(Z={a:.6f}){scales[i % 3]})"
+        for i, a in enumerate(angles.tolist())
+    ]
+    path = tmp_path / "posts.ini"
+    path.write_text("\n".join(("[Catoptra.World]", *posts, "")))
+    world, _ = read_world(path)
+    scene = build_scene(world)
+    state = CameraState(Pose.from_rpy((0.0, 0.0, -0.5)))
+    camera = make_omni_camera(width_px=512)
+    with open_labels(world=world) as labels:
+        truth = labels.render(LabelledImage(camera, state), ("ids",))
+    assert [one.name for one in truth.objects] == [f"post{i}" for i in range(113)]
+    centres = np.array([one.world_from_box.translation for one in truth.objects])
+    ring = np.stack((5.0 * np.cos(angles), 5.0 * np.sin(angles), np.full(113, -0.5)), axis=-1)
+    np.testing.assert_allclose(centres, ring, atol=1e-5)
+    pixels, seen = pixel_from_point(
+        camera, state.world_from_mirror.inverse().transform_points(ring)
+    )
+    assert seen.all()
+    columns, rows = np.floor(pixels).astype(int).T
+    np.testing.assert_array_equal(
+        truth.channels["ids"][rows, columns], [one.number for one in truth.objects]
+    )
+    things = NamedScene(scene, commit_ray_caster(scene), (), ())
+    for index, (x, y, _) in enumerate((ring / 5.0).tolist()):
+        range_m, name = things.find_first(np.array((0.0, 0.0, -0.5)), np.array((x, y, 0.0)))
+        assert range_m == pytest.approx(4.95 - 0.025 * (index % 3 == 1), abs=1e-4)
+        assert name == f"post{index}"

@@ -112,9 +112,11 @@ class FacePass(Generic[_LayoutT]):
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
         if self._layers is not None:
-            self._layers.draw(
+            drops_layers = self._layers.draw(
                 batches, lambda: self._draw_cells(scene, clip_from_scene, viewpoint, batches)
             )
+            if drops_layers:
+                self._scene.report_dropped_layers()
         # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
         if self._resolved is not None:
             self._context.copy_framebuffer(self._resolved, self._target)
@@ -212,14 +214,18 @@ class _Layers:
             self._triangle,
         ]
 
-    def draw(self, batches: list[Batch], draw_facets: Callable[[], object]) -> None:
-        """Draw the layers by batches, which a function draws into all faces."""
+    def draw(self, batches: list[Batch], draw_facets: Callable[[], object]) -> bool:
+        """Draw the layers by batches, which a function draws into all faces.
+
+        Returns:
+            Whether there are more layers than are drawn.
+        """
         for program in {batch.program for batch in batches}:
             set_sampler(program, "depth_before", _DEPTH_UNIT)
         # Nothing yet, which lets all light through; and nothing is nearer than depth 1.
         self._blended.clear(0.0, 0.0, 0.0, 1.0)
         self._cleared[1].clear(1.0, 1.0, 1.0, 1.0)
-        for layer in range(MAX_LAYERS):
+        for layer in range(MAX_LAYERS + 1):
             target, cleared = self._targets[layer % 2], self._cleared[layer % 2]
             # The depths of what is opaque; its colours are overwritten.
             self._context.copy_framebuffer(self._start, self._opaque)
@@ -229,7 +235,8 @@ class _Layers:
             self._depths[1 - layer % 2].use(_DEPTH_UNIT)
             with self._query:
                 draw_facets()
-            if not self._query.samples:
+            has_layer = self._query.samples > 0
+            if not has_layer or layer == MAX_LAYERS:
                 break
             self._add(
                 self._colour,
@@ -237,6 +244,7 @@ class _Layers:
                 (moderngl.DST_ALPHA, moderngl.ONE, moderngl.ZERO, moderngl.ONE_MINUS_SRC_ALPHA),
             )
         self._add(self._sum, self._opaque, (moderngl.ONE, moderngl.SRC_ALPHA))
+        return has_layer
 
     def _add(self, image: moderngl.Texture, target: moderngl.Framebuffer, factors: Any) -> None:
         """Blend an image into another by factors of colours, or of these and opacities."""

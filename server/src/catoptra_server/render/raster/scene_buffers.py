@@ -141,6 +141,7 @@ class SceneBuffers:
         self.background = world.background
         self.has_filter = has_filter(scene)
         """Whether rays pass some facets."""
+        self.report_dropped_layers = scene.report_dropped_layers
         self.origin = scene.centre
         corners = scene.corners - self.origin
         # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.

@@ -216,6 +216,8 @@ class KernelRays:
             has_few_rays=has_few_rays,
             **addresses,
         )
+        if self.last_counts.drops_layers:
+            self._engine.scene.report_dropped_layers()
 
     def _require_view(self) -> int:
         if self._view is None:

@@ -238,6 +238,7 @@ class FrameCounts(ctypes.Structure):
         ("num_tiles", c_int32),
         ("shadow_change", PixelChange),
         ("shows_watched", c_int32),
+        ("drops_layers", c_int32),
         ("watched_change", PixelChange),
         ("num_blurred_tiles", c_int32),
         ("num_instants", c_int32),

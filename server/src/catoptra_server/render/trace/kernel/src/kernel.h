@@ -264,6 +264,7 @@ typedef struct {
      * that its blur traces where the sharp frame's is within the limits. */
     PixelChange shadow_change;
     int32_t shows_watched; /* whether the watched object is seen, at any instant */
+    int32_t drops_layers;  /* whether a ray meets more blended facets than it shows */
     PixelChange watched_change; /* of the sharp frame against that without the object */
     int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */
     int32_t num_instants;      /* largest number of instants of a pixel */

@@ -17,6 +17,7 @@ struct Measures {
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
     atomic_int shows_watched; /* some ray meets the watched object first */
+    atomic_int drops_layers;  /* some ray meets more blended facets than are shown */
 };
 
 /* Change of the picture, grey levels, between two values of a channel, linear light; and between

@@ -297,6 +297,7 @@ int32_t catoptra_render(Device *device, const Scene *scene, const View *view, co
         counts->rolling_change = conclude_change(&state.plan->rolling, &frame->limits, pixels);
     counts->watched_change = conclude_change(&measures.watched, &frame->limits, pixels);
     counts->shows_watched = atomic_load(&measures.shows_watched);
+    counts->drops_layers = atomic_load(&measures.drops_layers);
     end_frame(&state);
     return !is_rendered;
 }

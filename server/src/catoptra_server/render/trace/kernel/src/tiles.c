@@ -316,6 +316,16 @@ static void add_parts(uint32_t lanes, int layer, const float parts[BLOCK_RAYS],
                                       parts[lane] * light[channel][lane];
 }
 
+/* Note whether rays that show all their layers meet a further one; once in a frame. */
+static void note_dropped_layer(const FrameState *state, const float begin[BLOCK_RAYS],
+                               int32_t object, RayBlock *rays, HitBlock *hits) {
+    if (atomic_load_explicit(&state->measures->drops_layers, memory_order_relaxed))
+        return;
+    find_layer(state, begin, LEAST_LAYER, object, rays, hits);
+    if (find_blended(state, rays, hits))
+        atomic_store_explicit(&state->measures->drops_layers, 1, memory_order_relaxed);
+}
+
 /* Blend what the active rays meet, the first hits being blended facets, front to back. Each layer
  * is fogged up to its own distance, which is exact: what lies behind is fogged as if nothing were
  * before it, and shows by what the layers before let through. */
@@ -330,6 +340,8 @@ static void shade_layers(const FrameState *state, int tile, int32_t object, RayB
     for (int layer = 1; rays->active; layer++) {
         _Alignas(64) float light[3][BLOCK_RAYS], clear_light[3][BLOCK_RAYS];
         LostLight layer_lost = {.rays = 0};
+        if (layer > MAX_LAYERS)
+            note_dropped_layer(state, begin, object, rays, hits);
         if (layer > 1)
             find_layer(state, begin, layer <= MAX_LAYERS ? LEAST_LAYER : INFINITY, object, rays,
                        hits);
