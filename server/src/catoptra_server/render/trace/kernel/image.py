@@ -15,6 +15,8 @@ Maps are cached by effect and camera; a stage keeps the arrays that the kernel r
 from __future__ import annotations
 
 import ctypes
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import lru_cache
@@ -23,6 +25,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -36,9 +39,11 @@ from catoptra_server.effects.kernels.convolution import (
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
     frame_noise_key,
+    measure_change,
     normal_quantile_table,
 )
 from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     interior_mask,
@@ -108,6 +113,19 @@ from catoptra_server.world.objects import NoiseSeed
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
+_RANDOM = _NOISE_EFFECTS | {"Quantisation"}
+# Effects that mix light of near pixels alone, which a part of the picture shows.
+_LOCAL = frozenset(
+    (
+        *("Misalignment", "ChromaticAberration", "Diffraction", "MirrorDust"),
+        *("MirrorReflectance", "Vignetting", "Exposure", "Blooming", "FixedPattern"),
+        *("Bayer", "WhiteBalance", *_RANDOM),
+    )
+)
+# Rows and columns of a cell.
+_CELL_PX = (8, 16)
+# Of finished pictures in float32 against float64, where light is darkest.
+_RESERVE_LEVELS = 0.05
 # Below zero the kernel draws everywhere.
 _EVERYWHERE = Threshold(-1.0)
 _Array = npt.NDArray[Any]
@@ -172,7 +190,7 @@ class KernelImageChanger:
     ) -> None:
         """Apply effects into an image of float32, or of uint8 for an encoded one."""
         made: list[tuple[str, _StageWithMaps]] = []
-        for effect in effects:
+        for number, effect in enumerate(effects):
             exposed, make_stage = run.exposed, STAGE_MAKERS.get(effect.name)
             if make_stage is not None:
                 stage = make_stage(effect, exposed)
@@ -180,6 +198,8 @@ class KernelImageChanger:
                 stage.struct.limits = change_limits(threshold, exposed.light[..., 0].size)
                 stage.struct.least_gain, stage.struct.largest_gain = threshold.gains
                 stage.struct.spill[:] = threshold.spill
+                if effect.name == DefocusByDepth.name and not number:
+                    stage = _defer_change(stage, run, [one.name for one in effects[1:]])
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.
@@ -193,6 +213,34 @@ class KernelImageChanger:
             run.stage_ms |= changed.stage_ms
             run.changes |= changed.changes
         self._run_stages(run, made, result)
+        if made and made[0][1].struct.deferred and made[0][1].arrays[-1].any():
+            self._find_deferred_change(run, cast(DefocusByDepth, effects[0]).aperture, made)
+
+    def _find_deferred_change(
+        self, run: _Run, aperture: Aperture, made: Sequence[tuple[str, _StageWithMaps]]
+    ) -> None:
+        """Compare finished pictures by the discs of a first stage's ranges and of infinity, around
+        the cells that it deferred."""
+        begin_s = time.perf_counter()
+        light, (name, by_range) = run.exposed.light, made[0]
+        following = [stage for other, stage in made[1:] if other not in _RANDOM]
+        reach = sum(map(_reach_px, following))
+        compared = _dilate_cells(by_range.arrays[-1], reach)
+        seen = _pixels_of_cells(_dilate_cells(compared, reach + by_range.struct.size), light.shape)
+        # Black elsewhere, which takes no time: less light in all makes dust darker, where the same
+        # change shows more.
+        exposed = replace(run.exposed, light=np.where(seen[..., None], light, np.float32(0.0)))
+        by_infinity = _make_defocus(Defocus(aperture), exposed)
+        pictures = []
+        for blur in (by_range, by_infinity):
+            for stage in (blur, *following):
+                stage.struct.limits = change_limits(_EVERYWHERE, 1)
+            picture = np.zeros_like(light)
+            self._run_stages(_Run(exposed, {}), [("", one) for one in (blur, *following)], picture)
+            pictures.append(picture[_pixels_of_cells(compared, light.shape)][None])
+        change = measure_change(pictures[0], pictures[1]).largest + _RESERVE_LEVELS
+        run.changes[name] = EffectChange(max(run.changes[name].largest, change))
+        run.stage_ms[name] += 1e3 * (time.perf_counter() - begin_s)
 
     def _run_stages(
         self, run: _Run, made: Sequence[tuple[str, _StageWithMaps]], result: LinearImage | Image
@@ -246,6 +294,44 @@ class _Run:
     changes: dict[str, EffectChange] = field(default_factory=dict)
     layout_ms: float = 0.0
     """Milliseconds of the encoding, and of the change of the arrays' layout."""
+
+
+def _defer_change(stage: _StageWithMaps, run: _Run, following: Sequence[str]) -> _StageWithMaps:
+    """A blur by range whose change is found behind the stages that follow, where that is known."""
+    # What mixes light of the whole picture is not compared in a part of it.
+    threshold = run.thresholds.get(DefocusByDepth.name, _EVERYWHERE)
+    is_by_largest = threshold.is_measured and threshold.visible_share >= 1.0
+    if not is_by_largest or not _LOCAL.issuperset(following):
+        return stage
+    height, width = run.exposed.light.shape[:2]
+    deferred = np.zeros((-(-height // _CELL_PX[0]), -(-width // _CELL_PX[1])), dtype=np.uint8)
+    stage.struct.deferred = deferred.ctypes.data
+    return replace(stage, arrays=(*stage.arrays, deferred))
+
+
+def _reach_px(stage: _StageWithMaps) -> int:
+    """Largest distance of the pixels that a stage mixes, pixels."""
+    kind = stage.struct.kind
+    if kind in (_WARP, _MAGNIFY):
+        return 1 + max(math.ceil(float(np.abs(offsets).max())) for offsets in stage.arrays[:2])
+    return int(stage.struct.size) if kind in (_BLUR, _BLOOM) else int(kind == _BAYER)
+
+
+def _dilate_cells(cells: npt.NDArray[np.uint8], reach_px: int) -> npt.NDArray[np.uint8]:
+    """Cells, (rows, columns), with those that have pixels within a distance."""
+    for axis, size_px in enumerate(_CELL_PX):
+        count = -(-reach_px // size_px)
+        padded = np.pad(cells, [(count, count) if i == axis else (0, 0) for i in range(2)])
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * count + 1, axis=axis)
+        cells = windows.max(axis=-1)
+    return cells
+
+
+def _pixels_of_cells(cells: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:
+    """Mask, (h, w), of the pixels of cells."""
+    height, width = shape[:2]
+    rows = cells.astype(bool).repeat(_CELL_PX[0], axis=0)
+    return rows.repeat(_CELL_PX[1], axis=1)[:height, :width]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -265,6 +265,7 @@ class ImageStage(ctypes.Structure):
         ("maps", c_void_p * 5),
         ("change", PixelChange),
         ("other_change", PixelChange),
+        ("deferred", c_void_p),
         ("ms", c_double),
     ]
 

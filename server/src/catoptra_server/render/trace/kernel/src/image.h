@@ -39,6 +39,9 @@ typedef struct {
     const void *maps[5];
     PixelChange change;       /* result of a stage with limits */
     PixelChange other_change; /* result of a blur by range: change of the image without any blur */
+    /* Of a blur by range: (cells,) zero, set where it changes the light by more than the limit,
+     * which then counts nowhere; or NULL. */
+    uint8_t *deferred;
     double ms;          /* result */
 } ImageStage;
 
