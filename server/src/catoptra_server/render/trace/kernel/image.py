@@ -43,7 +43,6 @@ from catoptra_server.effects.kernels.grey_levels import (
     normal_quantile_table,
 )
 from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     interior_mask,
@@ -124,8 +123,12 @@ _LOCAL = frozenset(
 )
 # Rows and columns of a cell.
 _CELL_PX = (8, 16)
-# Of finished pictures in float32 against float64, where light is darkest.
-_RESERVE_LEVELS = 0.05
+# Of pictures in float32 against float64, where light is darkest: levels.
+_RESERVE_LEVELS = 0.01
+# Of sRGB: levels of light.
+_MAX_SLOPE = 12.92 * 255.0
+# Cells that show first whether an effect is to be seen.
+_NUM_PROBED = 8
 # Below zero the kernel draws everywhere.
 _EVERYWHERE = Threshold(-1.0)
 _Array = npt.NDArray[Any]
@@ -214,38 +217,66 @@ class KernelImageChanger:
             run.changes |= changed.changes
         self._run_stages(run, made, result)
         if made and made[0][1].struct.deferred and made[0][1].arrays[-1].any():
-            self._find_deferred_change(run, cast(DefocusByDepth, effects[0]).aperture, made)
+            self._decide_deferred(run, cast(DefocusByDepth, effects[0]), made)
 
-    def _find_deferred_change(
-        self, run: _Run, aperture: Aperture, made: Sequence[tuple[str, _StageWithMaps]]
+    def _decide_deferred(
+        self, run: _Run, effect: DefocusByDepth, made: Sequence[tuple[str, _StageWithMaps]]
     ) -> None:
-        """Compare finished pictures by the discs of a first stage's ranges and of infinity, around
-        the cells that it deferred."""
+        """Decide on a first stage's deferred changes: by the strongest cells if these show in the
+        finished picture, else by all."""
         begin_s = time.perf_counter()
-        light, (name, by_range) = run.exposed.light, made[0]
+        name, by_range = made[0]
+        deferred, limit = by_range.arrays[-1], run.thresholds[name].max_change
+        far = np.full(run.exposed.light.shape[:2], np.inf, dtype=np.float32)
+        at_infinity = replace(run.exposed.context, range_m=far)
+        by_infinity = _make_defocus_by_depth(effect, replace(run.exposed, context=at_infinity))
         following = [stage for other, stage in made[1:] if other not in _RANDOM]
-        reach = sum(map(_reach_px, following))
-        compared = _dilate_cells(by_range.arrays[-1], reach)
-        seen = _pixels_of_cells(_dilate_cells(compared, reach + by_range.struct.size), light.shape)
-        # Black elsewhere, which takes no time: less light in all makes dust darker, where the same
-        # change shows more.
-        exposed = replace(run.exposed, light=np.where(seen[..., None], light, np.float32(0.0)))
-        by_infinity = _make_defocus(Defocus(aperture), exposed)
-        pictures = []
-        for blur in (by_range, by_infinity):
-            for stage in (blur, *following):
-                stage.struct.limits = change_limits(_EVERYWHERE, 1)
-            picture = np.zeros_like(light)
-            self._run_stages(_Run(exposed, {}), [("", one) for one in (blur, *following)], picture)
-            pictures.append(picture[_pixels_of_cells(compared, light.shape)][None])
-        change = measure_change(pictures[0], pictures[1]).largest + _RESERVE_LEVELS
+        chains = [(blur, *following) for blur in (by_range, by_infinity)]
+        strongest = float(np.sort(deferred, axis=None)[-_NUM_PROBED:][0])
+        change = float(deferred.max())
+        probed, all_cells = deferred >= max(strongest, limit), deferred > 0.0
+        if self._compare(run, chains, probed, limit) <= limit:
+            is_known = probed.sum() == all_cells.sum()
+            change = limit if is_known else self._compare(run, chains, all_cells, limit)
         run.changes[name] = EffectChange(max(run.changes[name].largest, change))
         run.stage_ms[name] += 1e3 * (time.perf_counter() - begin_s)
 
+    def _compare(
+        self, run: _Run, chains: Sequence[Sequence[_StageWithMaps]], cells: Bools, limit: float
+    ) -> float:
+        """Largest difference of two chains' pictures by what the first stages change in cells, (rows,
+        columns), grey levels; at least a limit."""
+        # Of a blur, a shift or an overflow; a mosaic's is one pixel.
+        reach = sum(one.struct.size for one in chains[0][1:]) + 1
+        compared = _dilate_cells(cells, reach)
+        # Means of these alone make dust darker, where the same change shows more.
+        developed = _dilate_cells(compared, reach + chains[0][0].struct.size).astype(np.uint8)
+        shape = run.exposed.light.shape
+        mask = compared.repeat(_CELL_PX[0], axis=0).repeat(_CELL_PX[1], axis=1)
+        pixels = np.flatnonzero(mask[: shape[0], : shape[1]])
+        pictures = []
+        for chain in chains:
+            for stage in chain:
+                stage.struct.limits = change_limits(_EVERYWHERE, 1)
+            picture = np.zeros(shape, dtype=np.float32)
+            unnamed = [("", stage) for stage in chain]
+            self._run_stages(_Run(run.exposed, {}), unnamed, picture, developed)
+            pictures.append(picture.reshape(-1, 3)[pixels])
+        # The curve is nowhere steeper: most pixels need no level.
+        may_show = _MAX_SLOPE * np.abs(pictures[0] - pictures[1]).max(axis=-1) > limit
+        if not may_show.any():
+            return limit
+        change = measure_change(pictures[0][None, may_show], pictures[1][None, may_show])
+        return max(limit, change.largest + _RESERVE_LEVELS)
+
     def _run_stages(
-        self, run: _Run, made: Sequence[tuple[str, _StageWithMaps]], result: LinearImage | Image
+        self,
+        run: _Run,
+        made: Sequence[tuple[str, _StageWithMaps]],
+        result: LinearImage | Image,
+        cells: npt.NDArray[np.uint8] | None = None,
     ) -> None:
-        """Run native stages into an image, and note their results."""
+        """Run native stages into an image, or into cells of it, and note their results."""
         light = run.exposed.light
         stages = (ImageStage * max(1, len(made)))(*(stage.struct for _, stage in made))
         has_noise = any(name in _NOISE_EFFECTS for name, _ in made)
@@ -261,6 +292,7 @@ class KernelImageChanger:
             mirror_pixels=count_valid_pixels(run.exposed.camera),
             num_stages=len(made),
             stages=ctypes.addressof(stages),
+            cells=None if cells is None else cells.ctypes.data,
         )
         job.scratch = self._reserve(self._device.image_scratch_bytes(job))
         self._device.change_image(job)
@@ -304,20 +336,12 @@ def _defer_change(stage: _StageWithMaps, run: _Run, following: Sequence[str]) ->
     if not is_by_largest or not _LOCAL.issuperset(following):
         return stage
     height, width = run.exposed.light.shape[:2]
-    deferred = np.zeros((-(-height // _CELL_PX[0]), -(-width // _CELL_PX[1])), dtype=np.uint8)
+    deferred = np.zeros((-(-height // _CELL_PX[0]), -(-width // _CELL_PX[1])), dtype=np.float32)
     stage.struct.deferred = deferred.ctypes.data
     return replace(stage, arrays=(*stage.arrays, deferred))
 
 
-def _reach_px(stage: _StageWithMaps) -> int:
-    """Largest distance of the pixels that a stage mixes, pixels."""
-    kind = stage.struct.kind
-    if kind in (_WARP, _MAGNIFY):
-        return 1 + max(math.ceil(float(np.abs(offsets).max())) for offsets in stage.arrays[:2])
-    return int(stage.struct.size) if kind in (_BLUR, _BLOOM) else int(kind == _BAYER)
-
-
-def _dilate_cells(cells: npt.NDArray[np.uint8], reach_px: int) -> npt.NDArray[np.uint8]:
+def _dilate_cells(cells: Bools, reach_px: int) -> Bools:
     """Cells, (rows, columns), with those that have pixels within a distance."""
     for axis, size_px in enumerate(_CELL_PX):
         count = -(-reach_px // size_px)
@@ -325,13 +349,6 @@ def _dilate_cells(cells: npt.NDArray[np.uint8], reach_px: int) -> npt.NDArray[np
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * count + 1, axis=axis)
         cells = windows.max(axis=-1)
     return cells
-
-
-def _pixels_of_cells(cells: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:
-    """Mask, (h, w), of the pixels of cells."""
-    height, width = shape[:2]
-    rows = cells.astype(bool).repeat(_CELL_PX[0], axis=0)
-    return rows.repeat(_CELL_PX[1], axis=1)[:height, :width]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -458,14 +475,27 @@ def _make_noise(
 
 def _make_misalignment(effect: Misalignment, exposed: ExposedImage) -> _StageWithMaps:
     camera = cast(OmniCamera, exposed.camera)
-    return _make(_WARP, *_offset_maps(effect, camera), lookup_maps(effect, camera)[1])
+    maps, reach_px = _offset_maps(effect, camera)
+    return _make(_WARP, *maps, lookup_maps(effect, camera)[1], size=reach_px)
 
 
 @lru_cache(maxsize=4)
-def _offset_maps(effect: Misalignment, camera: OmniCamera) -> tuple[_Float32s, ...]:
-    """Offsets in u and in v, (h, w) each."""
+def _offset_maps(effect: Misalignment, camera: OmniCamera) -> tuple[tuple[_Float32s, ...], int]:
+    """Offsets in u and in v, (h, w) each, and the reach of the pixels that they mix."""
     lookup = lookup_maps(effect, camera)[0]
-    return tuple(np.ascontiguousarray(lookup[..., axis]) for axis in (0, 1))
+    maps = tuple(np.ascontiguousarray(lookup[..., axis]) for axis in (0, 1))
+    return maps, _shift_reach_px(maps)
+
+
+def _shift_reach_px(offsets: tuple[_Float32s, ...]) -> int:
+    return 1 + math.ceil(max(float(np.abs(one).max()) for one in offsets))
+
+
+def _make_chromatic_aberration(
+    effect: ChromaticAberration, exposed: ExposedImage
+) -> _StageWithMaps:
+    offsets = _magnified_offsets(effect, exposed.camera)
+    return _make(_MAGNIFY, *offsets, size=_shift_reach_px(offsets))
 
 
 @lru_cache(maxsize=4)
@@ -507,9 +537,7 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Defocus": _make_defocus,
     "DefocusByDepth": _make_defocus_by_depth,
     "Misalignment": _make_misalignment,
-    "ChromaticAberration": lambda effect, exposed: _make(
-        _MAGNIFY, *_magnified_offsets(effect, exposed.camera)
-    ),
+    "ChromaticAberration": _make_chromatic_aberration,
     "Diffraction": _make_diffraction,
     "MirrorHolder": _make_holder,
     "MirrorDust": _make_dust,

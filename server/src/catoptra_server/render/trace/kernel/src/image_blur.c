@@ -279,7 +279,7 @@ static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValue
     if (atomic_load(&alone.spills))
         atomic_store_explicit(&own->spills, 1, memory_order_relaxed);
     if (read_largest(&alone) > stage->limits.max_change)
-        stage->deferred[cell->row * pass->cell_columns + cell->column] = 1;
+        stage->deferred[cell->row * pass->cell_columns + cell->column] = read_largest(&alone);
     else
         raise_largest(own, read_largest(&alone));
 }
