@@ -125,8 +125,6 @@ _LOCAL = frozenset(
 _CELL_PX = (8, 16)
 # Of pictures in float32 against float64, where light is darkest: levels.
 _RESERVE_LEVELS = 0.01
-# Of sRGB: levels of light.
-_MAX_SLOPE = 12.92 * 255.0
 # Cells that show first whether an effect is to be seen.
 _NUM_PROBED = 8
 # Below zero the kernel draws everywhere.
@@ -244,8 +242,8 @@ class KernelImageChanger:
     def _compare(
         self, run: _Run, chains: Sequence[Sequence[_StageWithMaps]], cells: Bools, limit: float
     ) -> float:
-        """Largest difference of two chains' pictures by what the first stages change in cells, (rows,
-        columns), grey levels; at least a limit."""
+        """Largest difference, grey levels, of two chains' pictures by what differs behind the first
+        stages in cells, (rows, columns); at least a limit."""
         # Of a blur, a shift or an overflow; a mosaic's is one pixel.
         reach = sum(one.struct.size for one in chains[0][1:]) + 1
         compared = _dilate_cells(cells, reach)
@@ -262,8 +260,9 @@ class KernelImageChanger:
             unnamed = [("", stage) for stage in chain]
             self._run_stages(_Run(run.exposed, {}), unnamed, picture, developed)
             pictures.append(picture.reshape(-1, 3)[pixels])
-        # The curve is nowhere steeper: most pixels need no level.
-        may_show = _MAX_SLOPE * np.abs(pictures[0] - pictures[1]).max(axis=-1) > limit
+        # The curve is nowhere steeper than 185 levels by the root of light: few pixels need levels.
+        low = np.sqrt(np.clip(np.minimum(*pictures), 0.0031308, 1.0))
+        may_show = (185.0 * np.abs(pictures[0] - pictures[1]) > limit * low).any(axis=-1)
         if not may_show.any():
             return limit
         change = measure_change(pictures[0][None, may_show], pictures[1][None, may_show])
