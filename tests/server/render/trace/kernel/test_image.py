@@ -241,6 +241,35 @@ def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     )
 
 
+@pytest.mark.parametrize("limit", [0.5, 1.0])
+def test_blur_by_range_counts_what_the_lens_and_the_mosaic_leave_of_its_change(
+    changer: KernelImageChanger, limit: float
+) -> None:
+    camera = camera_of_size(160, 120)
+    context = make_context(camera)
+    context.range_m[:60] = context.range_m[:, :80] = np.inf  # type: ignore[index]
+    names = ("Misalignment", "ChromaticAberration", "Diffraction", "MirrorDust", "Vignetting")
+    lens = [make_strong(one) for one in (*names, "FixedPattern", "Bayer")]
+    noise = [make_effect(one) for one in ("ShotNoise", "ReadNoise", "Quantisation")]
+    by_depth, image = make_effect("DefocusByDepth"), next(make_images(camera))
+    exposed = ExposedImage(image, camera, context)
+    allowed = {"DefocusByDepth": Threshold(limit, has_mosaic=True)}
+    alone = changer.change(exposed, (by_depth,), allowed).changes["DefocusByDepth"].largest
+    effects = (by_depth, *lens[:-1], *noise, lens[-1])
+    stated = changer.change(exposed, effects, allowed).changes["DefocusByDepth"].largest
+    true = measure_change(
+        *(
+            NUMPY.change(exposed, (first, *lens), {}).image
+            for first in (by_depth, make_effect("Defocus"))
+        )
+    ).largest
+    # What counts as little where it acts counts there; anything else in the finished picture.
+    assert true <= stated <= max(limit, true + 0.3)
+    assert limit < 1.5 * stated < alone
+    whole = changer.change(exposed, (*effects, make_effect("VeilingGlare")), allowed)
+    assert whole.changes["DefocusByDepth"].largest > stated
+
+
 def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))

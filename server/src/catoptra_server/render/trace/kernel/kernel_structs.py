@@ -266,6 +266,7 @@ class ImageStage(ctypes.Structure):
         ("maps", c_void_p * 5),
         ("change", PixelChange),
         ("other_change", PixelChange),
+        ("deferred", c_void_p),
         ("ms", c_double),
     ]
 
@@ -280,6 +281,7 @@ class ImageJob(ctypes.Structure):
         ("mirror_pixels", c_int32),
         ("num_stages", c_int32),
         ("stages", c_void_p),
+        ("cells", c_void_p),
         ("scratch", c_void_p),
         ("encode_ms", c_double),
     ]

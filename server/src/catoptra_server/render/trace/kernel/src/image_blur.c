@@ -264,6 +264,26 @@ static float differing_exchange(const ImageStage *stage, const Cell *cell,
     return largest;
 }
 
+/* Note the change of a cell, or that it is to be found behind the stages that follow. */
+static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValues *before,
+                             const CellValues *after) {
+    const ImageStage *stage = pass->stage;
+    ChangeMeasure *own = &changes_of(pass, stage)->own;
+    if (!stage->deferred) {
+        measure_change(stage, own, before, after, cell);
+        return;
+    }
+    ChangeMeasure alone = {.maps = own->maps};
+    measure_change(stage, &alone, before, after, cell);
+    count_visible(own, atomic_load(&alone.num_visible));
+    if (atomic_load(&alone.spills))
+        atomic_store_explicit(&own->spills, 1, memory_order_relaxed);
+    if (read_largest(&alone) > stage->limits.max_change)
+        stage->deferred[cell->row * pass->cell_columns + cell->column] = read_largest(&alone);
+    else
+        raise_largest(own, read_largest(&alone));
+}
+
 /* With ranges the change that counts is that against the disc of infinity, which another effect
  * stands for. The change against the image before is the other one. */
 static void measure_against_infinity(const Pass *pass, const Cell *cell, const CellKernels *near,
@@ -281,7 +301,7 @@ static void measure_against_infinity(const Pass *pass, const Cell *cell, const C
     if (!may_tell(stage, &changes->own, bound_change(stage, light)))
         return;
     blur_cell(pass, cell, far, masked, &values);
-    measure_change(stage, &changes->own, &values, to, cell);
+    measure_or_defer(pass, cell, &values, to);
 }
 
 void blur(const Pass *pass, const Cell *cell, CellValues *to) {

@@ -88,7 +88,10 @@ static void develop_rows(void *argument) {
     while ((row = atomic_fetch_add(&job->next, 1)) < pass->cell_rows) {
         int top = row * CELL_ROWS, left_rows = pass->job->height - top;
         int rows = left_rows < CELL_ROWS ? left_rows : CELL_ROWS;
+        pass->row_sums[row] = 0.0;
         for (int column = 0; column < pass->cell_columns; column++) {
+            if (pass->job->cells && !pass->job->cells[row * pass->cell_columns + column])
+                continue;
             int left = column * CELL_COLUMNS, left_columns = pass->job->width - left;
             int columns = left_columns < CELL_COLUMNS ? left_columns : CELL_COLUMNS;
             develop_cell(pass, &(Cell){row, column, top, left, rows, columns});

@@ -78,7 +78,7 @@ static void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *
             light = select16(columns_below(cell->columns), light, splat16(0.0f));
             sums += weights[channel] * __builtin_convertvector(light, Doubles16);
         }
-    double sum = cell->column ? pass->row_sums[cell->row] : 0.0;
+    double sum = pass->row_sums[cell->row];
     for (int x = 0; x < CELL_COLUMNS; x++)
         sum += sums[x];
     pass->row_sums[cell->row] = sum;
