@@ -155,12 +155,11 @@ def test_base_over_an_edge_falls_as_long_as_gravity_takes_and_lies_below() -> No
 
 
 def test_base_upside_down_lies_still_until_it_is_flipped() -> None:
-    ground = ground_of(FLOOR, box(0.0, 0.0, 1.5, (1.2, 1.2, 0.1)))
-    # A tall robot: off the edge its mast turns it over.
-    start = ground.place(P2AT, ORIGIN, -1.5, height_m=0.9)
-    fallen = drive(ground, start, 6.0, 1.5, 1.5)[-1]
-    assert "has fallen, and lies on its" in fallen.mishap
-    assert tilt_deg(fallen) > 80.0
+    ground = ground_of(FLOOR, box(0.0, 0.0, 2.5, (1.2, 1.2, 0.1)))
+    # Slowly over an edge: it turns about the edge, and on in the air.
+    fallen = drive(ground, ground.place(P2AT, ORIGIN, -2.5), 6.0, 1.5, 1.5)[-1]
+    assert fallen.mishap == "has fallen, and lies on its roof"
+    assert tilt_deg(fallen) == pytest.approx(180.0, abs=0.2)
     later = drive(ground, fallen, 2.0, 5.0, 5.0)[-1]
     assert later.world_from_robot is fallen.world_from_robot
     flipped = drive(ground, replace(later, is_flipping=True, is_settled=False), 0.04, 0.0, 0.0)[-1]
@@ -182,35 +181,37 @@ def test_height_of_a_place_chooses_the_surface() -> None:
     at = [height(ground.place(P2AT, ORIGIN, z)) for z in (-2.9, -1.1, -0.9, 0.0, 0.7, -30.0)]
     # At or below it within 2 m, else the nearest above, else the next below.
     assert at == pytest.approx([1.0, 1.0, 0.0, 0.0, 0.0, 1.0], abs=1e-4)
-    with pytest.raises(NoStandError, match="inside a solid|touches an obstacle"):
+    with pytest.raises(NoStandError, match=r"inside a solid|touches an obstacle"):
         ground.place(P2AT, PlanarPose(0.0, 3.5, 0.0), 0.0)
     with pytest.raises(NoStandError, match="there is no floor"):
         ground.place(P2AT, PlanarPose(100.0, 0.0, 0.0), 0.0)
     with pytest.raises(NoStandError, match="would fall"):
-        ground.place(P2AT, PlanarPose(2.05, 0.0, 0.0), -1.1)
+        plane_of(math.radians(50.0))[0].place(P2AT, ORIGIN, 0.0)
 
 
 def test_table_that_lets_a_level_base_pass_stops_it_on_a_ramp() -> None:
-    slope = math.radians(20.0)
-    ramp = ("ramp", Box((6.0, 2.0, 0.05)), (3.0 * math.cos(slope), 0.0, -1.0), (0, slope, 0))
-    top = 0.35
-    level = drive(
-        ground_of(FLOOR, box(2.5, 0.0, top, (1.0, 2.0, 0.03))),
-        RobotBody.on_floor(P2AT, ORIGIN),
-        9.0,
-    )
-    assert level[-1].pose.x_m > 3.3
-    # As high above the ramp's foot, and level.
-    ground = ground_of(FLOOR, ramp, box(2.0, 0.0, top + 0.1, (1.0, 2.0, 0.03)))
+    slope, room_m = math.radians(20.0), 0.32
+    ramp = ("ramp", Box((6.0, 2.0, 0.05)), (3.0 * math.cos(slope), 0.0, -1.0), (0.0, slope, 0.0))
     start = RobotBody.on_floor(P2AT, PlanarPose(-1.5, 0.0, 0.0))
-    assert drive(ground, start, 12.0)[-1].pose.x_m < 1.5
+    for items, floor_m, passes in (
+        ((FLOOR,), 0.0, True),
+        # The upper side of the ramp at x = 2.5, by its plane.
+        (
+            (FLOOR, ramp),
+            1.0 + 0.025 / math.cos(slope) + (2.5 - ramp[2][0]) * math.tan(slope),
+            False,
+        ),
+    ):
+        table = box(2.5, 0.0, floor_m + room_m + 0.03, (0.1, 2.0, 0.03))
+        end = drive(ground_of(*items, table), start, 16.0)[-1]
+        assert (end.pose.x_m > 3.0) == passes
 
 
 def test_base_on_another_robot_falls_when_that_drives_away() -> None:
     ground, size = ground_of(FLOOR), (1.5, 1.5, 0.3)
     carrier = OrientedBox(Pose.from_rpy((0.0, 0.0, -0.15)), size)
-    body = ground.place(P2AT, ORIGIN, -0.5, others=[carrier])
-    body = drive(ground, body, 0.1, 0.0, 0.0, [carrier])[-1]
+    body = ground_of(FLOOR, box(0.0, 0.0, 0.3, size)).place(P2AT, ORIGIN, -0.5)
+    body = drive(ground, replace(body, is_settled=False), 0.1, 0.0, 0.0, [carrier])[-1]
     assert height(body) == pytest.approx(0.3, abs=1e-4)
     assert not body.is_settled
     away = OrientedBox(Pose.from_rpy((3.0, 0.0, -0.15)), size)
