@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -161,6 +161,9 @@ mutations: $(READY) $(TOOLS) ## Play the conformance suite through each of its d
 fuzz: $(READY) $(TOOLS) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
+
+drives: $(READY) $(TOOLS) ## Drive robots at random over steps, ramps and edges, judged by rays of their own; 10 minutes: [DRIVES=10000]
+	cd tests && ../$(BIN)/python -m measurements.drives $(or $(DRIVES),10000)
 
 soak: $(READY) $(TOOLS) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]
 	$(BIN)/python tests/load/run.py $(if $(SECONDS),--seconds $(SECONDS))

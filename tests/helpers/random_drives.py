@@ -2,7 +2,8 @@
 
 The judge knows the shape of a robot from its file alone: a box above the wheels' step, and four
 discs. Segments along the edges and faces of the box, and chords of the discs, all within the shape
-by a millimetre, may meet no surface.
+by a millimetre, may meet no surface; those of the discs count while the base stands or rolls, since
+wheels of what falls over an edge hang beside it.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from catoptra_server.world.world_description import Box, Item, Material, Rectang
 TICK_S = 0.02
 _GRAVITY_M_S2 = 9.81
 _INSIDE_M = 1e-3
-# A point of a base that turns sinks by half a millimetre more than its middle in a tick.
-_SPEED_M_S = 0.025
+# What turns over in the air sinks by up to two millimetres more in a tick.
+_SPEED_M_S = 0.12
 _GREY = Material((0.5, 0.5, 0.5))
 BASES = tuple(STANDARD_BASES[name] for name in ("p2at", "p2dx", "p3at"))
 NUM_WORLDS = 6
@@ -85,12 +86,14 @@ class Judge:
     """What a base may not do."""
 
     def __init__(self, base: DriveBase, height_m: float) -> None:
-        self._begins, self._ends = _make_segments(base, height_m)
+        self._begins, self._ends, self._num_of_box = _make_segments(base, height_m)
 
     def find_depth(self, stage: Stage, body: RobotBody) -> str:
         """Where the base is inside of something; empty for nowhere."""
+        count = len(self._begins) if body.is_settled else self._num_of_box
         begins, ends = (
-            body.world_from_robot.transform_points(one) for one in (self._begins, self._ends)
+            body.world_from_robot.transform_points(one[:count])
+            for one in (self._begins, self._ends)
         )
         lengths = np.linalg.norm(ends - begins, axis=1)
         ways = (ends - begins) / lengths[:, None]
@@ -101,8 +104,10 @@ class Judge:
         return f"segment {begin} to {end} of the chassis meets a surface"
 
 
-def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats]:
-    """(n, 3) begins and ends of segments inside of a base, chassis frame."""
+def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats, int]:
+    """(n, 3) begins and ends of segments inside of a base, chassis frame; those of the box first,
+    and their number.
+    """
     length, width, body_height = base.collision_size_m
     low = base.ride_height_m - base.max_step_m - 0.005 - _INSIDE_M
     high = base.ride_height_m - max(height_m, body_height, base.max_step_m + 0.05) + _INSIDE_M
@@ -115,7 +120,7 @@ def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats]:
         for corner in (-1.0, 1.0):
             begins += [(corner * x, share * y, low), (share * x, corner * y, low)]
             ends += [(corner * x, share * y, high), (share * x, corner * y, high)]
-    radius = base.wheel_radius_m
+    num_of_box, radius = len(begins), base.wheel_radius_m
     for wheel_x, wheel_y in base.wheel_places_m:
         for rise in np.linspace(0.004, base.max_step_m, 8):
             # A chord of the disc whose rim is as far inside.
@@ -123,7 +128,7 @@ def _make_segments(base: DriveBase, height_m: float) -> tuple[Floats, Floats]:
             z = base.ride_height_m - rise
             begins.append((wheel_x - half, wheel_y, z))
             ends.append((wheel_x + half, wheel_y, z))
-    return np.array(begins), np.array(ends)
+    return np.array(begins), np.array(ends), num_of_box
 
 
 def drive_at_random(stage: Stage, seed: int, *, ticks: int = 250) -> str:

@@ -252,7 +252,7 @@ def test_triangles_without_area_and_needles_neither_stop_nor_carry() -> None:
 @pytest.mark.parametrize("number", range(NUM_WORLDS))
 def test_random_drives_never_enter_a_solid_nor_outrun_gravity(number: int) -> None:
     stage = Stage.of_world(make_rough_world(number))
-    faults = [drive_at_random(stage, seed, ticks=120) for seed in range(33)]
+    faults = [drive_at_random(stage, seed, ticks=100) for seed in range(34)]
     assert [fault for fault in faults if fault] == []
 
 

@@ -377,7 +377,8 @@ class SceneGround:
         floor_m = float(at[0, 2] + self._depth_of_paint(at)[0])
         nx, ny, nz = normals[0].tolist()
         slopes = (-nx / nz, -ny / nz) if abs(nz) > _MIN_FLOOR else (0.0, 0.0)
-        return _Stance(pose.x_m, pose.y_m, pose.yaw_rad, *map(_snap, (floor_m, *slopes)))
+        x, y, yaw = pose.x_m, pose.y_m, pose.yaw_rad
+        return _Stance(x, y, yaw, _snap(floor_m), _snap(slopes[0]), _snap(slopes[1]))
 
     def _is_in_solid(self, where: Pose) -> bool:
         """Whether rays from the chassis to all sides meet the backs of surfaces first."""
@@ -503,7 +504,8 @@ class SceneGround:
     ) -> _Footing | None:
         """Footing after a step; None where something stops it."""
         stance, before = footing.stance, footing.world_from_robot
-        goal = stance.drive(step.distance_m, step.turn_rad) if step.is_rolling else stance
+        turn_rad = 0.0 if footing.is_aloft else step.turn_rad
+        goal = stance.drive(step.distance_m, turn_rad) if step.is_rolling else stance
         if not footing.is_held:  # what has no hold keeps its way, and falls
             goal = goal._replace(z_m=min(goal.z_m, stance.z_m))
         is_steep = stance.steepness > chassis.steepest
@@ -602,13 +604,19 @@ class SceneGround:
             x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
             found = _find_facet(x, y, limits, contacts, (stance.slope_x, stance.slope_y))
             if found is None:
-                # In the next tick it sinks on the side to which it tips.
+                # It falls as it is while it can, and then tips over to another side.
+                room_m = float(limits.min())
+                if room_m > _TOUCH_M:
+                    tipped = stance = stance._replace(z_m=stance.z_m + room_m)
+                else:
+                    tipped = _tip(chassis, stance) or stance
                 return footing._replace(
-                    stance=_tip(chassis, stance) or stance,
-                    world_from_robot=pose @ side.side_from_robot,
+                    stance=tipped,
+                    world_from_robot=stance.world_from_side @ side.side_from_robot,
                     contacts=(0, 0, 0),
                     is_settled=False,
                     is_held=False,
+                    is_aloft=room_m > _TOUCH_M,
                 )
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
@@ -856,11 +864,10 @@ def _find_facet(
                     return sink + a, by_x + b, by_y + c, (line[0], line[1], third)
         if above[lowest] >= -1e-9:
             break
-        options = [
-            (*contacts[:i], lowest, *contacts[i + 1 :]) for i in range(3) if lowest not in contacts
-        ]
-        if not options:
+        if lowest in contacts:
             break
+        i, j, k = contacts
+        options = ((lowest, j, k), (i, lowest, k), (i, j, lowest))
         contacts = max(options, key=lambda one: min(_weights(x, y, one)))
     return sink, by_x, by_y, contacts
 
@@ -952,7 +959,9 @@ def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
     shift = (after.translation - before.translation).tolist()
     turn = (after.rotation - before.rotation).ravel()
     # No point turns by more than the norm of the change of the rotation.
-    return hypot(*shift) + chassis.reach_m * math.sqrt(float((turn * turn).sum()))
+    turned: float = hypot(*turn.tolist())
+    moved: float = hypot(*shift)
+    return moved + chassis.reach_m * turned
 
 
 def _separations(chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
