@@ -60,6 +60,7 @@ _TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
 _ROUNDING_M = 1e-9
+_SLIP_M = 0.005
 # Metres and radians of a base that does not move.
 _STILL = 1e-6
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
@@ -80,6 +81,7 @@ _MIN_FACING, _MIN_FLOOR = 0.05, 0.5
 _EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
+_MAX_HALVINGS = 4
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
 # Below it a weight of a contact is none, and the base can rock about the other two.
 _NO_WEIGHT = 1e-6
@@ -490,6 +492,13 @@ class SceneGround:
                 if best.is_settled and max(changes) < _STILL:
                     return footing._replace(blocked=step, is_settled=True, is_held=True), False
                 return best, False
+        if footing.is_aloft:
+            # It hangs on something beside it, and slips off.
+            for n in range(8):
+                x, y = (_SLIP_M * turn(0.25 * math.pi * n) for turn in (cos, sin))
+                found = attempt(step.scale(0.0)._replace(shift_m=(x, y)))
+                if found is not None:
+                    return found, False
         # Neither may it sink: it leans on what it meets.
         return footing._replace(is_settled=True, is_held=True), False
 
@@ -506,6 +515,7 @@ class SceneGround:
         stance, before = footing.stance, footing.world_from_robot
         turn_rad = 0.0 if footing.is_aloft else step.turn_rad
         goal = stance.drive(step.distance_m, turn_rad) if step.is_rolling else stance
+        goal = goal._replace(x_m=goal.x_m + step.shift_m[0], y_m=goal.y_m + step.shift_m[1])
         if not footing.is_held:  # what has no hold keeps its way, and falls
             goal = goal._replace(z_m=min(goal.z_m, stance.z_m))
         is_steep = stance.steepness > chassis.steepest
@@ -516,7 +526,15 @@ class SceneGround:
         if footing.tumble != (0.0, 0.0):
             goal = _tumble(chassis, goal, footing.tumble, chassis.tumble_rad_s * step.duration_s)
         moved_m = abs(step.distance_m) + abs(step.turn_rad) * chassis.reach_m
-        moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), others, obstacles, moved_m)
+        lowest_m = float(before.translation[2]) + max(goal.z_m - stance.z_m, 0.0) + step.sink_m
+        for _ in range(_MAX_HALVINGS):
+            moved = self._settle(
+                chassis, footing, goal, max(sink_m, 0.0), others, obstacles, moved_m
+            )
+            if float(moved.world_from_robot.translation[2]) <= lowest_m + 0.1 * _SKIN_M:
+                break
+            # A large turn takes the middle further down than any point: less of it in this tick.
+            sink_m *= 0.5
         if is_steep or moved.stance.steepness > chassis.steepest:
             moved = moved._replace(is_settled=False, is_held=False)
         if is_steep and moved.is_aloft and footing.tumble == (0.0, 0.0):
@@ -578,7 +596,12 @@ class SceneGround:
             if start_z is None:
                 start_z = goal_z = points[:, 2]
                 is_tilted = not (stance.is_level and footing.stance.is_level)
-                if is_tilted and stance.side == footing.stance.side and not math.isinf(sink_m):
+                if (
+                    is_tilted
+                    and not footing.is_aloft
+                    and stance.side == footing.stance.side
+                    and not math.isinf(sink_m)
+                ):
                     # What the arc alone lifts, in the plane of a tilted base, has not to fall.
                     here = footing.stance.world_from_side.transform_points(side.points)
                     start_z = np.maximum(start_z, here[:, 2])
@@ -600,6 +623,8 @@ class SceneGround:
                 points = np.concatenate((points, edges[0]))
                 gaps = np.concatenate((gaps, edges[1]))
                 limits = np.concatenate((limits, np.minimum(edges[1], sink_m)))
+            if start_z is goal_z and gaps.min() > sink_m + _TOUCH_M:
+                return self._fall(footing, stance, side, sink_m)
             centre = pose.transform_points(side.side_from_robot.translation)
             x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
             found = _find_facet(x, y, limits, contacts, (stance.slope_x, stance.slope_y))
@@ -607,16 +632,14 @@ class SceneGround:
                 # It falls as it is while it can, and then tips over to another side.
                 room_m = float(limits.min())
                 if room_m > _TOUCH_M:
-                    tipped = stance = stance._replace(z_m=stance.z_m + room_m)
-                else:
-                    tipped = _tip(chassis, stance) or stance
+                    return self._fall(footing, stance, side, room_m)
                 return footing._replace(
-                    stance=tipped,
-                    world_from_robot=stance.world_from_side @ side.side_from_robot,
+                    stance=_tip(chassis, stance) or stance,
+                    world_from_robot=pose @ side.side_from_robot,
                     contacts=(0, 0, 0),
                     is_settled=False,
                     is_held=False,
-                    is_aloft=room_m > _TOUCH_M,
+                    is_aloft=False,
                 )
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
@@ -640,6 +663,18 @@ class SceneGround:
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
             is_aloft=not any(rests),
+        )
+
+    def _fall(self, footing: _Footing, stance: _Stance, side: _Side, sink_m: float) -> _Footing:
+        """Footing of a base that nothing is below within some metres."""
+        stance = stance._replace(z_m=stance.z_m + sink_m)
+        return footing._replace(
+            stance=stance,
+            world_from_robot=stance.world_from_side @ side.side_from_robot,
+            contacts=(0, 0, 0),
+            is_settled=False,
+            is_held=False,
+            is_aloft=True,
         )
 
     def _find_edges(
@@ -738,6 +773,8 @@ class _Step(NamedTuple):
     sink_m: float
     """How far it falls in this time."""
     duration_s: float
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    """In x and y."""
 
     @property
     def is_rolling(self) -> bool:
