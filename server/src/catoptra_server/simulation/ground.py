@@ -60,7 +60,7 @@ _TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
 _ROUNDING_M = 1e-9
-_SLIP_M = 0.005
+_SLIPS_M = (0.005, 0.02, 0.06)
 # Metres and radians of a base that does not move.
 _STILL = 1e-6
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
@@ -494,8 +494,8 @@ class SceneGround:
                 return best, False
         if footing.is_aloft:
             # It hangs on something beside it, and slips off.
-            for n in range(8):
-                x, y = (_SLIP_M * turn(0.25 * math.pi * n) for turn in (cos, sin))
+            for n, slip_m in itertools.product(range(8), _SLIPS_M):
+                x, y = (slip_m * turn(0.25 * math.pi * n) for turn in (cos, sin))
                 found = attempt(step.scale(0.0)._replace(shift_m=(x, y)))
                 if found is not None:
                     return found, False
