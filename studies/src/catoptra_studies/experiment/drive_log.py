@@ -235,7 +235,7 @@ def drive_route(
 ) -> tuple[DriveStep, ...]:
     """Drive a spawned robot along the set-up's route and measure after every step."""
     chassis = read_chassis(robot)
-    steps = [DriveStep(read_true_pose(robot), _read_odometry_pose(robot), ())]
+    steps = [DriveStep(read_true_pose(robot), read_odometry_pose(robot), ())]
     on_step(robot, steps[0])
     # Step k of the route is row k of every result, and row 0 the start.
     for target in setup.route[1:]:
@@ -245,7 +245,7 @@ def drive_route(
         robot.drive(command.left_rad_s, command.right_rad_s)
         robot.step(command.duration_s)
         truth = read_true_pose(robot)
-        steps.append(DriveStep(truth, _read_odometry_pose(robot), measure(truth)))
+        steps.append(DriveStep(truth, read_odometry_pose(robot), measure(truth)))
         on_step(robot, steps[-1])
     return tuple(steps)
 
@@ -272,7 +272,7 @@ def read_true_pose(robot: RobotClient) -> Waypoint:
     return Waypoint(x, y, wrap_angle(reading.rotation_rad[2]))
 
 
-def _read_odometry_pose(robot: RobotClient) -> OdometryPose:
+def read_odometry_pose(robot: RobotClient) -> OdometryPose:
     """Latest odometry of a robot.
 
     Raises:
