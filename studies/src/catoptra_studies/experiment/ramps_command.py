@@ -4,8 +4,8 @@ The arena's six beacons stand upright on a floor that is tilted about its y axis
 of the floor on every slope. A run is the paper's simulated drive: on the level floor it is steered,
 on each slope the same wheel speeds follow, with the same slip. Landmarks are detected in rendered
 frames. Each drive is evaluated with the robot taken for level, and with measurements and odometry
-made level by roll and pitch of its INS. In the simulation these two have no noise, so they are also
-evaluated with some. Truth is range and bearing as seen from above.
+made level by roll and pitch of its INS. The INS has noise in place and heading alone, and rounds
+all angles to 0.01 rad: so more noise is evaluated, too. Truth is range and bearing from above.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from catoptra_client import localization
 from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -32,12 +33,6 @@ from catoptra_client.landmarks import (
     make_detector,
 )
 from catoptra_client.landmarks.classifier import UInt8Array
-from catoptra_client.localization import (
-    OdometryPose,
-    control_from_odometry,
-    level_control,
-    make_landmark_map,
-)
 from catoptra_client.localization.motion_model import propagate_pose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.training_frames import ROBOT_CLASS
@@ -47,21 +42,9 @@ from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.usarsim.readings import InsReading
-from catoptra_studies import plot_style
-from catoptra_studies.commands import (
-    add_output,
-    make_parser,
-    open_progress,
-    parse_study,
-    print_line,
-)
-from catoptra_studies.experiment import drive_log, experiment_setups, metrics
+from catoptra_studies import commands, plot_style
+from catoptra_studies.experiment import drive_log, experiment_runner, experiment_setups, metrics
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
-from catoptra_studies.experiment.experiment_runner import (
-    ExperimentConfig,
-    open_server,
-    train_on_server,
-)
 from catoptra_studies.experiment.localization_filter import replay_filter
 from catoptra_studies.experiment.route import WheelCommand, wheel_command_towards
 from catoptra_studies.reports import format_number, markdown_table, replace_block
@@ -74,9 +57,10 @@ _WAYS: Mapping[str, tuple[float, float]] = {
     "roll and pitch of the INS": (1.0, 0.0),
     "these with 1° of noise": (1.0, math.radians(1.0)),
 }
+_REACH_M = experiment_setups.MAX_RANGE_M
 _FILTERS = (experiment_setups.PAPER_FILTER, experiment_setups.CONSISTENT_FILTER)
 _QUANTITIES = (
-    "beacons found within 2.5 m, %",
+    f"beacons found within {_REACH_M} m, %",
     "bearing, rms °",
     "range, rms m",
     "paper's filter, rms m",
@@ -127,25 +111,25 @@ class _SlopeDrives(NamedTuple):
 
 def main(arguments: Sequence[str]) -> int:
     """Drive on slopes, and write a table and two pictures."""
-    parser = make_parser(
+    parser = commands.make_parser(
         "ramps",
         "Drive on floors of 0 to 25 degrees, and compare bearings, ranges and filters of a robot "
         "taken for level with those that roll and pitch of its INS correct.",
     )
-    add_output(parser, "out/ramps", "folder for table, pictures and servers' logs")
+    commands.add_output(parser, "out/ramps", "folder for table, pictures and servers' logs")
     add = parser.add_argument
     add("--runs", type=parse_count, default=20, metavar="N", help="drives on each slope")
     add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
     add("--quick", action="store_true", help="the first 30 steps on 0 and 20 degrees")
     add("--page", type=Path, metavar="FILE",
         help="file whose block ramps gets the table; the pictures go into its folder")  # fmt: skip
-    return _run(parse_study(parser, arguments))
+    return _run(commands.parse_study(parser, arguments))
 
 
 def _run(parsed: argparse.Namespace) -> int:
     slopes_deg = (0, _SHOWN_SLOPE_DEG) if parsed.quick else _SLOPES_DEG
     (parsed.out / "robot.ini").write_text(_ROBOT_INI, encoding="utf-8")
-    with open_progress() as progress:
+    with commands.open_progress() as progress:
         on_drive = progress.add_task("drives", len(slopes_deg) * parsed.runs)
         drives = _drive_slopes(parsed, slopes_deg, on_drive)
     results = {slope: _evaluate(one, parsed.seed) for slope, one in drives.items()}
@@ -157,7 +141,7 @@ def _run(parsed: argparse.Namespace) -> int:
         replace_block(parsed.page, "ramps", text)
         for name in ("ramps.png", "ramps-horizon.png"):
             shutil.copyfile(parsed.out / name, parsed.page.parent / name)
-    print_line(f"{text}\nwritten: {parsed.out}")
+    commands.print_line(f"{text}\nwritten: {parsed.out}")
     return 0
 
 
@@ -187,7 +171,7 @@ def _drive_slopes(
 ) -> dict[int, _SlopeDrives]:
     """Drive all runs on each slope; the first slope is level, and has the steered drives."""
     drives: dict[int, _SlopeDrives] = {}
-    commands: list[list[WheelCommand]] = [[] for _ in range(parsed.runs)]
+    driven: list[list[WheelCommand]] = [[] for _ in range(parsed.runs)]
     classifier: ColourClassifier | None = None
     for slope_deg in slopes_deg:
         world_file, landmarks = _write_world(parsed.out, slope_deg)
@@ -197,7 +181,7 @@ def _drive_slopes(
             robot_file=str(parsed.out.resolve() / "robot.ini"),
             route=experiment_setups.SIM.route[: 31 if parsed.quick else None],
         )
-        config = ExperimentConfig(
+        config = experiment_runner.ExperimentConfig(
             config_folder=None,
             output_folder=parsed.out,
             setups=(setup,),
@@ -207,12 +191,12 @@ def _drive_slopes(
             server_arguments=("--renderer", "trace", "--threads", "1"),
             other_world=(world_file, landmarks),
         )
-        with open_server(config, setup) as address:
+        with experiment_runner.open_server(config, setup) as address:
             # Once: the labels of training frames are those of a level robot.
-            classifier = classifier or train_on_server(config, address)
+            classifier = classifier or experiment_runner.train_on_server(config, address)
             for run in range(parsed.runs):
                 drive = _drive(
-                    config, run, address, math.radians(slope_deg), classifier, commands[run]
+                    config, run, address, math.radians(slope_deg), classifier, driven[run]
                 )
                 drives.setdefault(slope_deg, drive._replace(runs=[])).runs.extend(drive.runs)
                 on_drive()
@@ -220,14 +204,14 @@ def _drive_slopes(
 
 
 def _drive(
-    config: ExperimentConfig,
+    config: experiment_runner.ExperimentConfig,
     run: int,
     address: ServerAddress,
     slope_rad: float,
     classifier: ColourClassifier,
-    commands: list[WheelCommand],
+    driven: list[WheelCommand],
 ) -> _SlopeDrives:
-    """Drive one run by its commands; where there are none, steer along the route and add them."""
+    """Drive one run as it was driven before; the first time steer along the route."""
     start, *targets = config.setups[0].route
     with (
         RobotClient.connect(address.host, address.control_port) as robot,
@@ -251,21 +235,16 @@ def _drive(
         attitude_rad = (0.0, slope_rad if math.cos(start.yaw_rad) > 0.0 else -slope_rad)
         steps = [_TiltedStep(_read_step(robot), (), attitude_rad)]
         for number, target in enumerate(targets):
-            if number == len(commands):
+            if number == len(driven):
                 truth = drive_log.read_true_pose(robot)
-                commands.append(wheel_command_towards(target, truth, chassis))
-            robot.drive(commands[number].left_rad_s, commands[number].right_rad_s)
-            reports = robot.step(commands[number].duration_s)
+                driven.append(wheel_command_towards(target, truth, chassis))
+            robot.drive(driven[number].left_rad_s, driven[number].right_rad_s)
+            reports = robot.step(driven[number].duration_s)
             (reading,) = [one for one in reports if isinstance(one, InsReading)][-1:]
-            roll, pitch, _ = reading.rotation_rad  # 0 to 2 pi on the wire
+            # On the wire angles are 0 to 2 pi.
+            roll, pitch, _ = map(wrap_angle, reading.rotation_rad)
             frame = images.get_frame().rgb
-            steps.append(
-                _TiltedStep(
-                    _read_step(robot),
-                    detect(detector, frame),
-                    (wrap_angle(roll), wrap_angle(pitch)),
-                )
-            )
+            steps.append(_TiltedStep(_read_step(robot), detect(detector, frame), (roll, pitch)))
     return _SlopeDrives(config.landmarks, camera, viewpoint, [steps], frame)
 
 
@@ -275,20 +254,17 @@ def _read_step(robot: RobotClient) -> DriveStep:
 
 def _evaluate(drives: _SlopeDrives, seed: int) -> Floats:
     """(ways, runs, quantities) numbers of the drives on one slope."""
-    landmark_map = make_landmark_map(drives.landmarks)
+    landmark_map = localization.make_landmark_map(drives.landmarks)
     numbers = []
     for factor, sigma_rad in _WAYS.values():
         for run, steps in enumerate(drives.runs):
             # The same noise on every slope.
-            noise = np.random.Generator(np.random.Philox(key=[seed, run])).normal(
-                size=(len(steps), 2)
-            )
+            generator = np.random.Generator(np.random.Philox(key=[seed, run]))
+            noise = generator.normal(size=(len(steps), 2))
             attitudes = factor * np.array([one.attitude_rad for one in steps]) + sigma_rad * noise
             log = DriveLog("ramps", run, _level_steps(drives, steps, attitudes))
             range_m, bearing_deg = metrics.rms_errors([log], drives.landmarks)
-            found = metrics.detection_rate(
-                [log], drives.landmarks, max_distance_m=experiment_setups.MAX_RANGE_M
-            )
+            found = metrics.detection_rate([log], drives.landmarks, max_distance_m=_REACH_M)
             errors_m = (
                 replay_filter(log, experiment_setups.SIM, one, landmark_map).estimate_error_m[1:]
                 for one in _FILTERS
@@ -308,9 +284,11 @@ def _level_steps(
         zip(steps, attitudes.tolist(), strict=True)
     ):
         if number:
-            control = control_from_odometry(steps[number - 1].step.odometry, step.odometry)
+            control = localization.control_from_odometry(
+                steps[number - 1].step.odometry, step.odometry
+            )
             mean_roll, mean_pitch = attitudes[number - 1 : number + 1].mean(axis=0).tolist()
-            control = level_control(control, roll_rad=mean_roll, pitch_rad=mean_pitch)
+            control = localization.level_control(control, roll_rad=mean_roll, pitch_rad=mean_pitch)
             pose = propagate_pose(pose, control)
         level = [
             level_detection(
@@ -323,7 +301,7 @@ def _level_steps(
             )
             for one in detections
         ]
-        odometry = OdometryPose(*pose.tolist())
+        odometry = localization.OdometryPose(*pose.tolist())
         logged.append(DriveStep(step.truth, odometry, drive_log.measurements_in_range(level)))
     return tuple(logged)
 
