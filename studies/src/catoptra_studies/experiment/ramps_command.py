@@ -100,13 +100,13 @@ class _TiltedStep(NamedTuple):
     """Roll and pitch of the INS."""
 
 
-class _SlopeDrives(NamedTuple):
+class _Drive(NamedTuple):
     landmarks: tuple[Landmark, ...]
     camera: OmniCamera
     viewpoint: Viewpoint
-    runs: list[list[_TiltedStep]]
+    steps: list[_TiltedStep]
     frame: UInt8Array
-    """Last frame of the last run."""
+    """The last frame."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -136,7 +136,7 @@ def _run(parsed: argparse.Namespace) -> int:
     text = _format_table(results, parsed.runs, parsed.seed)
     (parsed.out / "ramps.md").write_text(text + "\n", encoding="utf-8")
     _draw_errors(results, parsed.out / "ramps.png")
-    _draw_horizons(drives[_SHOWN_SLOPE_DEG], parsed.out / "ramps-horizon.png")
+    _draw_horizons(drives[_SHOWN_SLOPE_DEG][-1], parsed.out / "ramps-horizon.png")
     if parsed.page:
         replace_block(parsed.page, "ramps", text)
         for name in ("ramps.png", "ramps-horizon.png"):
@@ -168,9 +168,9 @@ def _write_world(folder: Path, slope_deg: int) -> tuple[Path, tuple[Landmark, ..
 
 def _drive_slopes(
     parsed: argparse.Namespace, slopes_deg: Sequence[int], on_drive: Callable[[], None]
-) -> dict[int, _SlopeDrives]:
+) -> dict[int, list[_Drive]]:
     """Drive all runs on each slope; the first slope is level, and has the steered drives."""
-    drives: dict[int, _SlopeDrives] = {}
+    drives: dict[int, list[_Drive]] = {}
     driven: list[list[WheelCommand]] = [[] for _ in range(parsed.runs)]
     classifier: ColourClassifier | None = None
     for slope_deg in slopes_deg:
@@ -195,10 +195,9 @@ def _drive_slopes(
             # Once: the labels of training frames are those of a level robot.
             classifier = classifier or experiment_runner.train_on_server(config, address)
             for run in range(parsed.runs):
-                drive = _drive(
-                    config, run, address, math.radians(slope_deg), classifier, driven[run]
-                )
-                drives.setdefault(slope_deg, drive._replace(runs=[])).runs.extend(drive.runs)
+                slope_rad = math.radians(slope_deg)
+                drive = _drive(config, run, address, slope_rad, classifier, driven[run])
+                drives.setdefault(slope_deg, []).append(drive)
                 on_drive()
     return drives
 
@@ -210,7 +209,7 @@ def _drive(
     slope_rad: float,
     classifier: ColourClassifier,
     driven: list[WheelCommand],
-) -> _SlopeDrives:
+) -> _Drive:
     """Drive one run as it was driven before; the first time steer along the route."""
     start, *targets = config.setups[0].route
     with (
@@ -245,56 +244,54 @@ def _drive(
             roll, pitch, _ = map(wrap_angle, reading.rotation_rad)
             frame = images.get_frame().rgb
             steps.append(_TiltedStep(_read_step(robot), detect(detector, frame), (roll, pitch)))
-    return _SlopeDrives(config.landmarks, camera, viewpoint, [steps], frame)
+    return _Drive(config.landmarks, camera, viewpoint, steps, frame)
 
 
 def _read_step(robot: RobotClient) -> DriveStep:
     return DriveStep(drive_log.read_true_pose(robot), drive_log.read_odometry_pose(robot), ())
 
 
-def _evaluate(drives: _SlopeDrives, seed: int) -> Floats:
+def _evaluate(drives: Sequence[_Drive], seed: int) -> Floats:
     """(ways, runs, quantities) numbers of the drives on one slope."""
-    landmark_map = localization.make_landmark_map(drives.landmarks)
+    landmarks = drives[0].landmarks
+    landmark_map = localization.make_landmark_map(landmarks)
     numbers = []
     for factor, sigma_rad in _WAYS.values():
-        for run, steps in enumerate(drives.runs):
+        for run, drive in enumerate(drives):
             # The same noise on every slope.
             generator = np.random.Generator(np.random.Philox(key=[seed, run]))
-            noise = generator.normal(size=(len(steps), 2))
-            attitudes = factor * np.array([one.attitude_rad for one in steps]) + sigma_rad * noise
-            log = DriveLog("ramps", run, _level_steps(drives, steps, attitudes))
-            range_m, bearing_deg = metrics.rms_errors([log], drives.landmarks)
-            found = metrics.detection_rate([log], drives.landmarks, max_distance_m=_REACH_M)
+            noise = generator.normal(size=(len(drive.steps), 2))
+            attitudes = factor * np.array([one.attitude_rad for one in drive.steps])
+            log = DriveLog("ramps", run, _level_steps(drive, attitudes + sigma_rad * noise))
+            range_m, bearing_deg = metrics.rms_errors([log], landmarks)
+            found = metrics.detection_rate([log], landmarks, max_distance_m=_REACH_M)
             errors_m = (
                 replay_filter(log, experiment_setups.SIM, one, landmark_map).estimate_error_m[1:]
                 for one in _FILTERS
             )
             rms_m = [math.sqrt(np.square(one).mean()) for one in errors_m]
             numbers.append([100.0 * found, bearing_deg, range_m, *rms_m])
-    return np.array(numbers).reshape(len(_WAYS), len(drives.runs), len(_QUANTITIES))
+    return np.array(numbers).reshape(len(_WAYS), len(drives), len(_QUANTITIES))
 
 
-def _level_steps(
-    drives: _SlopeDrives, steps: Sequence[_TiltedStep], attitudes: Floats
-) -> tuple[DriveStep, ...]:
+def _level_steps(drive: _Drive, attitudes: Floats) -> tuple[DriveStep, ...]:
     """Steps as a level robot would log them, by (n, 2) roll and pitch; at zero as they are."""
-    by_name = {one.name: one for one in drives.landmarks}
+    by_name = {one.name: one for one in drive.landmarks}
     pose, logged = np.zeros(3), []
-    for number, ((step, detections, _), (roll, pitch)) in enumerate(
-        zip(steps, attitudes.tolist(), strict=True)
-    ):
+    for number, (step, detections, _) in enumerate(drive.steps):
         if number:
             control = localization.control_from_odometry(
-                steps[number - 1].step.odometry, step.odometry
+                drive.steps[number - 1].step.odometry, step.odometry
             )
             mean_roll, mean_pitch = attitudes[number - 1 : number + 1].mean(axis=0).tolist()
             control = localization.level_control(control, roll_rad=mean_roll, pitch_rad=mean_pitch)
             pose = propagate_pose(pose, control)
+        roll, pitch = attitudes[number].tolist()
         level = [
             level_detection(
                 one,
                 by_name[one.name],
-                drives.viewpoint,
+                drive.viewpoint,
                 roll_rad=roll,
                 pitch_rad=pitch,
                 origin_height_m=_ORIGIN_HEIGHT_M,
@@ -329,29 +326,38 @@ def _draw_errors(results: Mapping[int, Floats], path: Path) -> None:
             for way, (name, colour) in enumerate(zip(_WAYS, colours, strict=True)):
                 ends = [median_with_interval(one[way, :, quantity]) for one in results.values()]
                 median, low, high = np.array(ends).T
-                axes.plot([*results], median, color=colour, marker="o", ms=3, label=name)
+                # Thinner ones above: two of the three are nearly equal.
+                axes.plot(
+                    [*results],
+                    median,
+                    color=colour,
+                    marker="o",
+                    label=name,
+                    ms=7 - 2 * way,
+                    lw=3 - way,
+                )
                 axes.fill_between([*results], low, high, color=colour, alpha=0.2, lw=0)
             axes.set(title=_QUANTITIES[quantity], xlabel="slope, °", xticks=[*results])
             axes.set_ylim(bottom=0.0)
         plot_style.add_legend(figure, panels[0], loc="outside lower center", ncols=3)
 
 
-def _draw_horizons(drives: _SlopeDrives, path: Path) -> None:
+def _draw_horizons(drive: _Drive, path: Path) -> None:
     """Draw a frame on a slope: the horizon, and that of a robot that is taken for level.
 
     Crosses are where a level robot at the same place would see the lower bands of the beacons.
     """
-    (step, _, (roll, pitch)), side_px = drives.runs[-1][-1], 2 * drives.frame.shape[1]
+    (step, _, (roll, pitch)), side_px = drive.steps[-1], 2 * drive.frame.shape[1]
     azimuth = np.linspace(0.0, math.tau, 361)
     level = np.stack((np.cos(azimuth), np.sin(azimuth), np.zeros(361)), axis=-1)
     true = level @ rotation_from_rpy(roll, pitch, 0.0)
     with plot_style.open_page(path, side_px, side_px) as page:
-        axes = plot_style.show_image(page, drives.frame, 0, 0, side_px)
+        axes = plot_style.show_image(page, drive.frame, 0, 0, side_px)
         for directions, colour in ((level, plot_style.RED), (true, plot_style.BLUE)):
-            pixels, valid = drives.camera.pixel_from_direction(directions)
+            pixels, valid = drive.camera.pixel_from_direction(directions)
             axes.plot(*np.where(valid[:, None], pixels, np.nan).T, color=colour)
-        for one in drives.landmarks:
+        for one in drive.landmarks:
             range_m, bearing = metrics.true_range_bearing(step, one)
-            drop_m = drives.viewpoint.height_m - one.band_bottom_m - 0.05
+            drop_m = drive.viewpoint.height_m - one.band_bottom_m - 0.05
             ray = np.array((range_m * math.cos(bearing), range_m * math.sin(bearing), drop_m))
-            axes.plot(*drives.camera.pixel_from_direction(ray)[0], "+", color=plot_style.RED, ms=9)
+            axes.plot(*drive.camera.pixel_from_direction(ray)[0], "+", color=plot_style.RED, ms=9)
