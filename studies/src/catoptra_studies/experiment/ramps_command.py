@@ -41,12 +41,11 @@ from catoptra_protocol.landmarks import Landmark, read_landmarks
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
-from catoptra_protocol.usarsim.readings import InsReading
 from catoptra_studies import commands, plot_style
 from catoptra_studies.experiment import drive_log, experiment_runner, experiment_setups, metrics
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.localization_filter import replay_filter
-from catoptra_studies.experiment.route import WheelCommand, wheel_command_towards
+from catoptra_studies.experiment.route import Waypoint, WheelCommand
 from catoptra_studies.reports import format_number, markdown_table, replace_block
 from catoptra_studies.run_statistics import median_with_interval
 
@@ -92,19 +91,16 @@ Colour=(R=150,G=146,B=140))
 """
 
 
-class _TiltedStep(NamedTuple):
-    step: DriveStep
-    """Truth and odometry."""
-    detections: tuple[Detection, ...]
-    attitude_rad: tuple[float, float]
-    """Roll and pitch of the INS."""
-
-
 class _Drive(NamedTuple):
     landmarks: tuple[Landmark, ...]
     camera: OmniCamera
     viewpoint: Viewpoint
-    steps: list[_TiltedStep]
+    steps: tuple[DriveStep, ...]
+    """Truth and odometry."""
+    detections: list[tuple[Detection, ...]]
+    """Of each step; none at the start."""
+    attitudes: list[tuple[float, ...]]
+    """Roll and pitch of the INS."""
     frame: UInt8Array
     """The last frame."""
 
@@ -211,7 +207,7 @@ def _drive(
     driven: list[WheelCommand],
 ) -> _Drive:
     """Drive one run as it was driven before; the first time steer along the route."""
-    start, *targets = config.setups[0].route
+    start = config.setups[0].route[0]
     with (
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
@@ -230,25 +226,21 @@ def _drive(
         detector = make_detector(
             camera, classifier, landmarks=config.landmarks, viewpoint=viewpoint
         )
-        chassis, frame = drive_log.read_chassis(robot), images.get_frame().rgb
-        attitude_rad = (0.0, slope_rad if math.cos(start.yaw_rad) > 0.0 else -slope_rad)
-        steps = [_TiltedStep(_read_step(robot), (), attitude_rad)]
-        for number, target in enumerate(targets):
-            if number == len(driven):
-                truth = drive_log.read_true_pose(robot)
-                driven.append(wheel_command_towards(target, truth, chassis))
-            robot.drive(driven[number].left_rad_s, driven[number].right_rad_s)
-            reports = robot.step(driven[number].duration_s)
-            (reading,) = [one for one in reports if isinstance(one, InsReading)][-1:]
+        pitch = slope_rad if math.cos(start.yaw_rad) > 0.0 else -slope_rad
+        found: list[tuple[Detection, ...]] = [()]
+        attitudes: list[tuple[float, ...]] = [(0.0, pitch)]
+        frames = [images.get_frame().rgb]
+
+        def measure(truth: Waypoint) -> tuple[drive_log.LandmarkMeasurement, ...]:
+            assert robot.ins is not None, "the robot file has an INS"
             # On the wire angles are 0 to 2 pi.
-            roll, pitch, _ = map(wrap_angle, reading.rotation_rad)
-            frame = images.get_frame().rgb
-            steps.append(_TiltedStep(_read_step(robot), detect(detector, frame), (roll, pitch)))
-    return _Drive(config.landmarks, camera, viewpoint, steps, frame)
+            attitudes.append(tuple(wrap_angle(angle) for angle in robot.ins.rotation_rad[:2]))
+            frames[0] = images.get_frame().rgb
+            found.append(detect(detector, frames[0]))
+            return ()
 
-
-def _read_step(robot: RobotClient) -> DriveStep:
-    return DriveStep(drive_log.read_true_pose(robot), drive_log.read_odometry_pose(robot), ())
+        steps = drive_log.drive_route(config.setups[0], robot, measure, commands=driven)
+    return _Drive(config.landmarks, camera, viewpoint, steps, found, attitudes, frames[0])
 
 
 def _evaluate(drives: Sequence[_Drive], seed: int) -> Floats:
@@ -261,7 +253,7 @@ def _evaluate(drives: Sequence[_Drive], seed: int) -> Floats:
             # The same noise on every slope.
             generator = np.random.Generator(np.random.Philox(key=[seed, run]))
             noise = generator.normal(size=(len(drive.steps), 2))
-            attitudes = factor * np.array([one.attitude_rad for one in drive.steps])
+            attitudes = factor * np.array(drive.attitudes)
             log = DriveLog("ramps", run, _level_steps(drive, attitudes + sigma_rad * noise))
             range_m, bearing_deg = metrics.rms_errors([log], landmarks)
             found = metrics.detection_rate([log], landmarks, max_distance_m=_REACH_M)
@@ -278,10 +270,10 @@ def _level_steps(drive: _Drive, attitudes: Floats) -> tuple[DriveStep, ...]:
     """Steps as a level robot would log them, by (n, 2) roll and pitch; at zero as they are."""
     by_name = {one.name: one for one in drive.landmarks}
     pose, logged = np.zeros(3), []
-    for number, (step, detections, _) in enumerate(drive.steps):
+    for number, step in enumerate(drive.steps):
         if number:
             control = localization.control_from_odometry(
-                drive.steps[number - 1].step.odometry, step.odometry
+                drive.steps[number - 1].odometry, step.odometry
             )
             mean_roll, mean_pitch = attitudes[number - 1 : number + 1].mean(axis=0).tolist()
             control = localization.level_control(control, roll_rad=mean_roll, pitch_rad=mean_pitch)
@@ -296,7 +288,7 @@ def _level_steps(drive: _Drive, attitudes: Floats) -> tuple[DriveStep, ...]:
                 pitch_rad=pitch,
                 origin_height_m=_ORIGIN_HEIGHT_M,
             )
-            for one in detections
+            for one in drive.detections[number]
         ]
         odometry = localization.OdometryPose(*pose.tolist())
         logged.append(DriveStep(step.truth, odometry, drive_log.measurements_in_range(level)))
@@ -347,7 +339,7 @@ def _draw_horizons(drive: _Drive, path: Path) -> None:
 
     Crosses are where a level robot at the same place would see the lower bands of the beacons.
     """
-    (step, _, (roll, pitch)), side_px = drive.steps[-1], 2 * drive.frame.shape[1]
+    side_px, (roll, pitch) = 2 * drive.frame.shape[1], drive.attitudes[-1]
     azimuth = np.linspace(0.0, math.tau, 361)
     level = np.stack((np.cos(azimuth), np.sin(azimuth), np.zeros(361)), axis=-1)
     true = level @ rotation_from_rpy(roll, pitch, 0.0)
@@ -357,7 +349,7 @@ def _draw_horizons(drive: _Drive, path: Path) -> None:
             pixels, valid = drive.camera.pixel_from_direction(directions)
             axes.plot(*np.where(valid[:, None], pixels, np.nan).T, color=colour)
         for one in drive.landmarks:
-            range_m, bearing = metrics.true_range_bearing(step, one)
+            range_m, bearing = metrics.true_range_bearing(drive.steps[-1], one)
             drop_m = drive.viewpoint.height_m - one.band_bottom_m - 0.05
             ray = np.array((range_m * math.cos(bearing), range_m * math.sin(bearing), drop_m))
             axes.plot(*drive.camera.pixel_from_direction(ray)[0], "+", color=plot_style.RED, ms=9)
