@@ -67,7 +67,7 @@ experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 mi
 	$(BIN)/catoptra-studies seeds --out out/experiment-seeds --seeds $(or $(SEEDS),50) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
-ramps: $(READY) ## Measure what tilt does to bearings and filters on slopes of 0 to 25 degrees, 15 minutes; writes out/ramps: [RUNS=20] [UPDATE=yes: docs]
+ramps: $(READY) ## Measure what tilt does to bearings and filters on slopes of 0 to 25 degrees, 6 minutes; writes out/ramps: [RUNS=20] [UPDATE=yes: docs]
 	$(BIN)/catoptra-studies ramps --out out/ramps --runs $(or $(RUNS),20) $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 # One page a machine: PORT=0 takes free ports for a second one.
