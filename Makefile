@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -66,6 +66,9 @@ demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 min
 experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50] [UPDATE=yes: docs]
 	$(BIN)/catoptra-studies seeds --out out/experiment-seeds --seeds $(or $(SEEDS),50) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
+
+ramps: $(READY) ## Measure what tilt does to bearings and filters on slopes of 0 to 25 degrees, 6 minutes; writes out/ramps: [RUNS=20] [UPDATE=yes: docs]
+	$(BIN)/catoptra-studies ramps --out out/ramps --runs $(or $(RUNS),20) $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 
 # One page a machine: PORT=0 takes free ports for a second one.
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080] [WORLD=arena]
@@ -162,7 +165,7 @@ fuzz: $(READY) $(TOOLS) ## Feed the parsers a million malformed inputs, and send
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
 
-drives: $(READY) $(TOOLS) ## Drive robots at random over steps, ramps and edges, judged by rays of their own; 10 minutes: [DRIVES=10000]
+drives: $(READY) $(TOOLS) ## Drive robots at random over steps, ramps and edges, judged by rays of their own; 26 minutes: [DRIVES=10000]
 	cd tests && ../$(BIN)/python -m measurements.drives $(or $(DRIVES),10000)
 
 soak: $(READY) $(TOOLS) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]

@@ -80,7 +80,10 @@ def test_ini_block_of_the_effects_page_is_a_part_of_a_robot_file(tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("target", "tracked"),
-    [("cost", "README.md"), ("cost", "COST.md"), ("cost", "cost.json"), ("effects", "EFFECTS.md")],
+    [
+        *(("cost", name) for name in ("README.md", "COST.md", "cost.json")),
+        *(("effects", "EFFECTS.md"), ("ramps", "measured.md")),
+    ],
 )
 def test_target_names_a_tracked_file_with_update_alone(target: str, tracked: str) -> None:
     for update, expected in (((), False), (("UPDATE=no",), False), (("UPDATE=yes",), True)):

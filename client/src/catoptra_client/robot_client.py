@@ -34,6 +34,7 @@ from catoptra_protocol.usarsim.reports import (
     Greeting,
     GroundTruthReading,
     InitResult,
+    InsReading,
     OdometryReading,
     Report,
     StartPoses,
@@ -148,6 +149,11 @@ class RobotClient:
     def ground_truth(self) -> GroundTruthReading | None:
         """Latest ground truth received; None before the first."""
         return self._connection.get_latest(GroundTruthReading)
+
+    @property
+    def ins(self) -> InsReading | None:
+        """Latest INS reading received, with roll and pitch; None before the first."""
+        return self._connection.get_latest(InsReading)
 
     @property
     def status(self) -> VehicleStatus | None:

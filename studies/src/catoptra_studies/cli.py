@@ -1,4 +1,4 @@
-"""The command `catoptra-studies`: demo, seeds, live, cost, effects, cameras, compare and figures.
+"""The command `catoptra-studies`: demo, seeds, ramps, live, cost, effects, and more.
 
 Each subcommand has a module with a `main`, imported here once the name has been read. So
 `demo` starts where no server is installed, and `figures` where no client can connect. To add a
@@ -16,6 +16,7 @@ from catoptra_protocol.interrupts import end_at_interrupt
 COMMANDS = {
     "demo": "repeat the paper's experiment in both set-ups and write its report",
     "seeds": "evaluate the claims of demo with many seeds, without pictures",
+    "ramps": "measure what the tilt of a robot on slopes does to bearings and filters",
     "live": "show a robot that drives and localizes itself in a browser, in real time",
     "cost": "measure what accuracy costs in time and gains in localization",
     "effects": "show each image effect, and the levels at which classification fails",
@@ -63,6 +64,10 @@ def _load_command(name: str) -> Callable[[Sequence[str]], int]:
             from catoptra_studies.experiment.seeds_command import main as run_seeds
 
             return run_seeds
+        case "ramps":
+            from catoptra_studies.experiment.ramps_command import main as run_ramps
+
+            return run_ramps
         case "live":
             from catoptra_studies.live.live_command import main as run_live
 

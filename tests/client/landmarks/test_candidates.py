@@ -16,6 +16,7 @@ from catoptra_client.landmarks.candidates import (
     PolarMeasurement,
     detection_from_candidate,
     is_clear_of_horizon,
+    level_detection,
     range_from_half_angle,
     range_from_slope,
     range_sigma_from_angle,
@@ -148,3 +149,68 @@ def test_beacon_of_one_colour_is_rejected() -> None:
 
 def test_field_landmarks_have_distinct_colours() -> None:
     require_distinct_colours(synthetic_frames.FIELD_LANDMARKS)
+
+
+def tilt(vector: tuple[float, float, float], roll: float, pitch: float) -> np.ndarray:
+    """Level axes of a vector on the robot: turned about x, then about y."""
+    x, y, z = vector
+    y, z = y * math.cos(roll) - z * math.sin(roll), y * math.sin(roll) + z * math.cos(roll)
+    return np.array((x * math.cos(pitch) + z * math.sin(pitch), y,
+                     z * math.cos(pitch) - x * math.sin(pitch)))  # fmt: skip
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.3, 0.0), (0.0, -0.4), (-0.2, 0.35)])
+@pytest.mark.parametrize("azimuth", [0.0, 1.0, 2.5, -2.0, -0.7])
+@pytest.mark.parametrize("distance_m", [0.8, 2.4])
+def test_level_detection_is_where_an_upright_beacon_stands_on_the_slope(
+    roll: float, pitch: float, azimuth: float, distance_m: float
+) -> None:
+    # From the middle between the wheels, in level axes: eye, robot's origin and foot of the beacon.
+    height_m, origin_m, radius_m = 0.6, 0.15, 0.5 * BEACON.width_m
+    eye, origin = (tilt((0.0, 0.0, -one), roll, pitch) for one in (height_m, origin_m))
+    x, y = distance_m * math.cos(azimuth), distance_m * math.sin(azimuth)
+    normal = tilt((0.0, 0.0, 1.0), roll, pitch)
+    foot = np.array((x, y, -(normal[0] * x + normal[1] * y) / normal[2]))
+    to_eye = (eye - foot)[:2] / math.hypot(*(eye - foot)[:2])
+    front = foot + 0.25 * math.pi * radius_m * np.array((*to_eye, 0.0))
+    axes = [tilt(axis, roll, pitch) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    # What `detect` measures: the slope of the lower band's middle, the azimuth of both bands'.
+    low, middle = (front - (0.0, 0.0, h) - eye for h in (0.25, 0.3))
+    ahead, right, down = (float(low @ axis) for axis in axes)
+    measured_m = (height_m - 0.25) * math.hypot(ahead, right) / down + 0.25 * math.pi * radius_m
+    bearing = math.atan2(float(middle @ axes[1]), float(middle @ axes[0]))
+    covariance = np.array(((4e-4, 1e-5), (1e-5, 1e-4)))
+
+    def level(range_m: float, bearing_rad: float) -> Detection:
+        found = Detection("b", "beacon", range_m, bearing_rad, covariance, 9, True)
+        return level_detection(found, BEACON, Viewpoint(height_m), roll_rad=roll, pitch_rad=pitch,
+                               origin_height_m=origin_m)  # fmt: skip
+
+    found = level(measured_m, bearing)
+    true_m, true_rad = math.hypot(*(foot - origin)[:2]), math.atan2(*(foot - origin)[1::-1])
+    # The middle of the bands is higher, hence nearer or farther: second order of the lean.
+    assert found.range_m == pytest.approx(true_m, abs=1e-3)
+    assert math.remainder(found.bearing_rad - true_rad, math.tau) == pytest.approx(0.0, abs=2e-3)
+    columns = []
+    for step in ((1e-6, 0.0), (0.0, 1e-6)):
+        moved = level(measured_m + step[0], bearing + step[1])
+        turn = math.remainder(moved.bearing_rad - found.bearing_rad, math.tau)
+        columns.append(((moved.range_m - found.range_m) * 1e6, turn * 1e6))
+    jacobian = np.array(columns).T
+    # The front of the beacon turns with the ray, which its Jacobian leaves out.
+    np.testing.assert_allclose(
+        found.covariance, jacobian @ covariance @ jacobian.T, rtol=0.05, atol=1e-5
+    )
+
+
+def test_level_detection_without_a_range_turns_the_bearing_alone() -> None:
+    variance = np.array(((0.0, 0.0), (0.0, 1e-4)))
+    found = level_detection(
+        Detection("b", "beacon", 0.0, 0.5, variance, 9, False), BEACON, Viewpoint(),
+        roll_rad=0.3, pitch_rad=0.0,
+    )  # fmt: skip
+    # tan b' = cos(roll) tan b, and its derivative.
+    expected = math.atan(math.cos(0.3) * math.tan(0.5))
+    slope = math.cos(0.3) * (math.cos(expected) / math.cos(0.5)) ** 2
+    assert (found.range_m, found.bearing_rad) == (0.0, pytest.approx(expected, abs=1e-12))
+    np.testing.assert_allclose(found.covariance, variance * slope**2, rtol=1e-12)

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from catoptra_client.localization import (
     PAPER_GATE,
@@ -22,12 +23,14 @@ from catoptra_client.localization import (
     RangeBearing,
     Recovery,
     apply_recovery,
+    level_control,
     predict,
     update,
     update_health,
 )
 from catoptra_client.localization.ekf import predict_measurement
 from catoptra_client.localization.motion_model import propagate_pose
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 NUM_SEEDS = 20
 VIEWPOINT_HEIGHT_M, LANDMARK_HEIGHT_M, MAX_RANGE_M = 0.6, 0.3, 2.5
@@ -172,3 +175,20 @@ def test_small_motion_noise_locks_the_filter_out_for_good() -> None:
 def test_recovery_ends_the_lock_out() -> None:
     assert median(r.ekf_m[30:].max() for r in simulate_all_seeds("recovery")) < 0.2
     assert max(r.ekf_m[30:].max() for r in simulate_all_seeds("recovery")) < 0.6
+
+
+def test_level_controls_follow_the_drive_on_a_slope() -> None:
+    # An arc on a plane of 20 degrees, in short steps; axes of the robot by turns about its own z.
+    slope, control = math.radians(20.0), Control(0.01, 0.01)
+    axes, place, pose = rotation_from_rpy(0.0, slope, 0.0), np.zeros(3), np.zeros(3)
+    for _ in range(200):
+        roll, pitch = math.atan2(axes[2, 1], axes[2, 2]), math.asin(-axes[2, 0])
+        pose = propagate_pose(pose, level_control(control, roll_rad=roll, pitch_rad=pitch))
+        half = rotation_from_rpy(0.0, 0.0, 0.005)
+        place = place + axes @ half[:, 0] * 0.01
+        axes = axes @ half @ half
+    # A step has the attitude of its start: errors of the order of the step.
+    np.testing.assert_allclose(pose[:2], place[:2], atol=3e-3)
+    assert pose[2] == pytest.approx(math.atan2(axes[1, 0], axes[0, 0]), abs=2e-3)
+    level = level_control(control, roll_rad=0.0, pitch_rad=0.0)
+    assert level == control

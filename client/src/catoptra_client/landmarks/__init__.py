@@ -5,7 +5,7 @@ and `detect` for every frame. Source: Schmits & Visser 2009, section 3.2.
 """
 
 from catoptra_client.landmarks.blobs import Blob, Viewpoint, blobs_from_labels, world_from_mirror
-from catoptra_client.landmarks.candidates import Detection
+from catoptra_client.landmarks.candidates import Detection, level_detection
 from catoptra_client.landmarks.classifier import (
     COLOUR_CODES,
     DEFAULT_THETA,
@@ -62,6 +62,7 @@ __all__ = [
     "histogram_from_pixels",
     "label_frame",
     "label_image",
+    "level_detection",
     "load_classifier",
     "make_detector",
     "merge_histograms",

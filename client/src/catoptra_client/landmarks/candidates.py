@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.derivatives import differentiate_direction
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +226,71 @@ def detection_from_candidate(candidate: Candidate, viewpoint: Viewpoint) -> Dete
         candidate.num_pixels,
         candidate.has_range,
     )
+
+
+def level_detection(
+    detection: Detection,
+    landmark: Landmark,
+    viewpoint: Viewpoint,
+    *,
+    roll_rad: float,
+    pitch_rad: float,
+    origin_height_m: float = 0.0,
+) -> Detection:
+    """Detection of a tilted robot, as a level one at the same place and heading would make it.
+
+    The beacon stands upright on the plane of the wheels. With R = Ry(pitch) Rx(roll), down in axes
+    of the robot is g = R^T (0, 0, 1), and the plane's normal in level axes n = R (0, 0, 1). Range r
+    and bearing b of a robot taken for level are those of the axis, behind the front of the lower
+    band by a = pi / 4 radius, seen from v = (forward, right, -H) at the height h. The bearing is
+    that of the middle of both bands, higher by m, which leans sideways: with e = (cos b, sin b, 0)
+    and s = (-sin b, cos b, 0) the ray to the front of the lower band is, in level axes,
+
+        d = R ((r - a) e + m (g . s) s - (0, 0, h) - v)
+
+    In its level direction u = (dx, dy, 0) / |(dx, dy)| the axis is a behind the front. A foot h
+    below it is on the plane for t = (H - h n_z - a n . u) / (H - h), so that in level axes, from
+    the robot's origin o = (0, 0, -origin height), the axis is at
+
+        p = R (v - o) + t d + a u
+
+    Range and bearing are those of x and y of p; their Jacobian is that of t d. Of a detection
+    without a range the bearing alone is made level, as of a far point: p = R e.
+
+    Args:
+        detection: Detection in the robot's own axes, such as `detect` returns.
+        landmark: The detected landmark.
+        viewpoint: Viewpoint of the detector.
+        roll_rad: Roll of the robot, as an INS reports it; the tilt is below 90 degrees.
+        pitch_rad: Pitch, likewise.
+        origin_height_m: Distance of the robot's origin from the plane of its wheels.
+    """
+    rotation = rotation_from_rpy(roll_rad, pitch_rad, 0.0)
+    ahead = np.array((math.cos(detection.bearing_rad), math.sin(detection.bearing_rad), 0.0))
+    across = np.array((-ahead[1], ahead[0], 0.0))
+    point, scale, reach_m = rotation @ ahead, 1.0, 1.0
+    if detection.has_range:
+        eye = np.array((viewpoint.forward_m, viewpoint.right_m, -viewpoint.height_m))
+        origin = np.array((0.0, 0.0, -origin_height_m))
+        above_m = 0.25 * (landmark.band_top_m - landmark.band_bottom_m)
+        band_m, depth_m = landmark.band_bottom_m + above_m, 0.125 * math.pi * landmark.width_m
+        reach_m = detection.range_m - depth_m
+        lean = above_m * (rotation[2] @ across) * across
+        ray = rotation @ (reach_m * ahead + lean - (0.0, 0.0, band_m) - eye)
+        level = np.array((ray[0], ray[1], 0.0)) / math.hypot(ray[0], ray[1])
+        normal, height_m = rotation[:, 2], viewpoint.height_m
+        scale = (height_m - band_m * normal[2] - depth_m * (normal @ level)) / (height_m - band_m)
+        point = rotation @ (eye - origin) + scale * ray + depth_m * level
+    x, y, _ = point.tolist()
+    range_m = math.hypot(x, y)
+    by_point = np.array(((x, y), (-y / range_m, x / range_m))) / range_m
+    by_polar = scale * (rotation @ np.stack((ahead, reach_m * across), axis=-1))[:2]
+    jacobian = by_point @ by_polar
+    if not detection.has_range:
+        range_m, jacobian = 0.0, np.diag((0.0, jacobian[1, 1]))
+    covariance = jacobian @ detection.covariance @ jacobian.T
+    covariance.setflags(write=False)
+    return replace(detection, range_m=range_m, bearing_rad=math.atan2(y, x), covariance=covariance)
 
 
 def require_distinct_colours(landmarks: Iterable[Landmark]) -> None:

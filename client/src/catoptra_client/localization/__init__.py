@@ -37,6 +37,7 @@ from catoptra_client.localization.motion_model import (
     MotionNoise,
     OdometryPose,
     control_from_odometry,
+    level_control,
 )
 
 __all__ = [
@@ -60,6 +61,7 @@ __all__ = [
     "chi_square_mean_interval",
     "control_from_odometry",
     "find_landmark_position",
+    "level_control",
     "make_landmark_map",
     "measurement_from_detection",
     "nees",

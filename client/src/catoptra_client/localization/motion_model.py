@@ -170,3 +170,14 @@ def control_from_odometry(previous: OdometryPose, current: OdometryPose) -> Cont
     # the length of the displacement would not. |a| <= pi / 2, so S >= 2 / pi.
     chord = dx * math.cos(heading) + dy * math.sin(heading)
     return Control(chord / chord_over_arc(0.5 * turn), turn)
+
+
+def level_control(control: Control, *, roll_rad: float, pitch_rad: float) -> Control:
+    """Control on the level plane of what a tilted robot drives on its own.
+
+    (v cos(pitch), delta phi cos(roll) / cos(pitch)): the share of the driving direction that is
+    level, and the rate of the heading for a turn about the robot's z axis. Both are rates; over a
+    step take the mean attitude. |pitch| is below 90 degrees.
+    """
+    level = math.cos(pitch_rad)
+    return Control(control.distance_m * level, control.turn_rad * math.cos(roll_rad) / level)

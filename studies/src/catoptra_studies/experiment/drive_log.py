@@ -42,7 +42,12 @@ from catoptra_studies.experiment.experiment_setups import (
     ExperimentSetup,
     MeasurementSource,
 )
-from catoptra_studies.experiment.route import Chassis, Waypoint, wheel_command_towards
+from catoptra_studies.experiment.route import (
+    Chassis,
+    Waypoint,
+    WheelCommand,
+    wheel_command_towards,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,16 +237,22 @@ def drive_route(
     robot: RobotClient,
     measure: _MeasurementFunction,
     on_step: StepCallback = lambda robot, step: None,
+    commands: list[WheelCommand] | None = None,
 ) -> tuple[DriveStep, ...]:
-    """Drive a spawned robot along the set-up's route and measure after every step."""
-    chassis = read_chassis(robot)
+    """Drive a spawned robot along the set-up's route and measure after every step.
+
+    Commands of an earlier drive are repeated; those of the steps beyond are appended to them.
+    """
+    chassis, commands = read_chassis(robot), [] if commands is None else commands
     steps = [DriveStep(read_true_pose(robot), _read_odometry_pose(robot), ())]
     on_step(robot, steps[0])
     # Step k of the route is row k of every result, and row 0 the start.
-    for target in setup.route[1:]:
+    for number, target in enumerate(setup.route[1:]):
         # Steered by the true pose, so that slip does not add up: the robots of the paper were
         # driven by people with a view of the field.
-        command = wheel_command_towards(target, read_true_pose(robot), chassis)
+        if number == len(commands):
+            commands.append(wheel_command_towards(target, read_true_pose(robot), chassis))
+        command = commands[number]
         robot.drive(command.left_rad_s, command.right_rad_s)
         robot.step(command.duration_s)
         truth = read_true_pose(robot)
