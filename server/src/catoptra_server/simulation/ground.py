@@ -905,7 +905,11 @@ def _find_facet(
             break
         i, j, k = contacts
         options = ((lowest, j, k), (i, lowest, k), (i, j, lowest))
-        contacts = max(options, key=lambda one: min(_weights(x, y, one)))
+        around = [one for one in options if min(_weights(x, y, one)) > -_NO_WEIGHT]
+        if not around:
+            break
+        # Of two triangles with the centre on a side, only one takes the plane below the point.
+        contacts = min(around, key=lambda one: _plane(x, y, gaps, one)[0])
     return sink, by_x, by_y, contacts
 
 
