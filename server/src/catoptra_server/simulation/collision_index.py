@@ -89,18 +89,19 @@ class CollisionIndex:
         robots = tuple(robots)
         if len(robots) < 2:
             return self._ground.move
-        _, (x, y, z), radius_m = self._find_box(robot)
+        _, (x, y, z), _ = self._find_box(robot)
         drive = robot.description.drive
-        radius_m += collision_height_m(robot.description) + _MAX_DROP_M
+        height_m = collision_height_m(robot.description)
+        radius_m = 0.5 * hypot(*drive.collision_size_m[:2]) + height_m * robot.tilt_sine
         radius_m += _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
         others = []
         for other in robots:
             box, (u, v, w), other_m = self._boxes.get(other) or self._find_box(other)
-            # A cube around the sphere of reach: no root for each pair.
+            # A box around the reach: no root for each pair.
             reach_m = radius_m + other_m
-            if abs(u - x) <= reach_m and abs(v - y) <= reach_m and abs(w - z) <= reach_m:
-                if other is not robot:
-                    others.append(box)
+            is_beside = abs(u - x) <= reach_m and abs(v - y) <= reach_m
+            if is_beside and abs(w - z) <= height_m + other_m + _MAX_DROP_M and other is not robot:
+                others.append(box)
         return partial(self._ground.move, others=others) if others else self._ground.move
 
 

@@ -114,9 +114,10 @@ def step_body(
     travel_on_floor = travel
     if travel != NO_TRAVEL:
         # Random numbers by tick: a drive repeats itself whatever other robots do.
-        travel_on_floor = _apply_slip(
-            body.base, travel, random_source.normal_variates(body.tick, 2)
-        )
+        noise = [0.0, 0.0]
+        if body.base.slip_noise:
+            noise = random_source.normal_variates(body.tick, 2)
+        travel_on_floor = _apply_slip(body.base, travel, noise)
     moved = move(body, travel_on_floor, duration_s)
     return replace(moved, tick=body.tick + 1), travel
 

@@ -278,14 +278,14 @@ class Fleet:
         # robots can enter the same gap.
         for client, robot in self._robots.items():
             try:
-                may_move, mishap = robot.may_move, robot.mishap
+                before, mishap = robot.world_from_robot, robot.mishap
                 move = self._collision_index.mover_of(robot, self._robots.values())
                 robot.step(duration_s, time_s, move)
                 if robot.mishap not in ("", mishap):
                     log.warning("robot %s %s", robot.name, robot.mishap)
             except Exception:
                 self._mark_faulty(client, robot)
-            if may_move or robot.may_move:
+            if robot.world_from_robot is not before:
                 self._collision_index.invalidate(robot)
 
     def deliver_due_reports(self, time_s: float) -> None:

@@ -81,6 +81,7 @@ _MIN_FACING, _MIN_FLOOR = 0.05, 0.5
 _EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
+_BRIDGED_M = 0.05
 _MAX_HALVINGS = 4
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
 # Below it a weight of a contact is none, and the base can rock about the other two.
@@ -282,8 +283,10 @@ class _Footing(NamedTuple):
     """Level unit axis about which it turns in the air; 0 for none."""
     calm_m: float = 0.0
     """How far it can move before anything rises above its plane."""
-    blocked: _Step | None = None
-    """Step of which not the smallest part was possible from here."""
+    even_m: float = 0.0
+    """How far it can move over ground of its plane, without anything that rises above."""
+    blocked: _Blocked | None = None
+    """What was not possible from here, not in the smallest part."""
 
 
 class SceneGround:
@@ -346,8 +349,8 @@ class SceneGround:
                 raise NoStandError("there is no floor")
             stance, floor_z_m = _Stance(pose.x_m, pose.y_m, pose.yaw_rad), 0.0
         footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
-        boxes = _box_triangles(others)
-        settled = self._settle(chassis, footing, stance, math.inf, others, boxes)
+        robots = _Robots.around(others, stance.z_m, base.max_step_m)
+        settled = self._settle(chassis, footing, stance, math.inf, robots)
         if (
             settled.stance.side
             or settled.stance.steepness > chassis.steepest
@@ -357,7 +360,7 @@ class SceneGround:
             raise NoStandError("the robot would fall")
         where = settled.world_from_robot
         box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
-        triangles = np.concatenate((self._near(box, where, 0.0), boxes))
+        triangles = np.concatenate((self._near(box, where, 0.0), robots.triangles))
         if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
             raise NoStandError("the robot touches an obstacle")
         if self._is_in_solid(where):
@@ -411,7 +414,7 @@ class SceneGround:
         if body.is_settled and (travel == NO_TRAVEL or footing.stance.side):
             return body
         chassis = _shape_chassis(body.base, body.height_m)
-        obstacles = _box_triangles(others)
+        robots = _Robots.around(others, footing.stance.z_m, body.base.max_step_m)
         fall_m_s = footing.fall_m_s
         distance_m, turn_rad = travel.distance_m, travel.turn_rad(body.base)
         if footing.stance.side:
@@ -427,7 +430,7 @@ class SceneGround:
         )
         before = footing
         for _ in range(count):
-            footing, is_free = self._go(body.base, chassis, footing, step, others, obstacles)
+            footing, is_free = self._go(body.base, chassis, footing, step, robots)
             if not is_free:
                 break
         if footing is before:
@@ -457,15 +460,14 @@ class SceneGround:
         chassis: _Chassis,
         footing: _Footing,
         step: _Step,
-        others: Sequence[OrientedBox],
-        obstacles: Floats,
+        robots: _Robots,
     ) -> tuple[_Footing, bool]:
         """Footing after a step, or before what stops it; and whether nothing did."""
 
         def attempt(one: _Step) -> _Footing | None:
-            return self._attempt(base, chassis, footing, one, others, obstacles)
+            return self._attempt(base, chassis, footing, one, robots)
 
-        if step == footing.blocked and not others:
+        if footing.blocked is not None and footing.blocked.is_same(step, robots):
             return footing, False
         found = attempt(step)
         if found is None and footing.tumble != (0.0, 0.0):
@@ -490,7 +492,8 @@ class SceneGround:
                     fraction = 0.5 * (low + high)
                 changes = [abs(a - b) for a, b in zip(best.stance, footing.stance, strict=True)]
                 if best.is_settled and max(changes) < _STILL:
-                    return footing._replace(blocked=step, is_settled=True, is_held=True), False
+                    blocked = _Blocked(step, robots.boxes)
+                    return footing._replace(blocked=blocked, is_settled=True, is_held=True), False
                 return best, False
         if footing.is_aloft:
             # It hangs on something beside it, and slips off.
@@ -508,11 +511,14 @@ class SceneGround:
         chassis: _Chassis,
         footing: _Footing,
         step: _Step,
-        others: Sequence[OrientedBox],
-        obstacles: Floats,
+        robots: _Robots,
     ) -> _Footing | None:
         """Footing after a step; None where something stops it."""
         stance, before = footing.stance, footing.world_from_robot
+        moved_m = abs(step.distance_m) + abs(step.turn_rad) * chassis.reach_m
+        if footing.is_held and moved_m < min(footing.even_m, footing.free_m) and not robots.below:
+            rolled = self._roll(chassis, footing, step, moved_m)
+            return rolled if rolled and self._passes(chassis, before, rolled, robots) else None
         turn_rad = 0.0 if footing.is_aloft else step.turn_rad
         goal = stance.drive(step.distance_m, turn_rad) if step.is_rolling else stance
         goal = goal._replace(x_m=goal.x_m + step.shift_m[0], y_m=goal.y_m + step.shift_m[1])
@@ -525,12 +531,9 @@ class SceneGround:
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
         if footing.tumble != (0.0, 0.0):
             goal = _tumble(chassis, goal, footing.tumble, chassis.tumble_rad_s * step.duration_s)
-        moved_m = abs(step.distance_m) + abs(step.turn_rad) * chassis.reach_m
         lowest_m = float(before.translation[2]) + max(goal.z_m - stance.z_m, 0.0) + step.sink_m
         for _ in range(_MAX_HALVINGS):
-            moved = self._settle(
-                chassis, footing, goal, max(sink_m, 0.0), others, obstacles, moved_m
-            )
+            moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), robots, moved_m)
             if float(moved.world_from_robot.translation[2]) <= lowest_m + 0.1 * _SKIN_M:
                 break
             # A large turn takes the middle further down than any point: less of it in this tick.
@@ -558,13 +561,49 @@ class SceneGround:
             free_m = min(float(separations.min(initial=_MARGIN_M)), _MARGIN_M)
             if free_m < -_OVERLAP_M and _is_deeper(chassis, before, near, separations):
                 return None
-        if len(obstacles):
-            separations = _separations(chassis, after, obstacles)
-            if separations.min() < -_OVERLAP_M and _is_deeper(
-                chassis, before, obstacles, separations
-            ):
-                return None
-        return moved._replace(free_m=max(free_m, 0.0))
+        return (
+            moved._replace(free_m=max(free_m, 0.0))
+            if self._passes(chassis, before, moved, robots)
+            else None
+        )
+
+    def _passes(self, chassis: _Chassis, before: Pose, footing: _Footing, robots: _Robots) -> bool:
+        """Whether no other robot stops a base on the way from a pose."""
+        if not len(robots.triangles):
+            return True
+        separations = _separations(chassis, footing.world_from_robot, robots.triangles)
+        return float(separations.min()) >= -_OVERLAP_M or not _is_deeper(
+            chassis, before, robots.triangles, separations
+        )
+
+    def _roll(
+        self, chassis: _Chassis, footing: _Footing, step: _Step, moved_m: float
+    ) -> _Footing | None:
+        """Footing after a step over even ground; None for a slope that is too steep to climb."""
+        goal = footing.stance.drive(step.distance_m, step.turn_rad)
+        if goal.steepness > chassis.steepest_climb and goal.z_m < footing.stance.z_m - _ROUNDING_M:
+            return None
+        return footing._replace(
+            stance=goal,
+            world_from_robot=goal.world_from_side @ chassis.sides[0].side_from_robot,
+            calm_m=footing.calm_m - moved_m,
+            even_m=footing.even_m - moved_m,
+            free_m=footing.free_m - moved_m,
+        )
+
+    def _measure_even(self, chassis: _Chassis, pose: Pose, calm_m: float) -> float:
+        """How far the base can roll over ground of its plane, up to a distance without obstacles.
+
+        Gaps that are narrower than the rays are apart are bridged: no wheel sinks into them.
+        """
+        reach_m = chassis.reach_m + calm_m
+        count = 2 * math.ceil(reach_m / _BRIDGED_M) + 1
+        steps = np.linspace(-reach_m, reach_m, count)
+        grid = np.stack(np.meshgrid(steps, steps, [-_LIFT_M]), axis=-1).reshape(-1, 3)
+        origins = pose.transform_points(grid)
+        distances = self._caster.distances(origins, np.broadcast_to(_DOWN, origins.shape))
+        gaps = distances - _LIFT_M / float(pose.rotation[2, 2])
+        return calm_m if float(np.abs(gaps).max()) < 2.0 * _TOUCH_M else 0.0
 
     def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
         """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
@@ -579,8 +618,7 @@ class SceneGround:
         footing: _Footing,
         stance: _Stance,
         sink_m: float,
-        others: Sequence[OrientedBox],
-        obstacles: Floats,
+        robots: _Robots,
         moved_m: float = 0.0,
     ) -> _Footing:
         """Footing of a base that sinks from a stance, no point by more than some metres.
@@ -589,6 +627,7 @@ class SceneGround:
         """
         contacts, start_z, goal_z = footing.contacts, None, np.zeros(0)
         calm_m = footing.calm_m - moved_m if stance.side == footing.stance.side else 0.0
+        even_m = min(footing.even_m - moved_m, calm_m)
         gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
         for _ in range(_MAX_ITERATIONS):
             side, pose = chassis.sides[stance.side], stance.world_from_side
@@ -609,15 +648,24 @@ class SceneGround:
                 contacts = (0, 0, 0)
             # A step of the search may take a point below the floor: rays begin where it came from.
             lifts = side.lifts + np.maximum(points[:, 2] - goal_z, 0.0)
-            gaps, is_robot = self._measure_gaps(points, lifts, footing.floor_z_m, others)
+            gaps, is_robot = self._measure_gaps(points, lifts, footing.floor_z_m, robots.below)
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
             edges, heights = None, gaps * pose.rotation[2, 2] + side.points[:, 2]
-            if calm_m <= 0.0 or len(obstacles) or np.abs(heights).max() > 2.0 * _TOUCH_M:
-                edges, calm_m = self._find_edges(chassis, side, pose, sink_m, obstacles)
+            if calm_m <= 0.0 or robots.below or np.abs(heights).max() > 2.0 * _TOUCH_M:
+                edges, calm_m = self._find_edges(
+                    chassis, side, pose, sink_m, robots.triangles_below
+                )
             if edges is None:
                 i, j, k = contacts
                 is_low = gaps.min() >= -_TOUCH_M and i != j
                 if is_low and max(limits[i], limits[j], limits[k]) <= _TOUCH_M:
+                    if (
+                        even_m <= 0.0
+                        and calm_m > _BRIDGED_M
+                        and stance.side == 0
+                        and not robots.below
+                    ):
+                        even_m = self._measure_even(chassis, pose, calm_m)
                     break
             else:
                 points = np.concatenate((points, edges[0]))
@@ -643,6 +691,7 @@ class SceneGround:
                 )
             sink, by_x, by_y, contacts = found
             dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
+            even_m = 0.0
             calm_m = 0.0 if max(abs(by_x), abs(by_y)) > _TOUCH_M else calm_m
             stance = stance._replace(
                 z_m=_snap(stance.z_m + sink + by_x * dx + by_y * dy),
@@ -653,13 +702,14 @@ class SceneGround:
                 pose = stance.world_from_side
                 break
         rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
-        is_robot = np.append(is_robot, np.full(len(gaps) - len(is_robot), len(others) > 0))
+        is_robot = np.append(is_robot, np.full(len(gaps) - len(is_robot), len(robots.below) > 0))
         stands_on_robot = any(is_robot[one] for one in contacts)
         return footing._replace(
             stance=stance,
             world_from_robot=pose @ side.side_from_robot,
             contacts=contacts,
             calm_m=calm_m,
+            even_m=even_m,
             is_settled=all(rests) and not stands_on_robot,
             is_held=all(rests),
             is_aloft=not any(rests),
@@ -763,6 +813,48 @@ class SceneGround:
         origins = hits + np.array((0.0, 0.0, 1e-5))
         depths = self._caster.distances(origins, np.broadcast_to(_DOWN, hits.shape)) + 1e-5
         return np.where(depths <= _PAINT_M, depths, 0.0)
+
+
+class _Robots(NamedTuple):
+    """Other robots in reach."""
+
+    boxes: tuple[OrientedBox, ...]
+    triangles: Floats
+    """(12 n, 3, 3) of all."""
+    below: tuple[OrientedBox, ...]
+    """Those whose top is low enough to stand on."""
+    triangles_below: Floats
+
+    @classmethod
+    def around(cls, boxes: Sequence[OrientedBox], z_m: float, max_step_m: float) -> _Robots:
+        """Robots around a base whose wheels are at a height, downwards."""
+        if not boxes:
+            return _NO_ROBOTS
+        below = tuple(box for box in boxes if _top_of(box) > z_m - max_step_m - _LIFT_M)
+        return cls(tuple(boxes), _box_triangles(boxes), below, _box_triangles(below))
+
+
+def _top_of(box: OrientedBox) -> float:
+    """z of the highest corner of a box."""
+    reach = np.abs(box.world_from_box.rotation[2]).tolist()
+    x, y, z = (0.5 * size * share for size, share in zip(box.size_m, reach, strict=True))
+    top_m: float = float(box.world_from_box.translation[2]) - (x + y + z)
+    return top_m
+
+
+class _Blocked(NamedTuple):
+    """A step that was not possible, among robots where they were."""
+
+    step: _Step
+    boxes: tuple[OrientedBox, ...]
+
+    def is_same(self, step: _Step, robots: _Robots) -> bool:
+        """Whether it is tried again, and no robot has moved."""
+        return (
+            step == self.step
+            and len(robots.boxes) == len(self.boxes)
+            and all(one is other for one, other in zip(robots.boxes, self.boxes, strict=True))
+        )
 
 
 class _Step(NamedTuple):
@@ -1062,3 +1154,6 @@ def _box_triangles(boxes: Sequence[OrientedBox]) -> Floats:
     """(12 n, 3, 3) triangles of boxes."""
     corners = [pose.transform_points(_BOX_CORNERS * size)[_BOX_FACES] for pose, size in boxes]
     return np.concatenate(corners) if corners else np.zeros((0, 3, 3))
+
+
+_NO_ROBOTS = _Robots((), _box_triangles(()), (), _box_triangles(()))

@@ -141,6 +141,12 @@ class Robot:
         return self._body.mishap
 
     @property
+    def tilt_sine(self) -> float:
+        """Sine of the angle between the robot's axis and the vertical."""
+        down = float(self._body.world_from_robot.rotation[2, 2])
+        return math.sqrt(max(0.0, 1.0 - down * down))
+
+    @property
     def may_move(self) -> bool:
         """Whether it may be elsewhere after the next tick."""
         return self.is_rolling or not self._body.is_settled
