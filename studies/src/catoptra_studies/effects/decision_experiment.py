@@ -46,6 +46,7 @@ from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.
 WORLDS = (
+    "arena",
     "corridor",
     "corridors_and_rooms",
     "four_legged_2006",

@@ -37,7 +37,7 @@ from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.reports import replace_block
 
 _PARTS = ("pages", "decisions", "sweeps")
-# Places in each of the seven worlds, in four motions each: 1120 situations.
+# Places in each of the eight worlds, in four motions each: 1280 situations.
 _NUM_PLACES = 40
 _NUM_QUICK_PLACES = 5
 # Two thirds of the experiment's: a sweep trains for each of fifty levels anew.

@@ -217,9 +217,9 @@ class KernelImageChanger:
             run.changes |= changed.changes
         self._run_stages(run, made, result)
         if made and made[0][1].struct.deferred and made[0][1].arrays[-1].any():
-            self._decide_deferred(run, cast(DefocusByDepth, effects[0]), made)
+            self._decide_late(run, cast(DefocusByDepth, effects[0]), made)
 
-    def _decide_deferred(
+    def _decide_late(
         self, run: _Run, effect: DefocusByDepth, made: Sequence[tuple[str, _StageWithMaps]]
     ) -> None:
         """Decide on a first stage's deferred changes: by the strongest cells if these show in the
