@@ -3,8 +3,9 @@
 A base is a rigid body of six sides, mostly on its wheels. Its underside is a set of points: the
 rims of the wheels as far as they can climb, the belly between them, and of each other side a grid.
 Rays straight down from just above these points measure how far each is from the surface below it,
-whatever that is: triangles, holes of masks, other robots. Within these gaps the base sinks as far
-as its centre of gravity, taken for the origin of the chassis, can sink:
+whatever that is: triangles, holes of masks, other robots. Edges between the points come from the
+triangles themselves, cut by the planes of the wheels and the sides of the belly. Within these gaps
+the base sinks as far as its centre of gravity, taken for the origin of the chassis, can sink:
 
     maximise a   where   a + b x_k + c y_k <= gap_k   for each point k at (x_k, y_k) of the centre
 
@@ -17,18 +18,21 @@ the points, so the step is repeated until nothing moves.
 The motion is quasi-static: no inertia, no suspension, no bouncing. No point sinks faster than it
 falls: in a tick of length t by v t + g t^2 / 2, where v has grown by g t for each tick in which the
 base found no rest. What is tilted by more than `MaxTilt` slides down along its own plane, as
-fast; a centre beyond all points of a side lets the base tip over to the next side. A base that lies
-on another side than its wheels does not drive.
+fast; once in the air it turns on, as fast as a rod that fell to that tilt. A centre beyond all
+points of a side lets the base tip over to the next side. A base that lies on another side than its
+wheels does not drive.
 
 A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane up to the
 top of what it carries, against the triangles near to it, by the separating axis theorem
 (Gottschalk 1996); and by a slope above `MaxClimbAngle` that it would climb.
+
+On even ground nothing of this is repeated: how far the base can move before a thing rises above its
+plane, the plane ends, or a body may be touched, is remembered and used up.
 """
 
 from __future__ import annotations
 
 import itertools
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,8 +52,6 @@ from catoptra_server.simulation.sensors import EmptyScene, RayCaster
 from catoptra_server.world.objects import OrientedBox, box_distances
 from catoptra_server.world.scene_mesh import SceneMesh
 
-log = logging.getLogger(__name__)
-
 GRAVITY_M_S2 = 9.81
 REST_DEPTH_M = 10.0
 """Depth below the lowest surface of a world at which whatever falls out of it comes to rest."""
@@ -60,6 +62,7 @@ _TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
 _ROUNDING_M = 1e-9
+# Sideways, of what hangs on something while it falls.
 _SLIPS_M = (0.005, 0.02, 0.06)
 # Metres and radians of a base that does not move.
 _STILL = 1e-6
@@ -71,16 +74,21 @@ _RIM_STEP_RAD = math.radians(7.5)
 # A box of cells is searched once: a power of two rounds nothing.
 _CELL_M, _MAX_BLOCKS = 0.5, 128
 _DOWN = np.array([0.0, 0.0, 1.0])
+# As far below a requested place is its floor.
 _SEARCH_DEPTH_M = 2.0
 # Not above: the floor of a place may be as much higher.
 _NEAR_M = 0.05
+# Around a body, in which things are looked up at once.
 _MARGIN_M = 0.25
+# 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
+# Cosines to the vertical of a side to tip over to, and of a surface to stand on.
 _MIN_FACING, _MIN_FLOOR = 0.05, 0.5
 # Edges that are farther below than a base sinks, as it may tilt on the way.
 _EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
+# Gaps in even ground that are narrower do not count: a wheel sinks by 2 mm into them.
 _BRIDGED_M = 0.05
 _MAX_HALVINGS = 4
 _MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
@@ -299,11 +307,7 @@ class SceneGround:
             scene: The scene as triangles, which stop bodies.
             caster: The same scene for rays, which find what wheels touch.
         """
-        self._caster = caster
-        # A world of walls alone, a test pattern: robots stand on the plane z = 0.
-        is_low = (np.abs(scene.corners[..., 2]) <= _LOW_M).all(axis=-1)
-        is_floor = is_low & (scene.normals[:, 2] < 0.0)
-        self._has_floor = not isinstance(caster, EmptyScene) and bool(is_floor.any())
+        self._scene, self._caster = scene, caster
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
@@ -345,7 +349,7 @@ class SceneGround:
         chassis = _shape_chassis(base, height_m)
         stance, floor_z_m = self._find_floor(pose, z_m), self._depth_m
         if stance is None:
-            if self._has_floor:
+            if self._has_floor():
                 raise NoStandError("there is no floor")
             stance, floor_z_m = _Stance(pose.x_m, pose.y_m, pose.yaw_rad), 0.0
         footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
@@ -366,6 +370,12 @@ class SceneGround:
         if self._is_in_solid(where):
             raise NoStandError("it is inside a solid")
         return _make_body(RobotBody.on_floor(base, pose, height_m), settled)
+
+    def _has_floor(self) -> bool:
+        """Whether there is a floor at all; in a test pattern robots stand on the plane z = 0."""
+        is_low = (np.abs(self._scene.corners[..., 2]) <= _LOW_M).all(axis=-1)
+        is_floor = is_low & (self._scene.normals[:, 2] < 0.0)
+        return not isinstance(self._caster, EmptyScene) and bool(is_floor.any())
 
     def _find_floor(self, pose: PlanarPose, z_m: float) -> _Stance | None:
         """The surface on which a base at a height stands, as a plane; None for none at all."""
@@ -592,17 +602,14 @@ class SceneGround:
         )
 
     def _measure_even(self, chassis: _Chassis, pose: Pose, calm_m: float) -> float:
-        """How far the base can roll over ground of its plane, up to a distance without obstacles.
-
-        Gaps that are narrower than the rays are apart are bridged: no wheel sinks into them.
-        """
-        reach_m = chassis.reach_m + calm_m
+        """How far the base can roll over ground of its plane, at most a distance."""
+        side = chassis.sides[0]
+        reach_m = hypot(*side.half_m) + side.radius_m + calm_m
         count = 2 * math.ceil(reach_m / _BRIDGED_M) + 1
         steps = np.linspace(-reach_m, reach_m, count)
-        grid = np.stack(np.meshgrid(steps, steps, [-_LIFT_M]), axis=-1).reshape(-1, 3)
-        origins = pose.transform_points(grid)
-        distances = self._caster.distances(origins, np.broadcast_to(_DOWN, origins.shape))
-        gaps = distances - _LIFT_M / float(pose.rotation[2, 2])
+        grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
+        points, lifts = pose.transform_points(grid), np.full(len(grid), _LIFT_M)
+        gaps, _ = self._measure_gaps(points, lifts, math.inf, ())
         return calm_m if float(np.abs(gaps).max()) < 2.0 * _TOUCH_M else 0.0
 
     def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
