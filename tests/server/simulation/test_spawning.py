@@ -66,10 +66,20 @@ class FakePlaces:
             raise NoStandError("it is not free")
         return stand(description, pose)
 
-    def are_open(
-        self, description: RobotDescription, places: Floats, robots: Iterable[Robot]
+    def may_stand(
+        self,
+        description: RobotDescription,
+        places: Floats,
+        yaw_rad: float,
+        z_m: float,
+        clearance_m: float,
+        robots: Iterable[Robot],
     ) -> Bools:
-        return np.ones(len(places), dtype=np.bool_)
+        """Of all places those that have room, and one that has not."""
+        away_m = np.hypot(*(places - (3.0, 4.0)).T)
+        may_stand: Bools = away_m >= self.radius_m
+        may_stand[0] = True
+        return may_stand
 
 
 def spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:

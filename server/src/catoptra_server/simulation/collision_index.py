@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import hypot
+from catoptra_protocol.optics.elementary import cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.simulation.drive import MoveBase, RobotBody
 from catoptra_server.simulation.ground import SceneGround
@@ -21,6 +21,8 @@ from catoptra_server.world.scene_mesh import SceneMesh
 _MIRROR_ABOVE_VIEWPOINT_M = 0.1
 # More than a tick of 0.02 s, and what falls in it.
 _MAX_TICK_S, _MAX_DROP_M = 0.05, 0.5
+# Robots that are as much higher or lower stand on another floor.
+_OTHER_FLOOR_M = 1.0
 
 
 class CollisionIndex:
@@ -63,23 +65,55 @@ class CollisionIndex:
             pose,
             z_m,
             height_m=collision_height_m(description),
-            others=[self._find_box(robot)[0] for robot in robots],
+            others=self._find_others(description, pose, robots),
             clearance_m=clearance_m,
         )
 
-    def are_open(
-        self, description: RobotDescription, places: Floats, robots: Iterable[Robot]
-    ) -> Bools:
-        """(n,) whether no robot covers the middle of a base at (n, 2) places, seen from above.
+    def _find_others(
+        self, description: RobotDescription, pose: PlanarPose, robots: Iterable[Robot]
+    ) -> list[OrientedBox]:
+        """Boxes in reach of a place, seen from above."""
+        own_m = hypot(*description.drive.collision_size_m[:2])
+        found = [self._find_box(robot) for robot in robots]
+        return [
+            box
+            for box, (x, y, _), radius_m in found
+            if max(abs(x - pose.x_m), abs(y - pose.y_m)) <= own_m + radius_m
+        ]
 
-        A test without rays: whether the base stands there is another question.
+    def may_stand(
+        self,
+        description: RobotDescription,
+        places: Floats,
+        yaw_rad: float,
+        z_m: float,
+        clearance_m: float,
+        robots: Iterable[Robot],
+    ) -> Bools:
+        """(n,) whether a base may have room at (n, 2) places: for all in the time of some of them.
+
+        From above no robot's box overlaps its outline, and as of `SceneGround.may_stand`.
         """
-        half_m = 0.5 * min(description.drive.collision_size_m[:2])
+        half_m = 0.5 * np.array(description.drive.collision_size_m[:2]) + clearance_m
+        heading = np.array(((cos(yaw_rad), sin(yaw_rad)), (-sin(yaw_rad), cos(yaw_rad))))
         are_open = np.ones(len(places), dtype=bool)
         for robot in robots:
-            box, (x, y, _), _ = self._find_box(robot)
-            reach_m = half_m + 0.5 * min(box.size_m)
-            are_open &= np.square(places - (x, y)).sum(axis=1) >= reach_m * reach_m
+            box, (x, y, z), _ = self._find_box(robot)
+            if abs(z - z_m) > _OTHER_FLOOR_M:
+                continue
+            # Columns: the axes of the box from above, each of half its length.
+            sides = box.world_from_box.rotation[:2] * (0.5 * np.array(box.size_m))
+            apart = np.zeros(len(places), dtype=bool)
+            for axis in (
+                *heading,
+                *(sides.T[:2] / np.maximum(hypot(*sides[:, :2]), 1e-9)[:, None]),
+            ):
+                reach_m = np.abs(matmul(axis, sides)).sum() + np.abs(matmul(heading, axis)) @ half_m
+                apart |= np.abs(matmul(places - (x, y), axis)) > reach_m
+            are_open &= apart
+        are_open[are_open] = self._ground.may_stand(
+            description.drive, places[are_open], yaw_rad, z_m
+        )
         return are_open
 
     def mover_of(self, robot: Robot, robots: Iterable[Robot]) -> MoveBase:
