@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_server.simulation.ground import _find_facet
+from catoptra_server.simulation.resting import find_facet
 from stability.catalogue import Invalid
 
 
 def _sink(x: Sequence[float], y: Sequence[float], gaps: Sequence[float]) -> float:
-    found = _find_facet(np.array(x), np.array(y), np.array(gaps), (0, 0, 0), (0.0, 0.0))
+    found = find_facet(np.array(x), np.array(y), np.array(gaps), (0, 0, 0), (0.0, 0.0))
     if found is None:
         raise Invalid("it falls")
     return found[0]

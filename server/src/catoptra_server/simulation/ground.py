@@ -2,18 +2,7 @@
 
 A base is a rigid body of six sides, mostly on its wheels. Its underside is a set of points: the
 rims of the wheels as far as they can climb, the belly between them, and of each other side a grid.
-Rays straight down from just above these points measure how far each is from the surface below it,
-whatever that is: triangles, holes of masks, other robots. Edges between the points come from the
-triangles themselves, cut by the planes of the wheels and the sides of the belly. Within these gaps
-the base sinks as far as its centre of gravity, taken for the origin of the chassis, can sink:
-
-    maximise a   where   a + b x_k + c y_k <= gap_k   for each point k at (x_k, y_k) of the centre
-
-The optimum is the facet of the lower hull of the gaps below the centre: its three points are the
-contacts, and the centre lies between them. This is a dual simplex in three unknowns, which begins
-with the contacts of the tick before. A centre above the line of two contacts, as on four wheels,
-leaves a base free to rock: it rocks until it is most level. The plane's slopes change the places of
-the points, so the step is repeated until nothing moves.
+How it rests on what is below, see `resting.py`.
 
 The motion is quasi-static: no inertia, no suspension, no bouncing. No point sinks faster than it
 falls: in a tick of length t by v t + g t^2 / 2, where v has grown by g t for each tick in which the
@@ -40,25 +29,34 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel, integrate_arc
+from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel
+from catoptra_server.simulation.resting import (
+    DOWN,
+    LIFT_M,
+    MARGIN_M,
+    TOUCH_M,
+    ReferenceSupport,
+    Side,
+    Sinking,
+    Stance,
+    Support,
+    depth_of_paint,
+    measure_gaps,
+    snap,
+)
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
 from catoptra_server.simulation.sensors import EmptyScene, RayCaster
-from catoptra_server.world.objects import OrientedBox, box_distances
+from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.scene_mesh import SceneMesh
 
 GRAVITY_M_S2 = 9.81
 REST_DEPTH_M = 10.0
 """Depth below the lowest surface of a world at which whatever falls out of it comes to rest."""
-# Layers as thin are paint, which wheels do not feel: lines of a field, marks of a hall.
-_PAINT_M = 0.002
-# A contact, and a gap that is none: rays in a scene of 100 m end within 1e-5 m.
-_TOUCH_M = 2e-5
 # Two robots compute their contact in axes of their own.
 _OVERLAP_M = 1e-6
 _ROUNDING_M = 1e-9
@@ -68,134 +66,32 @@ _SLIPS_M = (0.005, 0.02, 0.06)
 _STILL = 1e-6
 # The box of a body ends as far above the belly, whose points lie some centimetres apart.
 _SKIN_M = 0.005
-# Rays begin as far above the highest point that wheels can reach.
-_LIFT_M = 0.005
 _RIM_STEP_RAD = math.radians(7.5)
 # A box of cells is searched once: a power of two rounds nothing.
 _CELL_M, _MAX_BLOCKS = 0.5, 128
-_DOWN = np.array([0.0, 0.0, 1.0])
 # As far below a requested place is its floor.
 _SEARCH_DEPTH_M = 2.0
 # Not above: the floor of a place may be as much higher.
 _NEAR_M = 0.05
-# Around a body, in which things are looked up at once.
-_MARGIN_M = 0.25
 # 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
 # Cosines to the vertical of a side to tip over to, and of a surface to stand on.
 _MIN_FACING, _MIN_FLOOR = 0.05, 0.5
-# Edges that are farther below than a base sinks, as it may tilt on the way.
-_EDGE_REACH_M = 0.005
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
 # Gaps in even ground that are narrower do not count: a wheel sinks by 2 mm into them.
 _BRIDGED_M = 0.05
 _MAX_HALVINGS = 4
-_MAX_ITERATIONS, _MAX_PIVOTS = 12, 60
-# Below it a weight of a contact is none, and the base can rock about the other two.
-_NO_WEIGHT = 1e-6
 
 
 class NoStandError(CatoptraError):
     """A base cannot stand at a place; the message says why."""
 
 
-class _Stance(NamedTuple):
-    """The plane on which a base rests, through the middle of its side, and its heading."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    """Of the x axis of the side, clockwise from above."""
-    z_m: float = 0.0
-    slope_x: float = 0.0
-    """dz/dx of the plane; z points down."""
-    slope_y: float = 0.0
-    """dz/dy of the plane."""
-    side: int = 0
-    """Number of the side of the chassis; 0: the wheels."""
-
-    @property
-    def is_level(self) -> bool:
-        """Whether the plane has no slope at all."""
-        return self.slope_x == 0.0 and self.slope_y == 0.0
-
-    @property
-    def steepness(self) -> float:
-        """Tangent of the plane's angle to the horizon."""
-        return 0.0 if self.is_level else hypot(self.slope_x, self.slope_y)
-
-    @property
-    def world_from_side(self) -> Pose:
-        """Pose of the side: x along the heading, z into the ground."""
-        place = (self.x_m, self.y_m, self.z_m)
-        if self.is_level:
-            return Pose.from_rpy(place, (0.0, 0.0, self.yaw_rad))
-        forward, right, down = self._axes()
-        return Pose(np.array([forward, right, down]).T.copy(), np.array(place))
-
-    def _axes(self) -> tuple[tuple[float, float, float], ...]:
-        """Unit vectors ahead, to the right and into the ground."""
-        cosine, sine = cos(self.yaw_rad), sin(self.yaw_rad)
-        rise = self.slope_x * cosine + self.slope_y * sine
-        length = hypot(1.0, rise)
-        fx, fy, fz = cosine / length, sine / length, rise / length
-        length = hypot(1.0, self.slope_x, self.slope_y)
-        dx, dy, dz = -self.slope_x / length, -self.slope_y / length, 1.0 / length
-        right = (dy * fz - dz * fy, dz * fx - dx * fz, dx * fy - dy * fx)
-        return (fx, fy, fz), right, (dx, dy, dz)
-
-    def slide(self, distance_m: float) -> _Stance:
-        """Stance further down in the plane, by as much as a fall of a distance allows."""
-        rise = hypot(self.slope_x, self.slope_y)
-        along = distance_m * rise / (1.0 + rise * rise)
-        return self._replace(
-            x_m=self.x_m + along * self.slope_x / rise,
-            y_m=self.y_m + along * self.slope_y / rise,
-            z_m=self.z_m + along * rise,
-        )
-
-    def drive(self, distance_m: float, turn_rad: float) -> _Stance:
-        """Stance at the end of an arc in the plane, exact, see `integrate_arc`."""
-        if self.is_level:
-            pose = integrate_arc(PlanarPose(self.x_m, self.y_m, self.yaw_rad), distance_m, turn_rad)
-            return self._replace(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
-        forward, right, _ = self._axes()
-        step = integrate_arc(PlanarPose(0.0, 0.0, 0.0), distance_m, turn_rad)
-        ahead, aside = cos(turn_rad), sin(turn_rad)
-        return self._replace(
-            x_m=self.x_m + step.x_m * forward[0] + step.y_m * right[0],
-            y_m=self.y_m + step.x_m * forward[1] + step.y_m * right[1],
-            z_m=self.z_m + step.x_m * forward[2] + step.y_m * right[2],
-            yaw_rad=arctan2(
-                ahead * forward[1] + aside * right[1], ahead * forward[0] + aside * right[0]
-            ),
-        )
-
-
-class _Side(NamedTuple):
-    """One of the six sides on which a chassis can lie."""
-
-    robot_from_side: Pose
-    """z points out of the robot."""
-    side_from_robot: Pose
-    points: Floats
-    """(k, 3) that may touch what is below; in the side's frame."""
-    lifts: Floats
-    """(k,) how far above the points rays begin, vertically."""
-    half_m: tuple[float, float]
-    """Half sides of the plane part of the side, along x and y."""
-    rise_m: float
-    """Height of the plane part above the plane z = 0, up."""
-    wheels_m: tuple[tuple[float, float], ...] = ()
-    radius_m: float = 0.0
-    """Of the wheels, at (x, y)."""
-
-
 class _Chassis(NamedTuple):
     """Shape of a base, as it stands and as it collides."""
 
-    sides: tuple[_Side, ...]
+    sides: tuple[Side, ...]
     centre: Floats
     """(3,) middle of the box that things stop, chassis frame."""
     half_m: Floats
@@ -221,7 +117,7 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
     identity = np.eye(3)
     pose = Pose(identity, np.array((0.0, 0.0, ride)))
     sides = [
-        _Side(pose, pose.inverse(), *_underside(base), base.wheel_places_m, base.wheel_radius_m)
+        Side(pose, pose.inverse(), *_underside(base), base.wheel_places_m, base.wheel_radius_m)
     ]
     # Columns: x, y and z of a side in the chassis; the roof first.
     for axes in (
@@ -236,8 +132,8 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         middle = centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
         grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 2, [0.0]), axis=-1)
         points = grid.reshape(-1, 3) * reach
-        lifts, pose = np.full(len(points), _LIFT_M), Pose(rotation, middle)
-        sides.append(_Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
+        lifts, pose = np.full(len(points), LIFT_M), Pose(rotation, middle)
+        sides.append(Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
     corner = hypot(half[0], half[1], max(abs(low), abs(high)))
     # A rod that has turned about its middle from level to the largest tilt: v^2 = 2 g h.
     lost_m = 0.5 * length * (1.0 - cos(base.max_tilt_rad))
@@ -265,13 +161,13 @@ def _underside(base: DriveBase) -> tuple[Floats, Floats, tuple[float, float], fl
     x, y = (0.5 * (size - _SKIN_M) for size in base.collision_size_m[:2])
     belly = np.stack(np.meshgrid([-x, 0.0, x], [-y, 0.0, y], [-step]), axis=-1).reshape(-1, 3)
     points = np.concatenate((*(rim + place for place in places), belly))
-    return points, step + _LIFT_M + points[:, 2], (x, y), step
+    return points, step + LIFT_M + points[:, 2], (x, y), step
 
 
 class _Footing(NamedTuple):
     """What is remembered of a base from one tick to the next."""
 
-    stance: _Stance
+    stance: Stance
     world_from_robot: Pose
     contacts: tuple[int, int, int] = (0, 0, 0)
     """Points of the side between which the centre lies."""
@@ -308,6 +204,7 @@ class SceneGround:
             caster: The same scene for rays, which find what wheels touch.
         """
         self._scene, self._caster = scene, caster
+        self._support: Support = ReferenceSupport(caster)
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
@@ -351,7 +248,7 @@ class SceneGround:
         if stance is None:
             if self._has_floor():
                 raise NoStandError("there is no floor")
-            stance, floor_z_m = _Stance(pose.x_m, pose.y_m, pose.yaw_rad), 0.0
+            stance, floor_z_m = Stance(pose.x_m, pose.y_m, pose.yaw_rad), 0.0
         footing = _Footing(stance, stance.world_from_side, floor_z_m=floor_z_m)
         robots = _Robots.around(others, stance.z_m, base.max_step_m)
         settled = self._settle(chassis, footing, stance, math.inf, robots)
@@ -365,7 +262,7 @@ class SceneGround:
         where = settled.world_from_robot
         box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
         triangles = np.concatenate((self._near(box, where, 0.0), robots.triangles))
-        if _separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
+        if self._separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
             raise NoStandError("the robot touches an obstacle")
         if self._is_in_solid(where):
             raise NoStandError("it is inside a solid")
@@ -377,23 +274,23 @@ class SceneGround:
         is_floor = is_low & (self._scene.normals[:, 2] < 0.0)
         return not isinstance(self._caster, EmptyScene) and bool(is_floor.any())
 
-    def _find_floor(self, pose: PlanarPose, z_m: float) -> _Stance | None:
+    def _find_floor(self, pose: PlanarPose, z_m: float) -> Stance | None:
         """The surface on which a base at a height stands, as a plane; None for none at all."""
         at = np.array([[pose.x_m, pose.y_m, z_m - _NEAR_M]])
-        below, normals = self._caster.closest_hits(at, _DOWN[None])
+        below, normals = self._caster.closest_hits(at, DOWN[None])
         distance_m = float(below[0])
         if distance_m > _SEARCH_DEPTH_M + _NEAR_M:
-            above, normals_above = self._caster.closest_hits(at, -_DOWN[None])
+            above, normals_above = self._caster.closest_hits(at, -DOWN[None])
             if math.isfinite(above[0]):
                 distance_m, normals = -float(above[0]), normals_above
         if not math.isfinite(distance_m):
             return None
         at[0, 2] += distance_m
-        floor_m = float(at[0, 2] + self._depth_of_paint(at)[0])
+        floor_m = float(at[0, 2] + depth_of_paint(self._caster, at)[0])
         nx, ny, nz = normals[0].tolist()
         slopes = (-nx / nz, -ny / nz) if abs(nz) > _MIN_FLOOR else (0.0, 0.0)
         x, y, yaw = pose.x_m, pose.y_m, pose.yaw_rad
-        return _Stance(x, y, yaw, _snap(floor_m), _snap(slopes[0]), _snap(slopes[1]))
+        return Stance(x, y, yaw, snap(floor_m), snap(slopes[0]), snap(slopes[1]))
 
     def may_stand(self, base: DriveBase, places: Floats, yaw_rad: float, z_m: float) -> Bools:
         """(n,) whether a base may have room at (n, 2) places: quick, and wrong at some of them.
@@ -401,7 +298,7 @@ class SceneGround:
         There is a floor, nothing crosses the middle of its body, and it is inside of nothing.
         """
         at = np.column_stack((places, np.full(len(places), z_m - _NEAR_M)))
-        down = np.broadcast_to(_DOWN, at.shape)
+        down = np.broadcast_to(DOWN, at.shape)
         below = self._caster.distances(at, down)
         has_floor: Bools = np.isfinite(below) if self._has_floor() else np.ones(len(at), dtype=bool)
         at[:, 2] = np.where(np.isfinite(below), at[:, 2] + below, 0.0) - 2.0 * base.max_step_m
@@ -588,10 +485,10 @@ class SceneGround:
             return None
         free_m = footing.free_m - _largest_motion(chassis, before, after)
         if free_m < 0.0:
-            near = self._near(chassis, after, _MARGIN_M)
-            separations = _separations(chassis, after, near)
-            free_m = min(float(separations.min(initial=_MARGIN_M)), _MARGIN_M)
-            if free_m < -_OVERLAP_M and _is_deeper(chassis, before, near, separations):
+            near = self._near(chassis, after, MARGIN_M)
+            separations = self._separations(chassis, after, near)
+            free_m = min(float(separations.min(initial=MARGIN_M)), MARGIN_M)
+            if free_m < -_OVERLAP_M and self._is_deeper(chassis, before, near, separations):
                 return None
         return (
             moved._replace(free_m=max(free_m, 0.0))
@@ -603,10 +500,23 @@ class SceneGround:
         """Whether no other robot stops a base on the way from a pose."""
         if not len(robots.triangles):
             return True
-        separations = _separations(chassis, footing.world_from_robot, robots.triangles)
-        return float(separations.min()) >= -_OVERLAP_M or not _is_deeper(
+        separations = self._separations(chassis, footing.world_from_robot, robots.triangles)
+        return float(separations.min()) >= -_OVERLAP_M or not self._is_deeper(
             chassis, before, robots.triangles, separations
         )
+
+    def _separations(self, chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
+        """(n,) gaps between a body and (n, 3, 3) triangles, negative depths where they overlap."""
+        box = Pose(where.rotation, where.transform_points(chassis.centre))
+        return self._support.separations(chassis.half_m, box, triangles)
+
+    def _is_deeper(
+        self, chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats
+    ) -> bool:
+        """Whether a body overlaps any triangle by more than it did, or none by less."""
+        was = np.minimum(self._separations(chassis, before, triangles), -_OVERLAP_M)
+        now = np.minimum(separations, -_OVERLAP_M)
+        return bool((now < was).any() or now.min() <= was.min())
 
     def _roll(
         self, chassis: _Chassis, footing: _Footing, step: _Step, moved_m: float
@@ -630,9 +540,9 @@ class SceneGround:
         count = 2 * math.ceil(reach_m / _BRIDGED_M) + 1
         steps = np.linspace(-reach_m, reach_m, count)
         grid = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
-        points, lifts = pose.transform_points(grid), np.full(len(grid), _LIFT_M)
-        gaps, _ = self._measure_gaps(points, lifts, math.inf, ())
-        return calm_m if float(np.abs(gaps).max()) < 2.0 * _TOUCH_M else 0.0
+        points, lifts = pose.transform_points(grid), np.full(len(grid), LIFT_M)
+        gaps, _ = measure_gaps(self._caster, points, lifts, math.inf, ())
+        return calm_m if float(np.abs(gaps).max()) < 2.0 * TOUCH_M else 0.0
 
     def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
         """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
@@ -645,7 +555,7 @@ class SceneGround:
         self,
         chassis: _Chassis,
         footing: _Footing,
-        stance: _Stance,
+        stance: Stance,
         sink_m: float,
         robots: _Robots,
         moved_m: float = 0.0,
@@ -654,194 +564,48 @@ class SceneGround:
 
         The stance is at most `moved_m` from that of the footing.
         """
-        contacts, start_z, goal_z = footing.contacts, None, np.zeros(0)
-        calm_m = footing.calm_m - moved_m if stance.side == footing.stance.side else 0.0
+        is_same_side = stance.side == footing.stance.side
+        side, was_tilted = chassis.sides[stance.side], not footing.stance.is_level
+        is_lifted = (
+            (was_tilted or not stance.is_level)
+            and is_same_side
+            and not footing.is_aloft
+            and not math.isinf(sink_m)
+        )
+        calm_m = footing.calm_m - moved_m if is_same_side else 0.0
         even_m = min(footing.even_m - moved_m, calm_m)
-        gaps, is_robot = np.zeros(0), np.zeros(0, dtype=bool)
-        for _ in range(_MAX_ITERATIONS):
-            side, pose = chassis.sides[stance.side], stance.world_from_side
-            points = pose.transform_points(side.points)
-            if start_z is None:
-                start_z = goal_z = points[:, 2]
-                is_tilted = not (stance.is_level and footing.stance.is_level)
-                if (
-                    is_tilted
-                    and not footing.is_aloft
-                    and stance.side == footing.stance.side
-                    and not math.isinf(sink_m)
-                ):
-                    # What the arc alone lifts, in the plane of a tilted base, has not to fall.
-                    here = footing.stance.world_from_side.transform_points(side.points)
-                    start_z = np.maximum(start_z, here[:, 2])
-            if max(contacts) >= len(points):  # an edge, which lies elsewhere now
-                contacts = (0, 0, 0)
-            # A step of the search may take a point below the floor: rays begin where it came from.
-            lifts = side.lifts + np.maximum(points[:, 2] - goal_z, 0.0)
-            gaps, is_robot = self._measure_gaps(points, lifts, footing.floor_z_m, robots.below)
-            limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
-            edges, heights = None, gaps * pose.rotation[2, 2] + side.points[:, 2]
-            if calm_m <= 0.0 or robots.below or np.abs(heights).max() > 2.0 * _TOUCH_M:
-                edges, calm_m = self._find_edges(
-                    chassis, side, pose, sink_m, robots.triangles_below
-                )
-            if edges is None:
-                i, j, k = contacts
-                is_low = gaps.min() >= -_TOUCH_M and i != j
-                if is_low and max(limits[i], limits[j], limits[k]) <= _TOUCH_M:
-                    if (
-                        even_m <= 0.0
-                        and calm_m > _BRIDGED_M
-                        and stance.side == 0
-                        and not robots.below
-                    ):
-                        even_m = self._measure_even(chassis, pose, calm_m)
-                    break
-            else:
-                points = np.concatenate((points, edges[0]))
-                gaps = np.concatenate((gaps, edges[1]))
-                limits = np.concatenate((limits, np.minimum(edges[1], sink_m)))
-            if start_z is goal_z and gaps.min() > sink_m + _TOUCH_M:
-                return self._fall(footing, stance, side, sink_m)
-            centre = pose.transform_points(side.side_from_robot.translation)
-            x, y = points[:, 0] - centre[0], points[:, 1] - centre[1]
-            found = _find_facet(x, y, limits, contacts, (stance.slope_x, stance.slope_y))
-            if found is None:
-                # It falls as it is while it can, and then tips over to another side.
-                room_m = float(limits.min())
-                if room_m > _TOUCH_M:
-                    return self._fall(footing, stance, side, room_m)
-                return footing._replace(
-                    stance=_tip(chassis, stance) or stance,
-                    world_from_robot=pose @ side.side_from_robot,
-                    contacts=(0, 0, 0),
-                    is_settled=False,
-                    is_held=False,
-                    is_aloft=False,
-                )
-            sink, by_x, by_y, contacts = found
-            dx, dy = stance.x_m - float(centre[0]), stance.y_m - float(centre[1])
+        rest = self._support.settle(
+            Sinking(
+                side,
+                stance,
+                footing.stance if is_lifted else None,
+                footing.contacts,
+                sink_m,
+                calm_m,
+                footing.floor_z_m,
+                robots.below,
+                robots.triangles_below,
+            ),
+            lambda pose: self._near(chassis, pose @ side.side_from_robot, MARGIN_M),
+        )
+        stance = rest.stance
+        pose = stance.world_from_side
+        if rest.is_even and even_m <= 0.0 and rest.calm_m > _BRIDGED_M:
+            if stance.side == 0 and not robots.below:
+                even_m = self._measure_even(chassis, pose, rest.calm_m)
+        elif not rest.is_even:
             even_m = 0.0
-            calm_m = 0.0 if max(abs(by_x), abs(by_y)) > _TOUCH_M else calm_m
-            stance = stance._replace(
-                z_m=_snap(stance.z_m + sink + by_x * dx + by_y * dy),
-                slope_x=_snap(stance.slope_x + by_x),
-                slope_y=_snap(stance.slope_y + by_y),
-            )
-            if edges is not None and max(abs(sink), abs(by_x), abs(by_y)) < _TOUCH_M:
-                pose = stance.world_from_side
-                break
-        rests = [gaps[one] <= 2.0 * _TOUCH_M for one in contacts]
-        is_robot = np.append(is_robot, np.full(len(gaps) - len(is_robot), len(robots.below) > 0))
-        stands_on_robot = any(is_robot[one] for one in contacts)
+        is_held = rest.touching == 3
         return footing._replace(
-            stance=stance,
+            stance=(_tip(chassis, stance) or stance) if rest.is_over else stance,
             world_from_robot=pose @ side.side_from_robot,
-            contacts=contacts,
-            calm_m=calm_m,
+            contacts=rest.contacts,
+            calm_m=rest.calm_m,
             even_m=even_m,
-            is_settled=all(rests) and not stands_on_robot,
-            is_held=all(rests),
-            is_aloft=not any(rests),
+            is_settled=is_held and not rest.is_on_robot,
+            is_held=is_held,
+            is_aloft=rest.touching == 0 and not rest.is_over,
         )
-
-    def _fall(self, footing: _Footing, stance: _Stance, side: _Side, sink_m: float) -> _Footing:
-        """Footing of a base that nothing is below within some metres."""
-        stance = stance._replace(z_m=stance.z_m + sink_m)
-        return footing._replace(
-            stance=stance,
-            world_from_robot=stance.world_from_side @ side.side_from_robot,
-            contacts=(0, 0, 0),
-            is_settled=False,
-            is_held=False,
-            is_aloft=True,
-        )
-
-    def _find_edges(
-        self,
-        chassis: _Chassis,
-        side: _Side,
-        pose: Pose,
-        sink_m: float,
-        obstacles: Floats,
-    ) -> tuple[tuple[Floats, Floats] | None, float]:
-        """Points of the underside above edges and corners of surfaces, and their gaps; and how far
-        away the nearest thing is that rises above the plane of the side.
-
-        A polygon is nearest to a plane at a corner: that of a triangle, or where its edges pass the
-        border of the plane part; to a wheel at an edge that passes the plane of the wheel, or
-        where rays find it.
-        """
-        triangles = self._near(chassis, pose @ side.side_from_robot, _MARGIN_M)
-        if len(obstacles):
-            triangles = np.concatenate((triangles, obstacles))
-        corners = matmul(triangles - pose.translation, pose.rotation)
-        top, bottom = -side.rise_m - _LIFT_M, sink_m + _EDGE_REACH_M
-        z = corners[..., 2]
-        corners = corners[(z.min(axis=1) < bottom) & (z.max(axis=1) > top)]
-        if not len(corners):
-            return None, _MARGIN_M
-        rising = corners[corners[..., 2].min(axis=1) < -2.0 * _TOUCH_M][..., :2]
-        # The rims of wheels are within the sides of the body, or little outside.
-        reach = np.array(side.half_m) + side.radius_m
-        away = np.maximum(rising.min(axis=1), -rising.max(axis=1)) - reach
-        calm_m = min(_MARGIN_M - side.radius_m, float(away.max(axis=1).min(initial=_MARGIN_M)))
-        begins, ends = corners.reshape(-1, 3), corners[:, [1, 2, 0]].reshape(-1, 3)
-        (x, y), tolerance = side.half_m, 1e-9
-        wheels_y = sorted({wheel_y for _, wheel_y in side.wheels_m})
-        ahead, _ = _cross(begins, ends, 0, (-x, x))
-        aside, plane = _cross(begins, ends, 1, (-y, y, *wheels_y))
-        flat = np.concatenate((begins, ahead, aside[plane < 2]))
-        flat = flat[(np.abs(flat[:, :2]) <= np.array((x, y)) + tolerance).all(axis=1)]
-        places = [np.column_stack((flat[:, :2], np.full(len(flat), -side.rise_m), flat[:, 2]))]
-        for wheel_x, wheel_y in side.wheels_m if len(aside) else ():
-            along = aside[:, 0] - wheel_x
-            is_near = (plane == 2 + wheels_y.index(wheel_y)) & (np.abs(along) < side.radius_m)
-            hits, along = aside[is_near], along[is_near]
-            rise = side.radius_m - np.sqrt(side.radius_m**2 - along * along)
-            places.append(np.column_stack((hits[:, :2], -rise, hits[:, 2]))[rise < side.rise_m])
-        on_side = np.concatenate(places)
-        gaps = (on_side[:, 3] - on_side[:, 2]) / float(pose.rotation[2, 2])
-        chosen = (on_side[:, 3] > top) & (gaps < bottom)
-        if not chosen.any():
-            return None, calm_m
-        points, gaps = pose.transform_points(on_side[chosen, :3]), gaps[chosen]
-        raised = np.flatnonzero(gaps < -_TOUCH_M)
-        if len(raised):
-            hits = points[raised]
-            hits[:, 2] += gaps[raised]
-            gaps[raised] += self._depth_of_paint(hits)
-        return (points, gaps), calm_m
-
-    def _measure_gaps(
-        self,
-        points: Floats,
-        lifts: Floats,
-        floor_z_m: float,
-        others: Sequence[OrientedBox],
-    ) -> tuple[Floats, Bools]:
-        """(k,) heights of points above what is below, and whether that is a robot."""
-        origins = points.copy()
-        origins[:, 2] -= lifts
-        down = np.broadcast_to(_DOWN, points.shape)
-        gaps = self._caster.distances(origins, down) - lifts
-        raised = np.flatnonzero(gaps < -_TOUCH_M)
-        if len(raised):
-            hits = points[raised]
-            hits[:, 2] += gaps[raised]
-            gaps[raised] += self._depth_of_paint(hits)
-        gaps = np.minimum(gaps, floor_z_m - points[:, 2])
-        if not others:
-            return gaps, np.zeros(len(gaps), dtype=bool)
-        boxes = box_distances(others, origins, down)
-        # What a ray begins in is beside the base, not below.
-        boxes = np.where(boxes > 0.0, boxes - lifts, math.inf)
-        return np.minimum(gaps, boxes), boxes < gaps
-
-    def _depth_of_paint(self, hits: Floats) -> Floats:
-        """(n,) thickness of thin layers at (n, 3) points on surfaces, 0 for none."""
-        origins = hits + np.array((0.0, 0.0, 1e-5))
-        depths = self._caster.distances(origins, np.broadcast_to(_DOWN, hits.shape)) + 1e-5
-        return np.where(depths <= _PAINT_M, depths, 0.0)
 
 
 class _Robots(NamedTuple):
@@ -859,7 +623,7 @@ class _Robots(NamedTuple):
         """Robots around a base whose wheels are at a height, downwards."""
         if not boxes:
             return _NO_ROBOTS
-        below = tuple(box for box in boxes if _top_of(box) > z_m - max_step_m - _LIFT_M)
+        below = tuple(box for box in boxes if _top_of(box) > z_m - max_step_m - LIFT_M)
         return cls(tuple(boxes), _box_triangles(boxes), below, _box_triangles(below))
 
 
@@ -908,14 +672,9 @@ class _Step(NamedTuple):
         )
 
 
-def _snap(value: float) -> float:
-    """Value, or 0 for what rounding leaves of it: a level floor is level to the last bit."""
-    return 0.0 if abs(value) < 1e-6 else float(value)
-
-
 def _adopt(body: RobotBody) -> _Footing:
     """Footing of a base on the plane z = 0."""
-    stance = _Stance(body.pose.x_m, body.pose.y_m, body.pose.yaw_rad)
+    stance = Stance(body.pose.x_m, body.pose.y_m, body.pose.yaw_rad)
     return _Footing(stance, body.world_from_robot)
 
 
@@ -948,7 +707,7 @@ def _describe_rest(footing: _Footing) -> str:
     return f"has fallen, and lies {sides[footing.stance.side]}" if footing.stance.side else ""
 
 
-def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:
+def _tip(chassis: _Chassis, stance: Stance) -> Stance | None:
     """The same pose as a stance on the side that faces the ground next; None if none does."""
     where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
     facing = _face_ground(chassis, where)
@@ -958,8 +717,8 @@ def _tip(chassis: _Chassis, stance: _Stance) -> _Stance | None:
 
 
 def _tumble(
-    chassis: _Chassis, stance: _Stance, axis: tuple[float, float], angle_rad: float
-) -> _Stance:
+    chassis: _Chassis, stance: Stance, axis: tuple[float, float], angle_rad: float
+) -> Stance:
     """Stance after a turn about a level axis through the robot's origin."""
     where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
     turn = _rotate_about(*axis, angle_rad)
@@ -984,136 +743,12 @@ def _face_ground(chassis: _Chassis, where: Pose) -> list[float]:
     return facing
 
 
-def _stand_on(chassis: _Chassis, where: Pose, side: int) -> _Stance:
+def _stand_on(chassis: _Chassis, where: Pose, side: int) -> Stance:
     """A pose as a stance on a side that faces the ground."""
     pose = where @ chassis.sides[side].robot_from_side
     (fx, fy, _), (nx, ny, nz) = pose.rotation[:, 0].tolist(), pose.rotation[:, 2].tolist()
     x, y, z = pose.translation.tolist()
-    return _Stance(x, y, arctan2(fy, fx), z, -nx / nz, -ny / nz, side)
-
-
-def _find_facet(
-    x: Floats,
-    y: Floats,
-    gaps: Floats,
-    contacts: tuple[int, int, int],
-    slopes: tuple[float, float],
-) -> tuple[float, float, float, tuple[int, int, int]] | None:
-    """Facet of the lower hull of (k,) gaps below the origin: a, b, c of its plane, and its points.
-
-    None where no points lie around the origin.
-    """
-    if contacts[0] == contacts[1] or min(_weights(x, y, contacts)) < -_NO_WEIGHT:
-        first = _surround(x, y)
-        if first is None:
-            return None
-        contacts = first
-    for _ in range(_MAX_PIVOTS):
-        sink, by_x, by_y = _plane(x, y, gaps, contacts)
-        above = gaps - sink - by_x * x - by_y * y
-        lowest = int(above.argmin())
-        weights = _weights(x, y, contacts)
-        if min(weights) < _NO_WEIGHT:
-            rocked = _rock(x, y, above, contacts, weights, (slopes[0] + by_x, slopes[1] + by_y))
-            if rocked is not None:
-                a, b, c, third = rocked
-                line = tuple(p for p, w in zip(contacts, weights, strict=True) if w > min(weights))
-                if len(line) == 2:
-                    return sink + a, by_x + b, by_y + c, (line[0], line[1], third)
-        if above[lowest] >= -1e-9:
-            break
-        if lowest in contacts:
-            break
-        i, j, k = contacts
-        options = ((lowest, j, k), (i, lowest, k), (i, j, lowest))
-        around = [one for one in options if min(_weights(x, y, one)) > -_NO_WEIGHT]
-        if not around:
-            break
-        # Of two triangles with the centre on a side, only one takes the plane below the point.
-        contacts = min(around, key=lambda one: _plane(x, y, gaps, one)[0])
-    return sink, by_x, by_y, contacts
-
-
-def _weights(x: Floats, y: Floats, contacts: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Shares of the weight that three contacts carry; negative outside them."""
-    (a, b), (c, d), (e, f) = ((float(x[i]), float(y[i])) for i in contacts)
-    parts = (c * f - e * d, e * b - a * f, a * d - c * b)
-    total = sum(parts)
-    if abs(total) < 1e-12:
-        return (-1.0, -1.0, -1.0)
-    return parts[0] / total, parts[1] / total, parts[2] / total
-
-
-def _plane(
-    x: Floats, y: Floats, gaps: Floats, contacts: tuple[int, int, int]
-) -> tuple[float, float, float]:
-    """a, b, c of the plane a + b x + c y through three points."""
-    (xi, yi, gi), (xj, yj, gj), (xk, yk, gk) = (
-        (float(x[i]), float(y[i]), float(gaps[i])) for i in contacts
-    )
-    dx, dy, dg = xj - xi, yj - yi, gj - gi
-    ex, ey, eg = xk - xi, yk - yi, gk - gi
-    area = dx * ey - ex * dy
-    by_x, by_y = (dg * ey - eg * dy) / area, (dx * eg - ex * dg) / area
-    return gi - by_x * xi - by_y * yi, by_x, by_y
-
-
-def _rock(
-    x: Floats,
-    y: Floats,
-    above: Floats,
-    contacts: tuple[int, int, int],
-    weights: tuple[float, float, float],
-    slopes: tuple[float, float],
-) -> tuple[float, float, float, int] | None:
-    """Most level rotation about the two contacts that carry all: a, b, c to add, and the third."""
-    free = weights.index(min(weights))
-    i, j = (contacts[n] for n in range(3) if n != free)
-    dx, dy = float(x[j] - x[i]), float(y[j] - y[i])
-    length = hypot(dx, dy)
-    across = (-dy / length, dx / length)
-    # Height gained by a slope of 1 across the line.
-    lever = across[0] * (x - x[i]) + across[1] * (y - y[i])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        limits = above / lever
-    right, left = lever > 1e-6, lever < -1e-6
-    highest = float(limits[right].min(initial=math.inf))
-    lowest = float(limits[left].max(initial=-math.inf))
-    if highest < lowest - 1e-9:
-        return None
-    wanted = -(slopes[0] * across[0] + slopes[1] * across[1])
-    slope = min(max(wanted, lowest), highest)
-    candidates = np.where(right, limits - slope, np.where(left, slope - limits, math.inf))
-    third = int(np.abs(candidates).argmin())
-    if not math.isfinite(slope):
-        return None
-    base = -(across[0] * float(x[i]) + across[1] * float(y[i])) * slope
-    return base, slope * across[0], slope * across[1], third
-
-
-def _surround(x: Floats, y: Floats) -> tuple[int, int, int] | None:
-    """Three points around the origin, or None."""
-    directions = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
-    corners = list(dict.fromkeys(int((p * x + q * y).argmax()) for p, q in directions))
-    best, most = None, -_NO_WEIGHT
-    for one in itertools.combinations(corners, 3):
-        least = min(_weights(x, y, one))
-        if least > most:
-            best, most = one, least
-    return best
-
-
-def _cross(
-    begins: Floats, ends: Floats, axis: int, values: tuple[float, ...]
-) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """(m, 3) points at which edges of (n, 3) ends pass planes across an axis, and which planes."""
-    planes = np.array(values)
-    starts, stops = begins[:, axis, None] - planes, ends[:, axis, None] - planes
-    edge, plane = np.nonzero((starts < 0.0) != (stops < 0.0))
-    start = starts[edge, plane]
-    share = start / (start - stops[edge, plane])
-    points: Floats = begins[edge] + share[:, None] * (ends[edge] - begins[edge])
-    return points, plane
+    return Stance(x, y, arctan2(fy, fx), z, -nx / nz, -ny / nz, side)
 
 
 def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
@@ -1124,50 +759,6 @@ def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
     turned: float = hypot(*turn.tolist())
     moved: float = hypot(*shift)
     return moved + chassis.reach_m * turned
-
-
-def _separations(chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
-    """(n,) largest gap between a body and each of (n, 3, 3) triangles along any axis that may
-    separate the two; negative: the depth of the overlap.
-    """
-    half = chassis.half_m
-    corners = matmul(triangles - where.translation, where.rotation) - chassis.centre
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    separations: Floats = (np.maximum(low, -high) - half).max(axis=1, initial=-math.inf)
-    close = np.flatnonzero(separations < _MARGIN_M)
-    if not len(close):
-        return separations
-    corners = corners[close]
-    edges = np.roll(corners, -1, axis=1) - corners
-    zero = np.zeros(edges.shape[:2])
-    ex, ey, ez = edges[..., 0], edges[..., 1], edges[..., 2]
-    axes = np.stack(
-        [
-            np.stack((zero, ez, -ey), axis=-1),
-            np.stack((-ez, zero, ex), axis=-1),
-            np.stack((ey, -ex, zero), axis=-1),
-        ],
-        axis=1,
-    ).reshape(len(close), 9, 3)
-    a, b = edges[:, 0], edges[:, 1]
-    normals = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-    axes = np.concatenate((axes, normals[:, None]), axis=1)
-    lengths = np.sqrt((axes * axes).sum(axis=-1))
-    projected = matmul(axes, corners.swapaxes(1, 2))
-    reach = matmul(np.abs(axes), half)
-    gaps = np.maximum(projected.min(axis=-1), -projected.max(axis=-1)) - reach
-    # An axis of no length separates nothing.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gaps = np.where(lengths > 1e-12, gaps / lengths, -math.inf)
-    separations[close] = np.maximum(separations[close], gaps.max(axis=1))
-    return separations
-
-
-def _is_deeper(chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats) -> bool:
-    """Whether a body overlaps any triangle by more than it did, or none by less."""
-    was = np.minimum(_separations(chassis, before, triangles), -_OVERLAP_M)
-    now = np.minimum(separations, -_OVERLAP_M)
-    return bool((now < was).any() or now.min() <= was.min())
 
 
 _BOX_FACES = np.array(
