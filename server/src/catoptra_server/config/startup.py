@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
@@ -28,6 +29,10 @@ from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
+
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
+    from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
 log = logging.getLogger(__name__)
 
@@ -176,12 +181,17 @@ class _LazyRayCaster:
         self._scene = scene
 
     @cached_property
-    def built(self) -> RayCaster:
+    def built(self) -> SceneRayCaster:
         """The ray caster, built at the first use."""
         # Loaded where it is needed: see `commands/server.py`.
         from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
         return commit_ray_caster(self._scene)
+
+    @property
+    def kernel(self) -> KernelMeshCaster | None:
+        """The native one, if it can run."""
+        return self.built.kernel
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Distances (n,) along unit directions, metres; inf without a hit."""

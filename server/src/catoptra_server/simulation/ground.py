@@ -25,7 +25,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,12 +40,12 @@ from catoptra_server.simulation.resting import (
     LIFT_M,
     MARGIN_M,
     TOUCH_M,
-    ReferenceSupport,
     Side,
     Sinking,
     Stance,
     Support,
     depth_of_paint,
+    make_support,
     measure_gaps,
     snap,
 )
@@ -204,7 +204,6 @@ class SceneGround:
             caster: The same scene for rays, which find what wheels touch.
         """
         self._scene, self._caster = scene, caster
-        self._support: Support = ReferenceSupport(caster)
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
@@ -216,6 +215,11 @@ class SceneGround:
             return near
 
         self._find_near = find_near
+
+    @cached_property
+    def _support(self) -> Support:
+        """Made at the first use: a ray caster may be built then."""
+        return make_support(self._caster)
 
     def place(
         self,
@@ -586,7 +590,7 @@ class SceneGround:
                 robots.below,
                 robots.triangles_below,
             ),
-            lambda pose: self._near(chassis, pose @ side.side_from_robot, MARGIN_M),
+            lambda pose: self._near(chassis, pose @ side.side_from_robot, 1.5 * MARGIN_M),
         )
         stance = rest.stance
         pose = stance.world_from_side

@@ -21,7 +21,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,9 @@ from catoptra_server.simulation.drive import integrate_arc
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.simulation.sensors import RayCaster
 from catoptra_server.world.objects import OrientedBox, box_distances
+
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 
 # A contact, and a gap that is none: rays in a scene of 100 m end within 1e-5 m.
 TOUCH_M = 2e-5
@@ -359,6 +362,23 @@ class Support(Protocol):
 
     def separations(self, half: Floats, where: Pose, triangles: Floats) -> Floats:
         """(n,) largest gaps between a box and triangles, see `separations`."""
+
+
+@runtime_checkable
+class _HasKernel(Protocol):
+    """A ray caster of the native kernel, or one that may be."""
+
+    @property
+    def kernel(self) -> KernelMeshCaster | None: ...
+
+
+def make_support(caster: RayCaster) -> Support:
+    """Support by the kernel where a caster has it."""
+    if isinstance(caster, _HasKernel) and caster.kernel is not None:
+        from catoptra_server.simulation.kernel_support import KernelSupport
+
+        return KernelSupport(caster.kernel)
+    return ReferenceSupport(caster)
 
 
 class ReferenceSupport:

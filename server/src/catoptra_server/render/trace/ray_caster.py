@@ -28,15 +28,19 @@ _FindHits = Callable[[Floats, Floats], tuple[Floats, npt.NDArray[np.int32]]]
 class SceneRayCaster:
     """Distances in a scene; twin: `simulation/sensors/__init__.py:RayCaster`."""
 
-    def __init__(self, scene: SceneMesh, find_hits: _FindHits) -> None:
+    def __init__(
+        self, scene: SceneMesh, find_hits: _FindHits, kernel: KernelMeshCaster | None = None
+    ) -> None:
         """Cast rays by a search.
 
         Args:
             scene: The scene.
             find_hits: `closest_triangles` of its triangles.
+            kernel: The native one, if it is that.
         """
         self._normals = scene.normals
         self._find_hits = find_hits
+        self.kernel = kernel
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
@@ -65,7 +69,8 @@ def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
 
 def commit_to_kernel(scene: SceneMesh) -> SceneRayCaster:
     """Commit a scene to the kernel; errors as of `KernelMeshCaster`."""
-    return SceneRayCaster(scene, KernelMeshCaster.of_scene(scene).closest_triangles)
+    kernel = KernelMeshCaster.of_scene(scene)
+    return SceneRayCaster(scene, kernel.closest_triangles, kernel)
 
 
 def commit_to_reference(scene: SceneMesh) -> SceneRayCaster:

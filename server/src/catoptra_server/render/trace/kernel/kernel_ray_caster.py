@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.kernel.kernel_structs import SinkingStruct
 from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
@@ -76,6 +77,22 @@ class KernelMeshCaster:
         triangles = np.zeros(len(rays), dtype=np.int32)
         self._device.cast(self._mesh, starts, rays, ranges, triangles)
         return ranges.astype(np.float64), triangles
+
+    def settle(self, sinking: SinkingStruct) -> int:
+        """Let a body come to rest on the triangles; result and errors as of `KernelDevice`."""
+        sinking.mesh, sinking.centre = self._mesh, tuple(self._centre.tolist())
+        return self._device.settle(sinking)
+
+    def separate(self, box: Floats, triangles: Floats) -> Floats:
+        """(n,) gaps between a box and (n, 3, 3) triangles, see `simulation/resting.py`.
+
+        Args:
+            box: (15,) rotation row by row, middle, half sides.
+            triangles: In the same frame as the box.
+        """
+        gaps = np.empty(len(triangles))
+        self._device.separate(box, np.ascontiguousarray(triangles), gaps)
+        return gaps
 
 
 def _close(device: KernelDevice, mesh: int, arrays: object) -> None:

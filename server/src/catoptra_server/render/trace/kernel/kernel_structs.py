@@ -13,6 +13,7 @@ OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED, FACET_FILTERED = 16, 32, 64, 128
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
+REST_FOUND, REST_ALOFT, REST_OVER, REST_NEEDS_TRIANGLES, REST_NO_MEMORY = range(5)
 SAMPLE_CLAMP_U, SAMPLE_CLAMP_V, SAMPLE_NEAREST = 1, 2, 4
 
 # ctypes' own annotation of `_fields_` is a list of pairs.
@@ -287,6 +288,44 @@ class ImageJob(ctypes.Structure):
     ]
 
 
+class StanceStruct(ctypes.Structure):
+    """A plane on which a body rests, and its heading."""
+
+    _fields_: ClassVar[Fields] = [
+        (name, c_double) for name in ("x", "y", "z", "slope_x", "slope_y", "cosine", "sine")
+    ]
+
+
+class RestingSide(ctypes.Structure):
+    """One side of a body."""
+
+    _fields_: ClassVar[Fields] = [
+        ("num_points", c_int32),
+        ("num_wheels", c_int32),
+        *_addresses("points", "lifts", "wheels"),
+        ("half", c_double * 2),
+        ("rise", c_double),
+        ("radius", c_double),
+        ("origin", c_double * 3),
+    ]
+
+
+class SinkingStruct(ctypes.Structure):
+    """A body that sinks."""
+
+    _fields_: ClassVar[Fields] = [
+        ("mesh", c_void_p),
+        ("centre", c_double * 3),
+        *_addresses("side", "triangles", "boxes"),
+        ("num_triangles", c_int32),
+        ("num_boxes", c_int32),
+        *((name, StanceStruct) for name in ("stance", "goal", "before", "near")),
+        *((name, c_double) for name in ("sink", "calm", "floor_z")),
+        ("contacts", c_int32 * 3),
+        *((n, c_int32) for n in ("is_lifted", "has_moved", "is_even", "touching", "is_on_robot")),
+    ]
+
+
 # In the order of `catoptra_abi`.
 STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     MeshArrays,
@@ -308,4 +347,6 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     FrameCounts,
     ImageStage,
     ImageJob,
+    RestingSide,
+    SinkingStruct,
 )

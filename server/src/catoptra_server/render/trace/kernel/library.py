@@ -25,6 +25,7 @@ import numpy.typing as npt
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.kernel_structs import (
+    REST_NO_MEMORY,
     STRUCTURES,
     FacetSource,
     FrameCounts,
@@ -33,6 +34,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     MeshArrays,
     RayTableStruct,
     SceneStruct,
+    SinkingStruct,
 )
 
 _CPU_INFO = Path("/proc/cpuinfo")
@@ -186,6 +188,23 @@ class KernelDevice:
         arrays = (origins, directions, ranges, triangles)
         self._library.catoptra_cast(mesh, len(origins), *(array.ctypes.data for array in arrays))
 
+    def settle(self, sinking: SinkingStruct) -> int:
+        """Let a body come to rest, and say how: one of REST_FOUND and the others.
+
+        Raises:
+            KernelError: Memory is short.
+        """
+        self._require_open()  # the mesh belongs to the device
+        state: int = self._library.catoptra_settle(ctypes.byref(sinking))
+        if state == REST_NO_MEMORY:
+            raise KernelError("no resting place: out of memory")
+        return state
+
+    def separate(self, box: Floats, triangles: Floats, gaps: Floats) -> None:
+        """Write the (n,) gaps between a box (15,) and (n, 3, 3) triangles, all contiguous."""
+        addresses = (triangles.ctypes.data, gaps.ctypes.data)
+        self._library.catoptra_separate(box.ctypes.data, len(gaps), *addresses)
+
     def build_light_maps(self, scene: SceneStruct) -> int | None:
         """Maps of where nothing occludes a scene's directional lights; None if memory is short."""
         self._require_open()  # the scene's mesh belongs to the device
@@ -249,6 +268,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_close": (None, (c_void_p,)),
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
+        "catoptra_settle": (c_int32, (c_void_p,)),
+        "catoptra_separate": (None, (c_void_p, c_int64, c_void_p, c_void_p)),
         "catoptra_release_mesh": (None, (c_void_p,)),
         "catoptra_find_surfaces": (c_int32, (c_void_p,) * 5),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),

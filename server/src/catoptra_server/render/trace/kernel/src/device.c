@@ -17,7 +17,8 @@ int32_t catoptra_abi(int32_t structure) {
         sizeof(FacetSource), sizeof(Surfaces),     sizeof(OcclusionPatch), sizeof(Occlusion),
         sizeof(Scene),       sizeof(RayTable),     sizeof(Pose),           sizeof(Labels),
         sizeof(Flow),        sizeof(ChangeLimits), sizeof(PixelChange),    sizeof(Frame),
-        sizeof(FrameCounts), sizeof(ImageStage),   sizeof(ImageJob),
+        sizeof(FrameCounts), sizeof(ImageStage),   sizeof(ImageJob),       sizeof(RestingSide),
+        sizeof(Sinking),
     };
     int32_t count = sizeof sizes / sizeof *sizes;
     return structure >= 0 && structure < count ? sizes[structure] : -1;

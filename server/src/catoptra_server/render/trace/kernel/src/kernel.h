@@ -314,6 +314,54 @@ CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, cons
 CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins,
                                    const float *directions, float *range_m, int32_t *triangle);
 
+/* A plane on which a body rests, through the middle of its side, and its heading; z points down. */
+typedef struct {
+    double x, y, z, slope_x, slope_y, cosine, sine;
+} Stance;
+
+/* One side of a body. */
+typedef struct {
+    int32_t num_points, num_wheels;
+    const double *points; /* (num_points, 3) that may touch what is below, in the side's frame */
+    const double *lifts;  /* how far above them rays begin */
+    const double *wheels; /* (num_wheels, 2) */
+    double half[2], rise, radius;
+    double origin[3]; /* of the robot, in the side's frame */
+} RestingSide;
+
+/* A body that sinks; members as in `simulation/resting.py:Sinking`. */
+typedef struct {
+    const Mesh *mesh; /* NULL: there is nothing below */
+    double centre[3]; /* of the mesh's coordinates */
+    const RestingSide *side;
+    const double *triangles; /* (num_triangles, 3, 3) near `near`, or NULL */
+    const double *boxes;     /* (num_boxes, 15) rotation, middle, half sides of other robots */
+    int32_t num_triangles, num_boxes;
+    Stance stance; /* to begin with, and where it ends */
+    Stance goal, before, near;
+    double sink, calm, floor_z;
+    int32_t contacts[3];
+    int32_t is_lifted; /* whether `before` counts */
+    int32_t has_moved, is_even, touching, is_on_robot; /* written */
+} Sinking;
+
+typedef enum {
+    REST_FOUND,
+    REST_ALOFT,           /* it fell without any contact */
+    REST_OVER,            /* its centre is beyond all points */
+    REST_NEEDS_TRIANGLES, /* near the stance; then call again */
+    REST_NO_MEMORY,
+    REST_MOVES /* never returned */
+} RestState;
+
+/* The stance in which a body comes to rest. Any threads may settle at once. */
+CATOPTRA_EXPORT RestState catoptra_settle(Sinking *job);
+
+/* Largest gaps along any axis between a box (rotation, middle, half sides) and each of (count, 3, 3)
+ * triangles that are near; negative: the depth of the overlap. */
+CATOPTRA_EXPORT void catoptra_separate(const double box[15], int64_t count,
+                                       const double *triangles, double *gaps);
+
 /* Trace all rays of a view against the static scene, and nothing else: the rate of bare rays. */
 CATOPTRA_EXPORT int32_t catoptra_trace(Device *device, const Scene *scene, const View *view,
                                        const Frame *frame, char *error);
