@@ -45,6 +45,7 @@ kernel.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -99,14 +100,21 @@ def cos(angle_rad: _Real) -> _Real:
 def _sine_after_quarters(angle_rad: Any, quarters: int) -> Any:
     """Sine of an angle plus quarters of a turn."""
     if isinstance(angle_rad, float | int):
-        turns = round(angle_rad / (0.5 * math.pi))
-        function = _cosine if (turns + quarters) % 2 else _sine
-        value = function(*_rest_of_quarters(float(angle_rad), turns))
-        return -value if (turns + quarters) & 2 else value
+        # A zero is its own sine, and has a sign that the memory of angles would lose.
+        return _sine_of_one(angle_rad, quarters) if angle_rad else (angle_rad, 1.0)[quarters]
     with np.errstate(under="ignore"):
         rest, is_odd, turned = _reduce(angle_rad, quarters)
         values = np.where(is_odd, _cosine(*rest), _sine(*rest))
         return np.where(turned >= 2.0, -values, values)
+
+
+@lru_cache(maxsize=256)
+def _sine_of_one(angle_rad: float, quarters: int) -> float:
+    """Of one angle; an angle is often asked for several times in a row."""
+    turns = round(angle_rad / (0.5 * math.pi))
+    function = _cosine if (turns + quarters) % 2 else _sine
+    value: float = function(*_rest_of_quarters(float(angle_rad), turns))
+    return -value if (turns + quarters) & 2 else value
 
 
 def _reduce(angle_rad: Any, quarters: int) -> tuple[tuple[Any, Any], Any, Any]:

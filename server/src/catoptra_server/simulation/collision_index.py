@@ -32,6 +32,10 @@ class CollisionIndex:
         """Create the ground of a scene without robots; arguments as of `SceneGround`."""
         self._ground = SceneGround(scene, caster)
         self._boxes: dict[Robot, tuple[OrientedBox, tuple[float, ...], float]] = {}
+        self._tabulated: tuple[Robot, ...] = ()
+        self._rows: dict[Robot, int] = {}
+        self._moved: set[Robot] = set()
+        self._places = np.zeros((4, 0))
 
     def bounding_box(self, robot: Robot) -> OrientedBox:
         """Bounding box of a robot at its present pose."""
@@ -49,6 +53,8 @@ class CollisionIndex:
     def invalidate(self, robot: Robot) -> None:
         """Discard the box of a robot that moved or was removed."""
         self._boxes.pop(robot, None)
+        if robot in self._rows:
+            self._moved.add(robot)
 
     def place(
         self,
@@ -123,20 +129,29 @@ class CollisionIndex:
         robots = tuple(robots)
         if len(robots) < 2:
             return self._ground.move
-        _, (x, y, z), _ = self._find_box(robot)
         drive = robot.description.drive
         height_m = collision_height_m(robot.description)
         radius_m = 0.5 * hypot(*drive.collision_size_m[:2]) + height_m * robot.tilt_sine
         radius_m += _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
-        others = []
-        for other in robots:
-            box, (u, v, w), other_m = self._boxes.get(other) or self._find_box(other)
-            # A box around the reach: no root for each pair.
-            reach_m = radius_m + other_m
-            is_beside = abs(u - x) <= reach_m and abs(v - y) <= reach_m
-            if is_beside and abs(w - z) <= height_m + other_m + _MAX_DROP_M and other is not robot:
-                others.append(box)
+        places = self._tabulate(robots)
+        apart = np.abs(places[:3] - np.array(self._find_box(robot)[1])[:, None])
+        reach_m = places[3] + radius_m
+        apart[2] -= height_m + _MAX_DROP_M - radius_m
+        near = np.flatnonzero((apart <= reach_m).all(axis=0)).tolist()
+        others = [self._boxes[robots[n]][0] for n in near if robots[n] is not robot]
         return partial(self._ground.move, others=others) if others else self._ground.move
+
+    def _tabulate(self, robots: tuple[Robot, ...]) -> Floats:
+        """(4, n) centres and radii of robots; of those that moved since the last call anew."""
+        if robots != self._tabulated:
+            self._tabulated, self._places = robots, np.zeros((4, len(robots)))
+            self._rows = {robot: row for row, robot in enumerate(robots)}
+            self._moved = set(robots)
+        for robot in self._moved:
+            _, centre, radius_m = self._find_box(robot)
+            self._places[:, self._rows[robot]] = (*centre, radius_m)
+        self._moved.clear()
+        return self._places
 
 
 def collision_height_m(description: RobotDescription) -> float:

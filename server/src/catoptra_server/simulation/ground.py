@@ -47,6 +47,7 @@ from catoptra_server.simulation.resting import (
     depth_of_paint,
     make_support,
     measure_gaps,
+    robot_pose,
     snap,
 )
 from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
@@ -531,7 +532,7 @@ class SceneGround:
             return None
         return footing._replace(
             stance=goal,
-            world_from_robot=goal.world_from_side @ chassis.sides[0].side_from_robot,
+            world_from_robot=robot_pose(goal, chassis.sides[0]),
             calm_m=footing.calm_m - moved_m,
             even_m=footing.even_m - moved_m,
             free_m=footing.free_m - moved_m,
@@ -550,10 +551,15 @@ class SceneGround:
 
     def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
         """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
-        centre = where.transform_points(chassis.centre)
-        reach = matmul(np.abs(where.rotation), chassis.half_m) + margin_m
-        low, high = np.floor((centre - reach) / _CELL_M), np.ceil((centre + reach) / _CELL_M)
-        return self._find_near((*map(int, low.tolist()), *map(int, high.tolist())))
+        # Plain floats: in every tick of every robot, where arrays of three are slow.
+        (cx, cy, cz), (hx, hy, hz) = chassis.centre.tolist(), chassis.half_m.tolist()
+        low, high = [], []
+        for (a, b, c), t in zip(where.rotation.tolist(), where.translation.tolist(), strict=True):
+            middle = a * cx + b * cy + c * cz + t
+            reach = abs(a) * hx + abs(b) * hy + abs(c) * hz + margin_m
+            low.append(math.floor((middle - reach) / _CELL_M))
+            high.append(math.ceil((middle + reach) / _CELL_M))
+        return self._find_near((*low, *high))
 
     def _settle(
         self,
@@ -590,19 +596,18 @@ class SceneGround:
                 robots.below,
                 robots.triangles_below,
             ),
-            lambda pose: self._near(chassis, pose @ side.side_from_robot, 1.5 * MARGIN_M),
+            lambda one: self._near(chassis, robot_pose(one, side), 1.5 * MARGIN_M),
         )
         stance = rest.stance
-        pose = stance.world_from_side
         if rest.is_even and even_m <= 0.0 and rest.calm_m > _BRIDGED_M:
             if stance.side == 0 and not robots.below:
-                even_m = self._measure_even(chassis, pose, rest.calm_m)
+                even_m = self._measure_even(chassis, stance.world_from_side, rest.calm_m)
         elif not rest.is_even:
             even_m = 0.0
         is_held = rest.touching == 3
         return footing._replace(
             stance=(_tip(chassis, stance) or stance) if rest.is_over else stance,
-            world_from_robot=pose @ side.side_from_robot,
+            world_from_robot=robot_pose(stance, side),
             contacts=rest.contacts,
             calm_m=rest.calm_m,
             even_m=even_m,
@@ -713,7 +718,7 @@ def _describe_rest(footing: _Footing) -> str:
 
 def _tip(chassis: _Chassis, stance: Stance) -> Stance | None:
     """The same pose as a stance on the side that faces the ground next; None if none does."""
-    where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
+    where = robot_pose(stance, chassis.sides[stance.side])
     facing = _face_ground(chassis, where)
     facing[stance.side] = -1.0
     side = max(range(len(facing)), key=facing.__getitem__)
@@ -724,7 +729,7 @@ def _tumble(
     chassis: _Chassis, stance: Stance, axis: tuple[float, float], angle_rad: float
 ) -> Stance:
     """Stance after a turn about a level axis through the robot's origin."""
-    where = stance.world_from_side @ chassis.sides[stance.side].side_from_robot
+    where = robot_pose(stance, chassis.sides[stance.side])
     turn = _rotate_about(*axis, angle_rad)
     turned = Pose(matmul(turn, where.rotation), where.translation)
     facing = _face_ground(chassis, turned)
@@ -776,8 +781,14 @@ _BOX_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 def _box_triangles(boxes: Sequence[OrientedBox]) -> Floats:
     """(12 n, 3, 3) triangles of boxes."""
-    corners = [pose.transform_points(_BOX_CORNERS * size)[_BOX_FACES] for pose, size in boxes]
-    return np.concatenate(corners) if corners else np.zeros((0, 3, 3))
+    return np.concatenate([np.zeros((0, 3, 3)), *map(_triangles_of, boxes)])
+
+
+@lru_cache(maxsize=256)
+def _triangles_of(box: OrientedBox) -> Floats:
+    """(12, 3, 3) triangles of a box; several robots meet the same one."""
+    triangles: Floats = box.world_from_box.transform_points(_BOX_CORNERS * box.size_m)[_BOX_FACES]
+    return triangles
 
 
 _NO_ROBOTS = _Robots((), _box_triangles(()), (), _box_triangles(()))

@@ -59,7 +59,7 @@ class KernelSupport:
         stance = sinking.goal
         while (state := self._kernel.settle(job)) == REST_NEEDS_TRIANGLES:
             stance = _unpack_stance(stance, job.stance)
-            triangles = find_near(stance.world_from_side)
+            triangles = find_near(stance)
             if len(sinking.obstacles):
                 triangles = np.concatenate((triangles, sinking.obstacles))
             # The array lives until the next call.

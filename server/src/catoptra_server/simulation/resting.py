@@ -180,6 +180,15 @@ class Side(NamedTuple):
     """Of the wheels, at (x, y)."""
 
 
+def robot_pose(stance: Stance, side: Side) -> Pose:
+    """Pose of a robot whose side has a stance."""
+    pose = stance.world_from_side
+    if stance.side:
+        return pose @ side.side_from_robot
+    # The wheels' plane has the axes of the robot.
+    return Pose(pose.rotation, pose.transform_points(side.side_from_robot.translation))
+
+
 def find_facet(
     x: Floats,
     y: Floats,
@@ -350,8 +359,8 @@ def snap(value: float) -> float:
     return 0.0 if abs(value) < 1e-6 else float(value)
 
 
-FindNear = Callable[[Pose], Floats]
-"""(n, 3, 3) triangles of the scene near a base of which a side has a pose."""
+FindNear = Callable[[Stance], Floats]
+"""(n, 3, 3) triangles of the scene near a base in a stance."""
 
 
 class Support(Protocol):
@@ -412,7 +421,7 @@ class ReferenceSupport:
             limits = np.minimum(gaps, sink_m - (points[:, 2] - start_z))
             edges, heights = None, gaps * pose.rotation[2, 2] + side.points[:, 2]
             if calm_m <= 0.0 or boxes or np.abs(heights).max() > 2.0 * TOUCH_M:
-                triangles = np.concatenate((find_near(pose), sinking.obstacles))
+                triangles = np.concatenate((find_near(stance), sinking.obstacles))
                 edges, calm_m = self._find_edges(side, pose, sink_m, triangles)
             if edges is None:
                 i, j, k = contacts

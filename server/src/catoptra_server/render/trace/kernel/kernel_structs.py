@@ -322,7 +322,8 @@ class SinkingStruct(ctypes.Structure):
         *((name, StanceStruct) for name in ("stance", "goal", "before", "near")),
         *((name, c_double) for name in ("sink", "calm", "floor_z")),
         ("contacts", c_int32 * 3),
-        *((n, c_int32) for n in ("is_lifted", "has_moved", "is_even", "touching", "is_on_robot")),
+        *((name, c_int32) for name in ("is_lifted", "num_steps", "has_moved", "is_even")),
+        *((name, c_int32) for name in ("touching", "is_on_robot")),
     ]
 
 

@@ -342,6 +342,7 @@ typedef struct {
     double sink, calm, floor_z;
     int32_t contacts[3];
     int32_t is_lifted; /* whether `before` counts */
+    int32_t num_steps; /* of the search so far, begins at 0 */
     int32_t has_moved, is_even, touching, is_on_robot; /* written */
 } Sinking;
 

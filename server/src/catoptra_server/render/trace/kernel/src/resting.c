@@ -447,7 +447,11 @@ static RestState settle_once(Sinking *job, const double *goal_z, const double *s
     const RestingSide *side = job->side;
     Stance *stance = &job->stance;
     RigidPose pose = pose_stance(stance);
+    int has_near = job->triangles && is_near(side, stance, &job->near);
+    int wants_edges = job->calm <= 0.0 || job->num_boxes;
     points->count = 0;
+    if (wants_edges && !has_near)
+        return REST_NEEDS_TRIANGLES;
     for (int n = 0; n < 3; n++)
         if (job->contacts[n] >= side->num_points) /* an edge, which lies elsewhere now */
             memset(job->contacts, 0, sizeof job->contacts);
@@ -460,8 +464,8 @@ static RestState settle_once(Sinking *job, const double *goal_z, const double *s
         farthest = fmax(farthest, fabs(gap * pose.rotation[8] + side->points[3 * n + 2]));
     }
     int edges = 0;
-    if (job->calm <= 0.0 || job->num_boxes || farthest > 2.0 * TOUCH) {
-        if (!job->triangles || !is_near(side, stance, &job->near))
+    if (wants_edges || farthest > 2.0 * TOUCH) {
+        if (!has_near)
             return REST_NEEDS_TRIANGLES;
         edges = find_edges(job, &pose, points, &job->calm);
         if (edges < 0)
@@ -518,8 +522,10 @@ RestState catoptra_settle(Sinking *job) {
             goal_z[n] = at[2];
             goal_z[count + n] = job->is_lifted ? fmax(at[2], was[2]) : at[2];
         }
-        for (int n = 0; n < MAX_ITERATIONS && state == REST_MOVES; n++)
+        while (job->num_steps < MAX_ITERATIONS && state == REST_MOVES) {
             state = settle_once(job, goal_z, goal_z + count, &points, is_robot);
+            job->num_steps += state != REST_NEEDS_TRIANGLES;
+        }
     }
     if (state == REST_MOVES || state == REST_FOUND) {
         for (int n = 0; n < 3; n++) {
