@@ -513,15 +513,26 @@ class StreamClient:
             ranges_m = frame.labels.truth.channels["range"]
             ```
         """
-        request = GetFrameRequest(
-            next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
-        )
-        header, parts = self._exchange(
-            request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S
+        header, parts = self.get_encoded_frame(
+            GetFrameRequest(
+                0, robot, camera, encoding, variant, tuple(channels), channel_encoding
+            )
         )
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
+
+    def get_encoded_frame(self, request: GetFrameRequest) -> tuple[FrameHeader, list[bytes]]:
+        """Header of the newest frame, and its image and channels as they came.
+
+        Args:
+            request: What `get_frame` asks for; its id is chosen here.
+
+        Raises:
+            CatoptraError: As in `get_frame`, like the others.
+        """
+        request = dataclasses.replace(request, id=next(self._ids))
+        return self._exchange(request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S)
 
     def get_pixel(
         self, u_px: float, v_px: float, *, robot: str = "", camera: str = ""
