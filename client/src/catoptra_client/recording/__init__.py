@@ -1,4 +1,1 @@
-"""Recordings: a server's frames and readings as an MCAP file of ROS 2 messages, without ROS.
-
-`ros_messages` has the conventions of ROS, `recording_file` the file, `recorder` the stream.
-"""
+"""Recordings: frames and readings of a server as an MCAP file of ROS 2 messages, without ROS."""
