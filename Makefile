@@ -49,7 +49,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --upgrade --target $(VENV)/compiler "$(COMPILER)")
 	@echo "2 of 2: Catoptra, with its kernel, and the packages that it needs"
 	@export PYTHONPATH=$(abspath $(VENV))/compiler; $(call show_packages,$(BIN)/pip install --constraint constraints.txt \
-	  --no-build-isolation --editable 'protocol[calibration]' --editable server --editable 'client[gym]' --editable 'studies[server]')
+	  --no-build-isolation --editable 'protocol[calibration]' --editable server --editable 'client[gym,record]' --editable 'studies[server]')
 	rm -rf $(VENV)/compiler
 	touch $@
 
@@ -57,7 +57,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 $(TOOLS): $(INSTALLED)
 	@echo "Installing the tools of development into $(VENV), once"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt "$(COMPILER)" \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff types-PyYAML)
+	  hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]

@@ -87,6 +87,10 @@ MEANINGS = {
     "--max-residual-px": "largest difference of a calibration",
     "--verify": "read back",
     "--sheet": "contact sheet",
+    "--repair": "damaged recording",
+    "--channels": "channels of ground truth",
+    "--duration": "time of a recording",
+    "--hz": "frames a second",
     "--json": "JSON instead of lines",
     # Extent of a study
     "--seed": "seed of random numbers",

@@ -12,6 +12,7 @@ COMMANDS = {
     "calibration": "write a camera as calibration files of other programs",
     "train": "train the colour classifier from labelled frames",
     "bearings": "print the landmarks in the robot's frames",
+    "record": "record a robot as an MCAP file of ROS 2 messages",
 }
 
 

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.control_connection import ServerAddress
@@ -48,6 +49,9 @@ from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
+
+if TYPE_CHECKING:
+    from catoptra_client.recording.recorder import RecordingProgress
 
 _CLASSIFIER = Path("out/classifier.npz")
 _STREAM_PORT = 5005
@@ -226,6 +230,70 @@ def _open_bearing_source(parsed: argparse.Namespace, robot: str | None) -> Frame
     return open_frame_source(url, robot=robot, camera=parsed.camera, encoding=ImageEncoding.PNG)
 
 
+def _record(words: Sequence[str]) -> int:
+    """Record a robot as an MCAP file, or repair one."""
+    parser = CommandParser(
+        "catoptra-client record",
+        "Record a robot as an MCAP file of ROS 2 messages, until Ctrl-C.",
+    )
+    add = parser.add_argument
+    add("--out", metavar="FILE", help="MCAP file to write, which is not there yet")
+    add("out", nargs="?", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+    add("--repair", metavar="FILE", help="give the file of a killed recorder its index, and end")
+    add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
+    add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
+    add("--channels", default="", metavar="NAMES", help="of range, ids: ground truth of each pixel")
+    add("--duration", type=partial(parse_float_within, name="a duration", unit=" s"), metavar="S",
+        help="seconds to record (default: until Ctrl-C)")  # fmt: skip
+    add("--hz", type=partial(parse_float_within, name="a rate"), default=30.0, metavar="RATE",
+        help="most frames a second")  # fmt: skip
+    add("--picture", choices=[picture.value for picture in Picture], default="flipped",
+        help="hand of the pictures")  # fmt: skip
+    _add_stream_address(parser)
+    parsed = parser.parse_args(words)
+    # The extra packages of recordings are loaded by its command alone.
+    from catoptra_client.recording.mcap_file import repair_recording
+    from catoptra_client.recording.recorder import (
+        CHANNEL_ENCODINGS,
+        Recorder,
+        RecordingPlan,
+    )
+
+    if parsed.repair is not None:
+        print(f"{parsed.repair}: {repair_recording(Path(parsed.repair))} messages")
+        return 0
+    if parsed.out is None:
+        parser.error("--out is missing: the name of an MCAP file")
+    channels = tuple(filter(None, parsed.channels.split(",")))
+    if unknown := set(channels) - set(CHANNEL_ENCODINGS):
+        parser.error(f"--channels {unknown.pop()!r}: known are {', '.join(CHANNEL_ENCODINGS)}")
+    if not parsed.hz > 0.0:
+        parser.error("--hz must be above 0")
+    plan = RecordingPlan(
+        robot=parsed.robot or "",
+        camera=parsed.camera or "",
+        picture=Picture(parsed.picture),
+        channels=channels,
+        hz=parsed.hz,
+    )
+
+    def show(progress: RecordingProgress) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{_describe_recording(progress)}", end="", file=sys.stderr, flush=True)
+
+    recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
+    progress = recorder.record(parsed.duration, show)
+    print(f"{parsed.out}: {_describe_recording(progress)}")
+    return 0
+
+
+def _describe_recording(progress: RecordingProgress) -> str:
+    return (
+        f"{progress.elapsed_s:.1f} s, {progress.num_messages} messages, "
+        f"{progress.num_dropped} dropped"
+    )
+
+
 def _stream_url(parsed: argparse.Namespace) -> str:
     # An IPv6 address has colons of its own.
     host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
@@ -277,4 +345,5 @@ COMMANDS: Mapping[str, Command] = {
     "calibration": _write_calibration,
     "train": _train,
     "bearings": _print_bearings,
+    "record": _record,
 }

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -68,7 +69,13 @@ def schema_text(type_name: str) -> str:
 
 
 def nanoseconds_from_s(time_s: float) -> int:
-    """Time of a stamp, rounded to a nanosecond."""
+    """Time of a stamp, rounded to a nanosecond.
+
+    Raises:
+        RemoteProtocolError: A time that no stamp has: below 0, not finite, or after 2038.
+    """
+    if not 0.0 <= time_s < 2.0**31:
+        raise RemoteProtocolError(f"a time of {time_s} s has no stamp")
     return round(time_s * 1e9)
 
 
@@ -78,9 +85,7 @@ def flu_pose(pose: Pose) -> Pose:
     return Pose(rotation, _FLU_FROM_SAE @ pose.translation)
 
 
-def optical_pose(
-    robot_from_mirror: Pose, camera: OmniCamera | PerspectiveCamera | None
-) -> Pose:
+def optical_pose(robot_from_mirror: Pose, camera: OmniCamera | PerspectiveCamera | None) -> Pose:
     """Pose of the optical frame in the base's frame of REP 103, base_from_optical."""
     is_pinhole = isinstance(camera, PerspectiveCamera)
     mirror_from_optical = _PINHOLE_FROM_OPTICAL if is_pinhole else _MIRROR_FROM_OPTICAL
@@ -259,7 +264,10 @@ def landmarks_message(landmarks: Sequence[Landmark]) -> RosMessage:
     for landmark in landmarks:
         bottom_m, top_m = landmark.band_bottom_m, landmark.band_top_m
         middle_m = landmark.band_centre_m
-        halves = ((bottom_m, middle_m, landmark.lower_colour), (middle_m, top_m, landmark.upper_colour))
+        halves = (
+            (bottom_m, middle_m, landmark.lower_colour),
+            (middle_m, top_m, landmark.upper_colour),
+        )
         for low_m, high_m, colour in halves:
             centre = np.array([landmark.x_m, -landmark.y_m, 0.5 * (low_m + high_m)])
             markers.append(_marker(len(markers), landmark, centre, high_m - low_m, colour))
@@ -317,7 +325,8 @@ def _imu(time_s: float, pose: Pose) -> RosMessage:
     return {
         "header": _header(time_s, "base_link"),
         "orientation": _quaternion(pose),
-        "orientation_covariance": list(_UNKNOWN_3X3),
+        # Of what is there, unknown is 0; -1 would say that there is no orientation.
+        "orientation_covariance": [0.0] * 9,
         "angular_velocity": _vector(np.zeros(3)),
         "angular_velocity_covariance": list(_UNKNOWN_3X3),
         "linear_acceleration": _vector(np.zeros(3)),

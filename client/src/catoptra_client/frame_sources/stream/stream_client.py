@@ -514,9 +514,7 @@ class StreamClient:
             ```
         """
         header, parts = self.get_encoded_frame(
-            GetFrameRequest(
-                0, robot, camera, encoding, variant, tuple(channels), channel_encoding
-            )
+            GetFrameRequest(0, robot, camera, encoding, variant, tuple(channels), channel_encoding)
         )
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()

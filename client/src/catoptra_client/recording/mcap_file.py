@@ -1,0 +1,425 @@
+"""MCAP files: written so that a killed writer leaves what it had, read without trust, repaired.
+
+A chunk is flushed at least every half second, so that a killed writer loses no more. A full disk
+ends the recording, not the file: room for the last chunk and the index is set aside at the start.
+
+Format: https://mcap.dev/spec. The readers of the package `mcap` unpack a chunk of any size; those
+here bound what a length in a file can demand.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import struct
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+from catoptra_client.recording.ros2_messages import RosMessage, schema_text
+from catoptra_protocol.errors import CatoptraError
+
+try:
+    import lz4.frame
+    import zstandard
+    from mcap import records
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    from mcap.opcode import Opcode
+    from mcap.writer import Writer
+
+    # The public writer hides channels and flushing.
+    from mcap_ros2._dynamic import serialize_dynamic
+except ImportError as error:
+    raise CatoptraError(
+        "recordings need two more packages: pip install 'catoptra-client[record]'"
+    ) from error
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_CHUNK_BYTES = 2**26
+"""Longest chunk that is read, packed or unpacked; those written are of 1 MiB and one message."""
+_MAX_RECORD_BYTES = 2**28
+_RESERVE_BYTES = 2**23
+_FLUSH_INTERVAL_S = 0.5
+_RECORDS = {
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.ATTACHMENT: records.Attachment,
+    Opcode.METADATA: records.Metadata,
+}
+# Hashes of the types' descriptions in ROS 2 Humble and later (REP 2011), for metadata.yaml.
+_TYPE_HASHES = {
+    "geometry_msgs/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+    "nav_msgs/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    "rosgraph_msgs/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    "sensor_msgs/CameraInfo": "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
+    "sensor_msgs/CompressedImage": "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
+    "sensor_msgs/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
+    "sensor_msgs/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    "sensor_msgs/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+    "sensor_msgs/Range": "9430b1915b94d4268ff903679e8ecd09b6a67d331bd028738ec1eeb592891ebd",
+    "std_msgs/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    "tf2_msgs/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "visualization_msgs/MarkerArray": (
+        "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf"
+    ),
+}
+_LATCHED = "- {history: 1, depth: 1, reliability: 1, durability: 1}"
+
+
+class RecordingWriter:
+    """An MCAP file of ROS 2 messages that is open for writing; also a context manager.
+
+    `is_full` turns true when the disk is full: nothing more is written then, and `close` writes
+    the index of what is there.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        name: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Create a file.
+
+        Args:
+            path: The file.
+            name: Its name in metadata.yaml, when it gets another one.
+            clock: Source of the time in seconds.
+
+        Raises:
+            CatoptraError: The file exists, or cannot be written.
+        """
+        try:
+            self._file = path.open("xb")
+        except OSError as error:
+            raise CatoptraError(
+                f"{path}: {error.strerror}; name a file that is not there"
+            ) from error
+        self._path, self._name, self._clock = path, name or path.name, clock
+        self._reserve: IO[bytes] | None = None
+        self._writer = Writer(self, chunk_size=2**20)
+        self._encoders: dict[str, Callable[[RosMessage], bytes]] = {}
+        self._schemas: dict[str, int] = {}
+        # Of each topic: its channel, type, number of messages, and whether it is latched.
+        self._topics: dict[str, tuple[int, str, bool]] = {}
+        self._counts: dict[str, int] = {}
+        self._first_ns, self._last_ns = 2**63, 0
+        self._flushed_s = clock()
+        self.is_full = False
+        # Without a name, so that it goes with a killed writer.
+        self._reserve = tempfile.TemporaryFile(dir=path.parent)
+        self._reserve.write(bytes(_RESERVE_BYTES))
+        self._reserve.flush()
+        self._writer.start("ros2", "catoptra")
+
+    @property
+    def num_messages(self) -> int:
+        """Messages written."""
+        return sum(self._counts.values())
+
+    def write(self, data: bytes) -> int:
+        """Write bytes for the writer of the records; a full disk takes the reserve."""
+        view = memoryview(data)
+        while view:
+            try:
+                written = os.write(self._file.fileno(), view)
+            except OSError as error:
+                if error.errno not in (errno.ENOSPC, errno.EDQUOT) or self._reserve is None:
+                    raise CatoptraError(f"{self._path}: {error.strerror}") from error
+                self._reserve.close()
+                self._reserve, self.is_full = None, True
+                continue
+            view = view[written:]
+        return len(data)
+
+    def flush(self) -> None:
+        """Nothing: `write` keeps no bytes."""
+
+    def add_message(
+        self,
+        topic: str,
+        type_name: str,
+        message: RosMessage,
+        *,
+        log_ns: int,
+        publish_ns: int,
+        is_latched: bool = False,
+    ) -> None:
+        """Write a message.
+
+        Args:
+            topic: Topic; its type is that of its first message.
+            type_name: `package/Name`.
+            message: Fields by name.
+            log_ns: Simulation time.
+            publish_ns: Time of day.
+            is_latched: Whether late subscribers get the last message.
+        """
+        data = self._find_encoder(type_name)(message)
+        self.add_encoded(
+            topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
+        )
+
+    def add_encoded(
+        self,
+        topic: str,
+        type_name: str,
+        data: bytes,
+        *,
+        log_ns: int,
+        publish_ns: int,
+        is_latched: bool = False,
+    ) -> None:
+        """Write a message that is CDR already; the rest as in `add_message`."""
+        if topic not in self._topics:
+            self._find_encoder(type_name)
+            metadata = {"offered_qos_profiles": _LATCHED if is_latched else ""}
+            schema = self._schemas[type_name]
+            channel = self._writer.register_channel(topic, "cdr", schema, metadata)
+            self._topics[topic], self._counts[topic] = (channel, type_name, is_latched), 0
+        channel = self._topics[topic][0]
+        self._writer.add_message(channel, log_ns, data, publish_ns, self._counts[topic])
+        self._counts[topic] += 1
+        self._first_ns, self._last_ns = min(self._first_ns, log_ns), max(self._last_ns, log_ns)
+        if self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S:
+            self._writer.flush()
+            self._flushed_s = self._clock()
+
+    def add_attachment(self, name: str, data: bytes) -> None:
+        """Attach a file under a name without folders."""
+        now_ns = time.time_ns()
+        self._writer.add_attachment(now_ns, now_ns, Path(name).name, "text/plain", data)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a table of texts."""
+        self._writer.add_metadata(name, values)
+
+    def close(self) -> None:
+        """Write the index, and metadata.yaml beside the file."""
+        if self._file.closed:
+            return
+        with self._file:
+            self._writer.finish()
+        if self._reserve is not None:
+            self._reserve.close()
+        metadata = self._path.with_name("metadata.yaml")
+        metadata.write_text(self._describe_bag() + "\n", encoding="utf-8")
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def _find_encoder(self, type_name: str) -> Callable[[RosMessage], bytes]:
+        """Encoder of a type, whose definition is in the file then."""
+        if type_name not in self._encoders:
+            name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
+            self._encoders[type_name] = serialize_dynamic(name, text)[name]
+            self._schemas[type_name] = self._writer.register_schema(name, "ros2msg", text.encode())
+        return self._encoders[type_name]
+
+    def _describe_bag(self) -> str:
+        """Text of metadata.yaml, version 9; JSON is YAML."""
+        first_ns = min(self._first_ns, self._last_ns)
+        span = {
+            "starting_time": {"nanoseconds_since_epoch": first_ns},
+            "duration": {"nanoseconds": self._last_ns - first_ns},
+            "message_count": self.num_messages,
+        }
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": topic,
+                    "type": type_name.replace("/", "/msg/"),
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": _LATCHED if is_latched else "",
+                    "type_description_hash": f"RIHS01_{_TYPE_HASHES[type_name]}",
+                },
+                "message_count": self._counts[topic],
+            }
+            for topic, (_, type_name, is_latched) in self._topics.items()
+        ]
+        information = {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **span,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self._name],
+            "files": [{"path": self._name, **span}],
+            "custom_data": None,
+            "ros_distro": "humble",
+        }
+        return json.dumps({"rosbag2_bagfile_information": information}, indent=1)
+
+
+def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
+    """Schemas, channels, messages, attachments and metadata of a file, checked, in its order.
+
+    Args:
+        path: MCAP file.
+        is_cut: Whether to end in silence where the file does.
+
+    Raises:
+        CatoptraError: No such file, or no recording: cut, of another format or type, or with lengths
+            beyond the file or the limits.
+    """
+    checker = _RecordChecker(path)
+    try:
+        opened = path.open("rb")
+    except OSError as error:
+        raise CatoptraError(f"{path}: {error.strerror}") from error
+    with opened as file:
+        end = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        if file.read(len(MAGIC)) != MAGIC:
+            raise CatoptraError(f"{path} is no MCAP file: its first bytes are others")
+        while file.tell() < end:
+            head = file.read(9)
+            opcode, length = (
+                (head[0], int.from_bytes(head[1:], "little")) if len(head) == 9 else (0, end)
+            )
+            if file.tell() + length > end:
+                if is_cut:
+                    return
+                raise CatoptraError(
+                    f"{path} ends within a record: catoptra-client record --repair {path}"
+                )
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                return
+            limit = MAX_CHUNK_BYTES if opcode == Opcode.CHUNK else _MAX_RECORD_BYTES
+            if length > limit:
+                raise CatoptraError(f"{path}: a record of {length} bytes; the limit is {limit}")
+            yield from checker.parse(opcode, file.read(length))
+        if not is_cut:
+            raise CatoptraError(f"{path} has no end: catoptra-client record --repair {path}")
+
+
+def repair_recording(path: Path) -> int:
+    """Give the file of a killed writer its index; the number of messages that it has then.
+
+    The file stays as it is until its successor is complete.
+
+    Raises:
+        CatoptraError: No recording, or no room beside it.
+    """
+    repaired = path.with_name(f"{path.name}.repaired")
+    channels: dict[int, Any] = {}
+    schemas: dict[int, str] = {}
+    with RecordingWriter(repaired, name=path.name) as writer:
+        try:
+            for record in read_records(path, is_cut=True):
+                match record:
+                    case records.Schema():
+                        schemas[record.id] = record.name.replace("/msg/", "/")
+                    case records.Channel():
+                        channels[record.id] = record
+                    case records.Message():
+                        channel = channels[record.channel_id]
+                        writer.add_encoded(
+                            channel.topic,
+                            schemas[channel.schema_id],
+                            record.data,
+                            log_ns=record.log_time,
+                            publish_ns=record.publish_time,
+                            is_latched=channel.metadata.get("offered_qos_profiles") == _LATCHED,
+                        )
+                    case records.Attachment():
+                        writer.add_attachment(record.name, record.data)
+                    case records.Metadata():
+                        writer.add_metadata(record.name, record.metadata)
+            if writer.is_full:
+                raise CatoptraError(f"{path}: the disk is full; the file is as it was")
+        except CatoptraError:
+            repaired.unlink()
+            raise
+    repaired.replace(path)
+    return writer.num_messages
+
+
+class _RecordChecker:
+    """What a file has declared so far, by which its next records are judged."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._schemas: set[int] = set()
+        self._channels: set[int] = set()
+
+    def parse(self, opcode: int, body: bytes) -> Iterator[Any]:
+        """Records of one record's body: itself, those of a chunk, or none of an unknown kind."""
+        # Wrong lengths inside a record show up in each of these ways.
+        try:
+            if opcode == Opcode.CHUNK:
+                chunk = records.Chunk.read(ReadDataStream(BytesIO(body)))
+                yield from self._parse_chunk(chunk)
+                return
+            stream = ReadDataStream(BytesIO(body))
+            if opcode == Opcode.MESSAGE:
+                record: Any = records.Message.read(stream, len(body))
+            elif opcode in _RECORDS:
+                record = _RECORDS[Opcode(opcode)].read(stream)
+            else:
+                return
+        except (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
+            raise self._error(f"a damaged record: {error}") from error
+        self._check(record)
+        yield record
+
+    def _parse_chunk(self, chunk: Any) -> Iterator[Any]:
+        size = chunk.uncompressed_size
+        if size > MAX_CHUNK_BYTES:
+            raise self._error(f"a chunk unpacks to {size} bytes; the limit is {MAX_CHUNK_BYTES}")
+        match chunk.compression:
+            case "":
+                data = chunk.data
+            case "zstd":
+                decompressor = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES)
+                data = decompressor.stream_reader(chunk.data).read(size + 1)
+            case "lz4":
+                data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size + 1)
+            case other:
+                raise self._error(f"a chunk is packed by {other[:20]!r}, which is unknown here")
+        if len(data) != size:
+            raise self._error(f"a chunk does not unpack to the {size} bytes that it states")
+        place = 0
+        while place < size:
+            length = int.from_bytes(data[place + 1 : place + 9], "little")
+            if place + 9 + length > size:
+                raise self._error("a record in a chunk is longer than the chunk")
+            yield from self.parse_plain(data[place], data[place + 9 : place + 9 + length])
+            place += 9 + length
+
+    def parse_plain(self, opcode: int, body: bytes) -> Iterator[Any]:
+        """Records of a body in a chunk, where no other chunk may be."""
+        if opcode == Opcode.CHUNK:
+            raise self._error("a chunk is in a chunk")
+        return self.parse(opcode, body)
+
+    def _check(self, record: Any) -> None:
+        match record:
+            case records.Schema():
+                name = record.name.replace("/msg/", "/")
+                if name not in _TYPE_HASHES or record.data != schema_text(name).encode():
+                    raise self._error(f"its type {record.name[:60]!r} is none of Catoptra's")
+                self._schemas.add(record.id)
+            case records.Channel():
+                if record.schema_id not in self._schemas:
+                    raise self._error(f"topic {record.topic[:60]!r} has no type")
+                self._channels.add(record.id)
+            case records.Message():
+                if record.channel_id not in self._channels:
+                    raise self._error("a message has no topic")
+            case records.Attachment():
+                if Path(record.name).name != record.name or "\\" in record.name:
+                    raise self._error(f"an attachment names a path: {record.name[:60]!r}")
+
+    def _error(self, reason: str) -> CatoptraError:
+        return CatoptraError(f"{self._path}: {reason}")

@@ -1,0 +1,387 @@
+"""Records a robot over the stream, as any viewer sees it, into an MCAP file.
+
+Frames and states come from two threads, each with its own connection; the caller's thread writes.
+Between them is a queue of two seconds. What finds it full is dropped and counted, in the file too.
+
+`/tf` has the pose at each frame's exposure where a camera is recorded, otherwise that of each state:
+states are newer than the frame that arrives beside them, and stamps of a topic never go back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.recording import ros2_messages as ros
+from catoptra_client.recording.mcap_file import RecordingWriter
+from catoptra_protocol.camera_conf import any_camera_from_pairs
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.json_object import json_object_from_text
+from catoptra_protocol.limits import MAX_NOTE_BYTES
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.replies import FrameHeader, StateReply
+from catoptra_protocol.stream.requests import (
+    FrameVariant,
+    GetFrameRequest,
+    ImageEncoding,
+    Transform,
+)
+from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.readings import SonarReadings
+from catoptra_protocol.usarsim.reports import report_from_message
+
+_QUEUE_S = 2.0
+_PROGRESS_INTERVAL_S = 0.5
+# Channels of labels that ROS has an image encoding for.
+CHANNEL_ENCODINGS = {"range": "32FC1", "ids": "16UC1"}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingPlan:
+    """What is recorded."""
+
+    robot: str = ""
+    """Name of the robot; empty: the one that the image port shows."""
+    camera: str | None = ""
+    """Name of its camera; empty: the first one; None: no pictures."""
+    encoding: ImageEncoding = ImageEncoding.JPEG
+    """JPEG or PNG."""
+    picture: Picture = Picture.FLIPPED
+    """Hand of the pictures of an omnidirectional camera."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels: names of `CHANNEL_ENCODINGS`."""
+    hz: float = 30.0
+    """Most frames a second of the time of day."""
+    state_hz: float = 50.0
+    """Readings and poses a second, likewise."""
+    max_range_m: float = float("inf")
+    """Range that a sensor states where there is no echo."""
+    attachments: Mapping[str, bytes] = dataclasses.field(default_factory=dict)
+    """Files to attach, by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingProgress:
+    """How far a recording is."""
+
+    elapsed_s: float
+    num_messages: int
+    num_dropped: int
+
+
+class Recorder:
+    """One recording; `record` returns at its end, which `stop` from any thread brings about."""
+
+    def __init__(
+        self,
+        path: Path,
+        plan: RecordingPlan | None = None,
+        *,
+        host: str = "127.0.0.1",
+        stream_port: int = 5005,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._path, self._plan = path, plan or RecordingPlan()
+        self._host, self._port, self._clock = host, stream_port, clock
+        self._ended = threading.Event()
+        self._queue: deque[tuple[float, Callable[[], None], str]] = deque()
+        self._changed = threading.Condition()
+        self._dropped: Counter[str] = Counter()
+        self._error: CatoptraError | None = None
+        self._last_ns: dict[str, int] = {}
+        self._last_texts: dict[str, str] = {}
+        self._world_from_start: Transform | None = None
+        self._robot = self._camera = ""
+        self._described: dict[str, str] | None = None
+
+    def stop(self) -> None:
+        """End the recording."""
+        self._ended.set()
+        with self._changed:
+            self._changed.notify()
+
+    def record(
+        self,
+        duration_s: float | None = None,
+        on_progress: Callable[[RecordingProgress], None] = lambda _: None,
+    ) -> RecordingProgress:
+        """Record until the end, and leave a complete file however that comes.
+
+        Args:
+            duration_s: Seconds of the time of day; None: until `stop`, or an interrupt.
+            on_progress: Receives the progress twice a second.
+
+        Raises:
+            CatoptraError: No server, robot or camera, any more; the file exists; the disk is full.
+        """
+        start_s = self._clock()
+        with (
+            StreamClient.connect(self._host, self._port) as client,
+            RecordingWriter(self._path) as self._writer,
+        ):
+            self._write_head(client)
+            threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
+            if self._plan.camera is not None:
+                threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
+            try:
+                for thread in threads:
+                    thread.start()
+                self._write_until(start_s, duration_s, on_progress)
+            finally:
+                self.stop()
+                for thread in threads:
+                    thread.join()
+                self._write_queued()
+                dropped = {topic: str(count) for topic, count in self._dropped.items()}
+                self._writer.add_metadata("catoptra_dropped", {"total": "0", **dropped})
+                progress = self._progress(start_s)
+        if self._error is not None:
+            raise self._error
+        if self._writer.is_full:
+            raise CatoptraError(
+                f"{self._path}: the disk is full; the file is complete up to there, "
+                f"{progress.num_messages} messages"
+            )
+        return progress
+
+    def _write_until(
+        self,
+        start_s: float,
+        duration_s: float | None,
+        on_progress: Callable[[RecordingProgress], None],
+    ) -> None:
+        told_s = start_s
+        while not (self._ended.is_set() or self._writer.is_full):
+            now_s = self._clock()
+            if duration_s is not None and now_s - start_s >= duration_s:
+                return
+            with self._changed:
+                if not self._queue:
+                    self._changed.wait(0.1)
+            self._write_queued()
+            if now_s - told_s >= _PROGRESS_INTERVAL_S:
+                told_s = now_s
+                on_progress(self._progress(start_s))
+
+    def _write_queued(self) -> None:
+        while self._queue and not self._writer.is_full:
+            self._queue.popleft()[1]()
+
+    def _progress(self, start_s: float) -> RecordingProgress:
+        elapsed_s = self._clock() - start_s
+        return RecordingProgress(elapsed_s, self._writer.num_messages, self._dropped.total())
+
+    def _produce(self, run: Callable[[StreamClient], None]) -> None:
+        """Run a producer; its error ends the recording."""
+        try:
+            with StreamClient.connect(self._host, self._port) as client:
+                run(client)
+        except CatoptraError as error:
+            self._error = self._error or error
+            self.stop()
+
+    def _put(self, kind: str, write: Callable[[], None]) -> None:
+        with self._changed:
+            now_s = self._clock()
+            if self._queue and now_s - self._queue[0][0] > _QUEUE_S:
+                self._dropped[kind] += 1
+                return
+            self._queue.append((now_s, write, kind))
+            self._changed.notify()
+
+    def _pull_frames(self, client: StreamClient) -> None:
+        plan = self._plan
+        is_omni = isinstance(self._find_camera(client), OmniCamera)
+        variant = FrameVariant(picture=plan.picture.value) if is_omni else None
+        assert plan.camera is not None, "there is a camera"
+        request = GetFrameRequest(
+            0, self._robot, self._camera, plan.encoding, variant, plan.channels
+        )
+        next_s = self._clock()
+        while not self._ended.is_set():
+            header, parts = client.get_encoded_frame(request)
+            wall_ns = time.time_ns()
+            self._put("frames", lambda h=header, p=parts, w=wall_ns: self._write_frame(h, p, w))
+            next_s = max(next_s + 1.0 / plan.hz, self._clock())
+            self._ended.wait(next_s - self._clock())
+
+    def _find_camera(self, client: StreamClient) -> object:
+        """Camera model of the frames; names that were left empty become known."""
+        request = GetFrameRequest(0, self._robot, self._plan.camera or "", ImageEncoding.JPEG)
+        header, _ = client.get_encoded_frame(request)
+        if header.camera_model is None:
+            raise CatoptraError(
+                "the picture is of several cameras or of none: --robot and --camera name one"
+            )
+        self._camera = header.camera
+        return any_camera_from_pairs(tuple(header.camera_model.items()))
+
+    def _poll_states(self, client: StreamClient) -> None:
+        next_s = self._clock()
+        while not self._ended.is_set():
+            state = client.get_state(self._robot)
+            wall_ns = time.time_ns()
+            self._put("states", lambda s=state, w=wall_ns: self._write_state(s, w))
+            next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
+            self._ended.wait(next_s - self._clock())
+
+    def _write_head(self, client: StreamClient) -> None:
+        state, status = client.get_state(self._plan.robot), client.get_status()
+        if not state.robot:
+            raise CatoptraError("nothing to record: there is no such robot; --robot names one")
+        self._robot = state.robot
+        facts = {"server": status.server, "world": status.world, "clock": status.clock}
+        self._writer.add_metadata("catoptra", {"robot": state.robot, **facts})
+        for name, data in self._plan.attachments.items():
+            self._writer.add_attachment(name, data)
+        landmarks = client.get_landmarks()
+        now_ns, time_s = time.time_ns(), state.time_s
+        markers = ros.landmarks_message(landmarks)
+        self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
+        table = ros.string_message([dataclasses.asdict(one) for one in landmarks])
+        self._write("/landmarks/json", "std_msgs/String", table, time_s, now_ns, True)
+        self._write_state(state, now_ns)
+
+    def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
+        time_s, name = header.time_s, header.camera
+        assert header.camera_model is not None
+        assert header.robot_from_mirror is not None
+        camera = any_camera_from_pairs(tuple(header.camera_model.items()))
+        frame_id, topic = f"{name}_optical_frame", f"/{name}"
+        if header.camera_model != self._described:
+            self._described = header.camera_model
+            message = ros.calibration_message(name, camera, header.camera_model, self._plan.picture)
+            self._write(f"{topic}/calibration", "std_msgs/String", message, time_s, wall_ns, True)
+            pose = ros.optical_pose(pose_from_transform(header.robot_from_mirror), camera)
+            self._write_transform("/tf_static", time_s, "base_link", frame_id, pose, wall_ns)
+        self._write_clock(time_s, wall_ns)
+        self._write_base("/tf", header.world_from_robot, time_s, wall_ns)
+        image = ros.compressed_image_message(time_s, frame_id, header.encoding.value, parts[0])
+        type_name = "sensor_msgs/CompressedImage"
+        self._write(f"{topic}/image/compressed", type_name, image, time_s, wall_ns)
+        info = ros.camera_info_message(time_s, frame_id, camera)
+        self._write(f"{topic}/camera_info", "sensor_msgs/CameraInfo", info, time_s, wall_ns)
+        size_px = header.height_px, header.width_px
+        for channel, part in zip(self._plan.channels, parts[1:], strict=True):
+            encoding = CHANNEL_ENCODINGS[channel]
+            labels = ros.channel_image_message(time_s, frame_id, encoding, size_px, part)
+            self._write(f"{topic}/{channel}", "sensor_msgs/Image", labels, time_s, wall_ns)
+        described = {
+            "sequence": header.sequence,
+            "time_s": time_s,
+            "plan": header.plan,
+            "error_bound_px": header.error_bound_px,
+            "missed_frames": header.missed_frames,
+            "dropped_frames": header.dropped_frames,
+            "effects": {effect.name: effect.enabled for effect in header.effects},
+        }
+        text = ros.string_message(described)
+        self._write("/catoptra/frame", "std_msgs/String", text, time_s, wall_ns)
+
+    def _write_state(self, state: StateReply, wall_ns: int) -> None:
+        time_s = state.time_s
+        # Where nothing has moved the same state comes again.
+        if ros.nanoseconds_from_s(time_s) <= self._last_ns.get("/ground_truth", -1):
+            return
+        robot = next((one for one in state.robots if one.name == state.robot), None)
+        if robot is None:
+            raise CatoptraError(f"robot {self._robot!r} is no longer there")
+        self._write_clock(time_s, wall_ns)
+        start = pose_from_transform(robot.world_from_start)
+        if robot.world_from_start != self._world_from_start:
+            self._world_from_start = robot.world_from_start
+            pose = ros.flu_pose(start)
+            self._write_transform("/tf_static", time_s, "map", "odom", pose, wall_ns)
+        pose = ros.flu_pose(pose_from_transform(robot.world_from_robot))
+        message = ros.pose_odometry_message(time_s, "map", pose)
+        self._write("/ground_truth", "nav_msgs/Odometry", message, time_s, wall_ns)
+        if self._plan.camera is None:
+            self._write_base("/tf", robot.world_from_robot, time_s, wall_ns)
+        speeds = ros.string_message({"wheel_speeds_rad_s": robot.wheel_speeds_rad_s})
+        self._write("/catoptra/wheel_speeds", "std_msgs/String", speeds, time_s, wall_ns)
+        for line in state.reports:
+            self._write_report(line, time_s, wall_ns)
+        for note in state.notes:
+            text = json.dumps([note.name, note.time_s, note.text])
+            if self._is_new(f"note {note.name}", text):
+                self._write_note(note.name, note.text, time_s, wall_ns)
+
+    def _write_report(self, line: str, time_s: float, wall_ns: int) -> None:
+        report, found = report_from_message(parse_message(line)), []
+        if isinstance(report, SonarReadings):
+            found = ros.range_messages(report.items, report.time_s, self._plan.max_range_m)
+        elif message := ros.reading_message(report, time_s, self._plan.max_range_m):
+            found = [message]
+        # A reading with a time of its own is there until the next one.
+        stamp_s = getattr(report, "time_s", None) or time_s
+        if not found and self._is_new(_name_of_line(line), line):
+            text = ros.string_message(line)
+            self._write("/catoptra/reports", "std_msgs/String", text, time_s, wall_ns)
+        for topic, type_name, message_ in found:
+            if ros.nanoseconds_from_s(stamp_s) > self._last_ns.get(topic, -1):
+                self._write(topic, type_name, message_, stamp_s, wall_ns)
+
+    def _write_note(self, name: str, text: str, time_s: float, wall_ns: int) -> None:
+        note = json_object_from_text(text, MAX_NOTE_BYTES)
+        belief = ros.filter_message(time_s, note)
+        if belief is not None:
+            self._write(f"/filter/{name}", "nav_msgs/Odometry", belief, time_s, wall_ns)
+        message = ros.string_message({"name": name, "note": note})
+        self._write("/catoptra/notes", "std_msgs/String", message, time_s, wall_ns)
+
+    def _is_new(self, name: str, text: str) -> bool:
+        is_new = self._last_texts.get(name) != text
+        self._last_texts[name] = text
+        return is_new
+
+    def _write_clock(self, time_s: float, wall_ns: int) -> None:
+        # Frames are older than the states beside them.
+        if ros.nanoseconds_from_s(time_s) > self._last_ns.get("/clock", -1):
+            message = ros.clock_message(time_s)
+            self._write("/clock", "rosgraph_msgs/Clock", message, time_s, wall_ns)
+
+    def _write_base(self, world_from_robot: Transform, time_s: float, wall_ns: int) -> None:
+        assert self._world_from_start is not None, "the first state is at the head"
+        start = pose_from_transform(self._world_from_start)
+        pose = ros.flu_pose(start.inverse() @ pose_from_transform(world_from_robot))
+        self._write_transform("/tf", time_s, "odom", "base_link", pose, wall_ns)
+
+    def _write_transform(
+        self, topic: str, time_s: float, parent: str, child: str, pose: Pose, wall_ns: int
+    ) -> None:
+        message = ros.transform_message(time_s, parent, child, pose)
+        self._write(topic, "tf2_msgs/TFMessage", message, time_s, wall_ns, topic == "/tf_static")
+
+    def _write(
+        self,
+        topic: str,
+        type_name: str,
+        message: ros.RosMessage,
+        time_s: float,
+        wall_ns: int,
+        is_latched: bool = False,
+    ) -> None:
+        log_ns = ros.nanoseconds_from_s(time_s)
+        if is_latched:
+            # Written when it is known, which may be after a newer one of its topic.
+            log_ns = max(log_ns, self._last_ns.get(topic, 0))
+        self._last_ns[topic] = log_ns
+        self._writer.add_message(
+            topic, type_name, message, log_ns=log_ns, publish_ns=wall_ns, is_latched=is_latched
+        )
+
+
+def _name_of_line(line: str) -> str:
+    """What distinguishes a sensor's lines from those of others."""
+    message = parse_message(line)
+    return f"{message.word} {message.get('Type')} {message.get('Name')}"
