@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import secrets
+import signal
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -282,7 +283,12 @@ def _record(words: Sequence[str]) -> int:
             print(f"\r{_describe_recording(progress)}", end="", file=sys.stderr, flush=True)
 
     recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
-    progress = recorder.record(parsed.duration, show)
+    # An interrupt in the middle of a message would leave half of it.
+    before = signal.signal(signal.SIGINT, lambda *_: recorder.stop())
+    try:
+        progress = recorder.record(parsed.duration, show)
+    finally:
+        signal.signal(signal.SIGINT, before)
     print(f"{parsed.out}: {_describe_recording(progress)}")
     return 0
 

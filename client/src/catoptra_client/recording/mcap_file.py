@@ -57,7 +57,9 @@ _TYPE_HASHES = {
     "nav_msgs/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     "rosgraph_msgs/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
     "sensor_msgs/CameraInfo": "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
-    "sensor_msgs/CompressedImage": "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
+    "sensor_msgs/CompressedImage": (
+        "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a"
+    ),
     "sensor_msgs/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
     "sensor_msgs/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
     "sensor_msgs/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
@@ -96,7 +98,7 @@ class RecordingWriter:
             CatoptraError: The file exists, or cannot be written.
         """
         try:
-            self._file = path.open("xb")
+            self._file = path.open("xb", buffering=0)
         except OSError as error:
             raise CatoptraError(
                 f"{path}: {error.strerror}; name a file that is not there"
@@ -128,7 +130,7 @@ class RecordingWriter:
         view = memoryview(data)
         while view:
             try:
-                written = os.write(self._file.fileno(), view)
+                written = self._file.write(view)
             except OSError as error:
                 if error.errno not in (errno.ENOSPC, errno.EDQUOT) or self._reserve is None:
                     raise CatoptraError(f"{self._path}: {error.strerror}") from error
@@ -140,6 +142,10 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Nothing: `write` keeps no bytes."""
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._file.tell()
 
     def add_message(
         self,
@@ -204,12 +210,21 @@ class RecordingWriter:
         """Write the index, and metadata.yaml beside the file."""
         if self._file.closed:
             return
-        with self._file:
+        try:
             self._writer.finish()
-        if self._reserve is not None:
-            self._reserve.close()
+        finally:
+            self._file.close()
+            if self._reserve is not None:
+                self._reserve.close()
         metadata = self._path.with_name("metadata.yaml")
         metadata.write_text(self._describe_bag() + "\n", encoding="utf-8")
+
+    def discard(self) -> None:
+        """Remove the file instead."""
+        self._file.close()
+        if self._reserve is not None:
+            self._reserve.close()
+        self._path.unlink()
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -269,8 +284,8 @@ def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
         is_cut: Whether to end in silence where the file does.
 
     Raises:
-        CatoptraError: No such file, or no recording: cut, of another format or type, or with lengths
-            beyond the file or the limits.
+        CatoptraError: No such file, or no recording: cut, of another format or type, or with
+            lengths beyond the file or the limits.
     """
     checker = _RecordChecker(path)
     try:
@@ -314,33 +329,34 @@ def repair_recording(path: Path) -> int:
     repaired = path.with_name(f"{path.name}.repaired")
     channels: dict[int, Any] = {}
     schemas: dict[int, str] = {}
-    with RecordingWriter(repaired, name=path.name) as writer:
-        try:
-            for record in read_records(path, is_cut=True):
-                match record:
-                    case records.Schema():
-                        schemas[record.id] = record.name.replace("/msg/", "/")
-                    case records.Channel():
-                        channels[record.id] = record
-                    case records.Message():
-                        channel = channels[record.channel_id]
-                        writer.add_encoded(
-                            channel.topic,
-                            schemas[channel.schema_id],
-                            record.data,
-                            log_ns=record.log_time,
-                            publish_ns=record.publish_time,
-                            is_latched=channel.metadata.get("offered_qos_profiles") == _LATCHED,
-                        )
-                    case records.Attachment():
-                        writer.add_attachment(record.name, record.data)
-                    case records.Metadata():
-                        writer.add_metadata(record.name, record.metadata)
-            if writer.is_full:
-                raise CatoptraError(f"{path}: the disk is full; the file is as it was")
-        except CatoptraError:
-            repaired.unlink()
-            raise
+    writer = RecordingWriter(repaired, name=path.name)
+    try:
+        for record in read_records(path, is_cut=True):
+            match record:
+                case records.Schema():
+                    schemas[record.id] = record.name.replace("/msg/", "/")
+                case records.Channel():
+                    channels[record.id] = record
+                case records.Message():
+                    channel = channels[record.channel_id]
+                    writer.add_encoded(
+                        channel.topic,
+                        schemas[channel.schema_id],
+                        record.data,
+                        log_ns=record.log_time,
+                        publish_ns=record.publish_time,
+                        is_latched=channel.metadata.get("offered_qos_profiles") == _LATCHED,
+                    )
+                case records.Attachment():
+                    writer.add_attachment(record.name, record.data)
+                case records.Metadata():
+                    writer.add_metadata(record.name, record.metadata)
+        if writer.is_full:
+            raise CatoptraError(f"{path}: the disk is full; the file is as it was")
+    except BaseException:
+        writer.discard()
+        raise
+    writer.close()
     repaired.replace(path)
     return writer.num_messages
 

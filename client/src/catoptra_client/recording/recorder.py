@@ -3,8 +3,8 @@
 Frames and states come from two threads, each with its own connection; the caller's thread writes.
 Between them is a queue of two seconds. What finds it full is dropped and counted, in the file too.
 
-`/tf` has the pose at each frame's exposure where a camera is recorded, otherwise that of each state:
-states are newer than the frame that arrives beside them, and stamps of a topic never go back.
+`/tf` has the pose at each frame's exposure where a camera is recorded, otherwise that of each
+state: states are newer than the frame that arrives beside them, and stamps of a topic never go back.
 """
 
 from __future__ import annotations
@@ -137,11 +137,11 @@ class Recorder:
                 for thread in threads:
                     thread.start()
                 self._write_until(start_s, duration_s, on_progress)
+                self._write_queued()
             finally:
                 self.stop()
                 for thread in threads:
                     thread.join()
-                self._write_queued()
                 dropped = {topic: str(count) for topic, count in self._dropped.items()}
                 self._writer.add_metadata("catoptra_dropped", {"total": "0", **dropped})
                 progress = self._progress(start_s)
@@ -265,7 +265,7 @@ class Recorder:
             pose = ros.optical_pose(pose_from_transform(header.robot_from_mirror), camera)
             self._write_transform("/tf_static", time_s, "base_link", frame_id, pose, wall_ns)
         self._write_clock(time_s, wall_ns)
-        self._write_base("/tf", header.world_from_robot, time_s, wall_ns)
+        self._write_base(header.world_from_robot, time_s, wall_ns)
         image = ros.compressed_image_message(time_s, frame_id, header.encoding.value, parts[0])
         type_name = "sensor_msgs/CompressedImage"
         self._write(f"{topic}/image/compressed", type_name, image, time_s, wall_ns)
@@ -306,7 +306,7 @@ class Recorder:
         message = ros.pose_odometry_message(time_s, "map", pose)
         self._write("/ground_truth", "nav_msgs/Odometry", message, time_s, wall_ns)
         if self._plan.camera is None:
-            self._write_base("/tf", robot.world_from_robot, time_s, wall_ns)
+            self._write_base(robot.world_from_robot, time_s, wall_ns)
         speeds = ros.string_message({"wheel_speeds_rad_s": robot.wheel_speeds_rad_s})
         self._write("/catoptra/wheel_speeds", "std_msgs/String", speeds, time_s, wall_ns)
         for line in state.reports:

@@ -1,0 +1,130 @@
+"""Recordings as readers that share no code with us find them: rosbags, mcap, cv2 and NumPy."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from catoptra_client.recording.mcap_file import MAGIC, read_records, repair_recording
+from catoptra_client.recording.recorder import Recorder, RecordingPlan
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.stream.requests import ImageEncoding
+from helpers.server_process import start_server
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded drive of two seconds."""
+    folder = tmp_path_factory.mktemp("recording")
+    path = folder / "bag" / "drive.mcap"
+    path.parent.mkdir()
+    with start_server(folder) as server, server.connect_stream() as client:
+        client.spawn("USARBot.OmniP2AT", start_pose=client.get_start_poses()[0].name)
+        client.drive(1.0, 2.0)
+        plan = RecordingPlan(channels=("range", "ids"), encoding=ImageEncoding.PNG)
+        progress = Recorder(path, plan, stream_port=server.stream_port).record(2.0)
+    assert progress.num_dropped == 0
+    return path
+
+
+def read_bag(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Messages of each topic with their stamps, by rosbags alone."""
+    found = defaultdict(list)
+    with AnyReader([path]) as reader:
+        for connection, stamp_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found[connection.topic].append((stamp_ns, message))
+    return found
+
+
+def test_both_readers_find_every_message_with_stamps_that_never_go_back(recording: Path) -> None:
+    topics = read_bag(recording.parent)
+    with recording.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert sum(map(len, topics.values())) == summary.statistics.message_count
+    assert len(topics["/ground_truth"]) > 20
+    for topic, messages in topics.items():
+        stamps = [stamp for stamp, _ in messages]
+        assert stamps == sorted(stamps), topic
+
+
+def test_transforms_are_a_tree_from_map_to_the_camera(recording: Path) -> None:
+    topics = read_bag(recording)
+    edges = {
+        (transform.child_frame_id, transform.header.frame_id)
+        for topic in ("/tf", "/tf_static")
+        for _, message in topics[topic]
+        for transform in message.transforms
+    }
+    parents = dict(edges)
+    assert len(parents) == len(edges)
+    (camera,) = (child for child in parents if child.endswith("_optical_frame"))
+    assert [parents[camera], parents["base_link"], parents["odom"]] == ["base_link", "odom", "map"]
+
+
+def test_mirror_has_no_false_camera_info_and_its_ranges_are_metres(recording: Path) -> None:
+    topics = read_bag(recording)
+    (info, *_) = (messages for topic, messages in topics.items() if "camera_info" in topic)
+    assert not info[0][1].k.any()
+    (images,) = (messages for topic, messages in topics.items() if topic.endswith("/range"))
+    image = images[0][1]
+    ranges_m = image.data.view("<f4").reshape(image.height, image.width)
+    assert image.encoding == "32FC1"
+    assert 0.1 < np.nanmin(ranges_m[np.isfinite(ranges_m)]) < 5.0
+    (calibration,) = (messages for topic, messages in topics.items() if "calibration" in topic)
+    assert json.loads(calibration[0][1].data)["picture"] == "flipped"
+
+
+def test_file_of_a_killed_writer_is_read_after_repair(recording: Path, tmp_path: Path) -> None:
+    whole = recording.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for share in (0.3, 0.7, 0.95):
+        cut.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(CatoptraError, match="--repair"):
+            list(read_records(cut))
+        count = repair_recording(cut)
+        assert sum(map(len, read_bag(tmp_path).values())) == count > 0
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "metadata.yaml"]
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return bytes([opcode]) + len(body).to_bytes(8, "little") + body
+
+
+def text(value: str) -> bytes:
+    return len(value).to_bytes(4, "little") + value.encode()
+
+
+CHUNK_OF_10_GB = bytes(16) + (10**10).to_bytes(8, "little") + bytes(4) + text("zstd") + bytes(8)
+HOSTILE = {
+    "no MCAP file": b"PK\x03\x04" + bytes(99),
+    "ends within a record": MAGIC + b"\x06" + (2**62).to_bytes(8, "little"),
+    "unpacks to 10000000000 bytes": MAGIC + record(6, CHUNK_OF_10_GB),
+    "none of Catoptra's": MAGIC
+    + record(3, b"\1\0" + text("evil_msgs/msg/Evil") + text("ros2msg") + text("")),
+    "names a path": MAGIC + record(9, bytes(16) + text("../../x") + text("") + bytes(8) + bytes(4)),
+    "damaged record": MAGIC + record(3, b"\1\0" + b"\xff\xff\0\0ab"),
+    "has no topic": MAGIC + record(5, bytes(22)),
+}
+
+
+@pytest.mark.parametrize("reason", HOSTILE)
+def test_hostile_file_is_rejected_with_its_reason(reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "hostile.mcap"
+    path.write_bytes(HOSTILE[reason])
+    with pytest.raises(CatoptraError, match=reason):
+        list(read_records(path))
+    before = path.read_bytes()
+    if reason != "ends within a record":
+        with pytest.raises(CatoptraError, match=reason):
+            repair_recording(path)
+        assert path.read_bytes() == before
