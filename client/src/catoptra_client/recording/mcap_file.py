@@ -70,7 +70,13 @@ _TYPE_HASHES = {
         "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf"
     ),
 }
-_LATCHED = "- {history: 1, depth: 1, reliability: 1, durability: 1}"
+# Quality of service of a topic whose last message late subscribers get: reliable, transient local.
+_FOREVER = "{sec: 2147483647, nsec: 4294967295}"
+_LATCHED = (
+    "- {history: 1, depth: 1, reliability: 1, durability: 1, liveliness: 1, "
+    f"deadline: {_FOREVER}, lifespan: {_FOREVER}, liveliness_lease_duration: {_FOREVER}, "
+    "avoid_ros_namespace_conventions: false}"
+)
 
 
 class RecordingWriter:

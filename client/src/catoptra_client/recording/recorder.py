@@ -16,6 +16,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
@@ -211,7 +212,7 @@ class Recorder:
         while not self._ended.is_set():
             header, parts = client.get_encoded_frame(request)
             wall_ns = time.time_ns()
-            self._put("frames", lambda h=header, p=parts, w=wall_ns: self._write_frame(h, p, w))
+            self._put("frames", partial(self._write_frame, header, parts, wall_ns))
             next_s = max(next_s + 1.0 / plan.hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
@@ -231,7 +232,7 @@ class Recorder:
         while not self._ended.is_set():
             state = client.get_state(self._robot)
             wall_ns = time.time_ns()
-            self._put("states", lambda s=state, w=wall_ns: self._write_state(s, w))
+            self._put("states", partial(self._write_state, state, wall_ns))
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 

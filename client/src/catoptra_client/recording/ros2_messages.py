@@ -260,7 +260,7 @@ def range_messages(
 
 def landmarks_message(landmarks: Sequence[Landmark]) -> RosMessage:
     """visualization_msgs/MarkerArray: one cylinder or box for each of a landmark's two colours."""
-    markers = []
+    markers: list[RosMessage] = []
     for landmark in landmarks:
         bottom_m, top_m = landmark.band_bottom_m, landmark.band_top_m
         middle_m = landmark.band_centre_m
