@@ -174,11 +174,11 @@ class RecordingWriter:
             is_latched: Whether late subscribers get the last message.
         """
         data = self._find_encoder(type_name)(message)
-        self.add_encoded(
+        self.add_cdr(
             topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
         )
 
-    def add_encoded(
+    def add_cdr(
         self,
         topic: str,
         type_name: str,
@@ -345,7 +345,7 @@ def repair_recording(path: Path) -> int:
                     channels[record.id] = record
                 case records.Message():
                     channel = channels[record.channel_id]
-                    writer.add_encoded(
+                    writer.add_cdr(
                         channel.topic,
                         schemas[channel.schema_id],
                         record.data,

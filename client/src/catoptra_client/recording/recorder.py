@@ -4,7 +4,7 @@ Frames and states come from two threads, each with its own connection; the calle
 Between them is a queue of two seconds. What finds it full is dropped and counted, in the file too.
 
 `/tf` has the pose at each frame's exposure where a camera is recorded, otherwise that of each
-state: states are newer than the frame that arrives beside them, and stamps of a topic never go back.
+state: states are newer than the frame beside them, and stamps of a topic never go back.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class Recorder:
                 for thread in threads:
                     thread.start()
                 self._write_until(start_s, duration_s, on_progress)
-                self._write_queued()
+                self._drain_queue()
             finally:
                 self.stop()
                 for thread in threads:
@@ -169,12 +169,12 @@ class Recorder:
             with self._changed:
                 if not self._queue:
                     self._changed.wait(0.1)
-            self._write_queued()
+            self._drain_queue()
             if now_s - told_s >= _PROGRESS_INTERVAL_S:
                 told_s = now_s
                 on_progress(self._progress(start_s))
 
-    def _write_queued(self) -> None:
+    def _drain_queue(self) -> None:
         while self._queue and not self._writer.is_full:
             self._queue.popleft()[1]()
 
