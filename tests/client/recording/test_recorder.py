@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
 
 from catoptra_client.recording.mcap_file import MAGIC, read_records, repair_recording
 from catoptra_client.recording.recorder import Recorder, RecordingPlan
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.requests import ImageEncoding
+from helpers.bags import read_bag
 from helpers.server_process import start_server
 
 
@@ -32,16 +30,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         progress = Recorder(path, plan, stream_port=server.stream_port).record(2.0)
     assert progress.num_dropped == 0
     return path
-
-
-def read_bag(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    """Messages of each topic with their stamps, by rosbags alone."""
-    found = defaultdict(list)
-    with AnyReader([path]) as reader:
-        for connection, stamp_ns, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
-            found[connection.topic].append((stamp_ns, message))
-    return found
 
 
 def test_both_readers_find_every_message_with_stamps_that_never_go_back(recording: Path) -> None:
