@@ -28,6 +28,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.json_object import json_object_from_text
 from catoptra_protocol.limits import MAX_NOTE_BYTES
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.replies import FrameHeader, StateReply
@@ -216,7 +217,7 @@ class Recorder:
             next_s = max(next_s + 1.0 / plan.hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
-    def _find_camera(self, client: StreamClient) -> object:
+    def _find_camera(self, client: StreamClient) -> OmniCamera | PerspectiveCamera:
         """Camera model of the frames; names that were left empty become known."""
         request = GetFrameRequest(0, self._robot, self._plan.camera or "", ImageEncoding.JPEG)
         header, _ = client.get_encoded_frame(request)
@@ -237,10 +238,14 @@ class Recorder:
             self._ended.wait(next_s - self._clock())
 
     def _write_head(self, client: StreamClient) -> None:
-        state, status = client.get_state(self._plan.robot), client.get_status()
-        if not state.robot:
+        self._robot = client.get_state(self._plan.robot).robot
+        if not self._robot:
             raise CatoptraError("nothing to record: there is no such robot; --robot names one")
-        self._robot = state.robot
+        if self._plan.camera is not None:
+            # Fits of seconds, which are kept: at the first frame they would fill the queue.
+            camera = self._find_camera(client)
+            ros.calibration_message(self._camera, camera, {}, self._plan.picture)
+        state, status = client.get_state(self._robot), client.get_status()
         facts = {"server": status.server, "world": status.world, "clock": status.clock}
         self._writer.add_metadata("catoptra", {"robot": state.robot, **facts})
         for name, data in self._plan.attachments.items():
