@@ -176,7 +176,7 @@ def _explain_robot(
     startup: StartupConfig, robot: RobotDescription, parsed: argparse.Namespace
 ) -> Iterator[_CameraEffectReport]:
     """Yield the report of each camera of a robot class, the omnidirectional one first."""
-    requests = _request_views(robot, _stand(startup, robot, parsed.pose), parsed.velocity)
+    requests = _request_views(robot, stand_robot(startup, robot, parsed.pose), parsed.velocity)
     if not requests:
         return
     gains = widest_gains(startup.effect_settings)
@@ -250,7 +250,7 @@ def _camera_state(
     )
 
 
-def _stand(startup: StartupConfig, robot: RobotDescription, pose: PlanarPose | None) -> Pose:
+def stand_robot(startup: StartupConfig, robot: RobotDescription, pose: PlanarPose | None) -> Pose:
     """Pose of the chassis on the ground at a place, or at the first start of the world."""
     start = next(iter(startup.world.starts), None)
     (x_m, y_m, z_m), (_, _, yaw_rad) = (
