@@ -11,9 +11,9 @@ fast; once in the air it turns on, as fast as a rod that fell to that tilt. A ce
 points of a side lets the base tip over to the next side. A base that lies on another side than its
 wheels does not drive.
 
-A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane up to the
-top of what it carries, against the triangles near to it, by the separating axis theorem
-(Gottschalk 1996); and by a slope above `MaxClimbAngle` that it would climb.
+A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane, or from
+that plane while it turns over or lies on another side, up to the top of what it carries, against
+the triangles near to it; and by a slope above `MaxClimbAngle` that it would climb.
 
 On even ground nothing of this is repeated: how far the base can move before a thing rises above its
 plane, the plane ends, or a body may be touched, is remembered and used up.
