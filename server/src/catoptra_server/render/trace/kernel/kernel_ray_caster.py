@@ -19,7 +19,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     hole_arrays,
     texture_array,
 )
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
 
 
@@ -48,19 +48,22 @@ class KernelMeshCaster:
         self._centre = centre
         self._device = KernelDevice(choose_instruction_set(), threads or count_processors())
         try:
-            self._arrays = arrays or corner_arrays(corners, centre)
-            self._mesh = self._device.commit_mesh(self._arrays.struct)
+            # Rays read the hierarchy alone where there are no holes.
+            committed = arrays or corner_arrays(corners, centre)
+            self._mesh = self._device.commit_mesh(committed.struct)
         except BaseException:
             self._device.close()
             raise
         # Nobody closes a caster: the process ends, or the last reference.
-        weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+        weakref.finalize(self, _close, self._device, self._mesh, arrays)
 
     @classmethod
     def of_scene(cls, scene: SceneMesh) -> KernelMeshCaster:
         """Commit the triangles of a scene, with their holes; errors as of the constructor."""
         if scene.coverage is None:
-            return cls(scene.corners, scene.centre)
+            caster = cls(scene.corners, scene.centre)
+            release_freed_memory()
+            return caster
         # Holes are those of the images themselves.
         textures = texture_array(scene, lambda image: (image,))
         holes = hole_arrays(scene, scene.centre, textures.struct)
@@ -96,6 +99,6 @@ class KernelMeshCaster:
 
 
 def _close(device: KernelDevice, mesh: int, arrays: object) -> None:
-    """Free a mesh and the device; the arrays live until here."""
+    """Free a mesh and the device; the arrays of holes live until here."""
     device.release_mesh(mesh)
     device.close()
