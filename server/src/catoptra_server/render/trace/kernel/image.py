@@ -71,7 +71,7 @@ from catoptra_server.effects.medium.veiling_glare import (
     glare_spread,
     source_glare,
 )
-from catoptra_server.effects.medium.vignetting import vignetting_map
+from catoptra_server.effects.medium.vignetting import Vignetting, vignetting_map
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
 from catoptra_server.effects.mirror.mirror_holder import (
     MirrorHolder,
@@ -279,6 +279,7 @@ class KernelImageChanger:
     ) -> None:
         """Run native stages into an image, or into cells of it, and note their results."""
         light = run.exposed.light
+        _narrow_gains([stage.struct for _, stage in made])
         stages = (ImageStage * max(1, len(made)))(*(stage.struct for _, stage in made))
         has_noise = any(name in _NOISE_EFFECTS for name, _ in made)
         is_encoded = result.dtype == np.uint8
@@ -350,6 +351,17 @@ def _dilate_cells(cells: Bools, reach_px: int) -> Bools:
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * count + 1, axis=axis)
         cells = windows.max(axis=-1)
     return cells
+
+
+def _narrow_gains(stages: Sequence[ImageStage]) -> None:
+    """Narrow the largest gains of what follows each stage by the largest factors of maps, over the
+    largest that their effects know of without a camera."""
+    factor = 1.0
+    for stage in reversed(stages):
+        stage.largest_gain *= factor
+        stage.spill[0] *= factor
+        if stage.kind == _GAIN and stage.maps[0]:
+            factor *= stage.numbers[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -443,14 +455,21 @@ def _make_dust(effect: MirrorDust, exposed: ExposedImage) -> _StageWithMaps:
     return _make(_COVER, coverage, numbers=(effect.albedo,))
 
 
-@lru_cache(maxsize=4)
-def _reflectances(effect: MirrorReflectance, camera: OmniCamera) -> _Float32s:
-    return reflectance_map(effect, camera).astype(np.float32)
+def _make_reflectance(effect: MirrorReflectance, exposed: ExposedImage) -> _StageWithMaps:
+    gains, largest = _gain_map(reflectance_map, effect, exposed.camera)
+    return _make(_GAIN, gains, numbers=(largest / effect.gains[1],))
 
 
-@lru_cache(maxsize=4)
-def _vignettes(camera: RadialCamera) -> _Float32s:
-    return vignetting_map(camera).astype(np.float32)
+def _make_vignetting(effect: Vignetting, exposed: ExposedImage) -> _StageWithMaps:
+    gains, largest = _gain_map(vignetting_map, exposed.camera)
+    return _make(_GAIN, gains, numbers=(largest,))
+
+
+@lru_cache(maxsize=8)
+def _gain_map(make_map: Callable[..., _Array], *arguments: object) -> tuple[_Float32s, float]:
+    """Map of factors, (h, w), and the largest."""
+    gains = make_map(*arguments).astype(np.float32)
+    return gains, float(gains.max())
 
 
 def _make_fixed_pattern(effect: FixedPattern, exposed: ExposedImage) -> _StageWithMaps:
@@ -542,10 +561,8 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Diffraction": _make_diffraction,
     "MirrorHolder": _make_holder,
     "MirrorDust": _make_dust,
-    "MirrorReflectance": lambda effect, exposed: _make(
-        _GAIN, _reflectances(effect, cast(OmniCamera, exposed.camera))
-    ),
-    "Vignetting": lambda effect, exposed: _make(_GAIN, _vignettes(exposed.camera)),
+    "MirrorReflectance": _make_reflectance,
+    "Vignetting": _make_vignetting,
     "VeilingGlare": _make_glare,
     "Exposure": lambda effect, exposed: _make(_GAIN, numbers=(effect.gain,) * 3),
     "AutoExposure": lambda effect, exposed: _make(
