@@ -281,7 +281,6 @@ class ImageJob(ctypes.Structure):
         ("mirror_pixels", c_int32),
         ("num_stages", c_int32),
         ("stages", c_void_p),
-        ("cells", c_void_p),
         ("scratch", c_void_p),
         ("encode_ms", c_double),
     ]
