@@ -92,35 +92,36 @@ static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     }
 }
 
-/* Place of 16 pixels between two rows of the table. */
+/* Place of 16 pixels between two rows of the table: pixels nearby mostly lie between the same. */
 typedef struct {
-    Ints16 first; /* weight of the row below */
     Floats16 fraction;
-    int is_shared; /* all pixels lie between the same rows */
+    int count;
+    const float *rows[CELL_COLUMNS]; /* weights of the row below, of the pixels of each mask */
+    Ints16 masks[CELL_COLUMNS];
 } TablePlace;
 
 static TablePlace place_in_table(const ImageStage *stage, Floats16 rows) {
     int pairs = pair_count(stage->size), last = stage->num_rows - 2;
     rows = least16(rows, splat16((float)(stage->num_rows - 1)));
     Ints16 below = __builtin_convertvector(least16(rows, splat16((float)last)), Ints16);
-    Floats16 fraction = rows - __builtin_convertvector(below, Floats16);
-    return (TablePlace){below * pairs, fraction, bits16(below == below[0]) == 0xffffu};
+    TablePlace place = {.fraction = rows - __builtin_convertvector(below, Floats16)};
+    for (uint32_t rest = 0xffffu; rest; place.count++) {
+        int row = below[__builtin_ctz(rest)];
+        place.rows[place.count] = (const float *)stage->maps[0] + row * pairs;
+        place.masks[place.count] = below == row;
+        rest &= ~bits16(below == row);
+    }
+    return place;
 }
 
 /* Weights of one pair for 16 pixels. */
-static Floats16 mix_weights(const ImageStage *stage, const TablePlace *place, int pair) {
-    const float *table = (const float *)stage->maps[0] + pair;
-    int pairs = pair_count(stage->size);
-    if (place->is_shared) {
-        float lower = table[place->first[0]], upper = table[place->first[0] + pairs];
-        return lower + place->fraction * (upper - lower);
+static Floats16 mix_weights(const TablePlace *place, int pairs, int pair) {
+    Floats16 mixed = {0};
+    for (int i = 0; i < place->count; i++) {
+        float lower = place->rows[i][pair], upper = place->rows[i][pairs + pair];
+        mixed = select16(place->masks[i], lower + place->fraction * (upper - lower), mixed);
     }
-    Floats16 lower, upper;
-    for (int x = 0; x < CELL_COLUMNS; x++) {
-        lower[x] = table[place->first[x]];
-        upper[x] = table[place->first[x] + pairs];
-    }
-    return lower + place->fraction * (upper - lower);
+    return mixed;
 }
 
 /* What the sums of a cell's row read: a colour, with a mask where it is 1 alone; or the mask. */
@@ -166,7 +167,7 @@ ALWAYS_INLINE Floats16 sum_pair(const BlurSource *source, int i, int j) {
 ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, int count,
                            const BlurSource *sources, Floats16 *totals) {
     int pairs = pair_count(stage->size), pair = 0;
-    TablePlace place = {0};
+    TablePlace place;
     if (stage->num_rows)
         place = place_in_table(stage, rows);
     for (int source = 0; source < count; source++)
@@ -175,7 +176,7 @@ ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, in
         for (int j = 0; j <= i; j++, pair++) {
             Floats16 weights = {0};
             if (stage->num_rows)
-                weights = mix_weights(stage, &place, pair);
+                weights = mix_weights(&place, pairs, pair);
             for (int source = 0; source < count; source++) {
                 if (!stage->num_rows)
                     weights = splat16(((const float *)stage->maps[0])[source * pairs + pair]);
