@@ -32,7 +32,6 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import EffectChange, ImageEffect, Threshold
 from catoptra_server.effects.kernels.convolution import (
     DiscKernelTable,
-    float32_summed_exchanges,
     float32_weights,
     table_row,
 )
@@ -332,8 +331,7 @@ def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _St
     assert range_m is not None, "defocus by depth needs ranges"
     ranges = np.ascontiguousarray(range_m, dtype=np.float32)
     parameters = _disc_parameters(effect, camera)
-    table = effect.kernel_table(camera)
-    return _make_disc_blur(table, parameters, camera, ranges, float32_summed_exchanges(table))
+    return _make_disc_blur(effect.kernel_table(camera), parameters, camera, ranges)
 
 
 @lru_cache(maxsize=4)

@@ -263,7 +263,7 @@ class ImageStage(ctypes.Structure):
         ("spill", c_float * 2),
         ("numbers", c_float * 4),
         ("key", c_uint32 * 4),
-        ("maps", c_void_p * 5),
+        ("maps", c_void_p * 4),
         ("change", PixelChange),
         ("other_change", PixelChange),
         ("deferred", c_void_p),

@@ -36,7 +36,7 @@ typedef struct {
     float spill[2];     /* gain up to the well; part of what is above that reaches other pixels */
     float numbers[4];
     uint32_t key[4];
-    const void *maps[5];
+    const void *maps[4];
     PixelChange change;       /* result of a stage with limits */
     PixelChange other_change; /* result of a blur by range: change of the image without any blur */
     float *deferred;    /* of a first blur by range: (cells,) zero, for its changes above the
