@@ -100,6 +100,34 @@ static void develop_rows(void *argument) {
     }
 }
 
+/* Whether no well overflows, so that a pass goes on through that stage: by the brightest light of the
+ * pass, where its stages before mix light, or multiply it by known factors. */
+static int is_without_overflow(const Pass *pass, const ImageStage *overflow) {
+    const ImageStage *first = pass->stage ? pass->stage : pass->points;
+    float high = 0.0f;
+    if (pass->is_first || first == overflow || first->kind < STAGE_COVER ||
+        first->kind > STAGE_MAGNIFY || !(first->spill[0] > 0.0f))
+        return 0;
+    for (const ImageStage *stage = pass->points; stage < overflow; stage++) {
+        if (stage->kind != STAGE_GAIN && stage->kind != STAGE_COVER)
+            return 0;
+        if (stage->kind == STAGE_COVER)
+            high = fmaxf(high, stage->numbers[0] * pass->mean_luminance);
+    }
+    for (int cell = 0; cell < pass->cell_rows * pass->cell_columns; cell++)
+        high = fmaxf(high, pass->ranges[cell].high);
+    /* Weights of a mean may sum to a little more than 1. */
+    if (!(first->spill[0] * high <= 0.9999f))
+        return 0;
+    size_t cells = (size_t)pass->cell_rows * (size_t)pass->cell_columns;
+    for (const ImageStage *stage = pass->job->stages; stage < overflow; stage++) {
+        const uint8_t *overflows = changes_of(pass, stage)->own.maps.overflows;
+        if (overflows && memchr(overflows, 1, cells))
+            return 0;
+    }
+    return 1;
+}
+
 /* Choose the stages of a pass, from one on, and what the pass develops them for. */
 static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     const ImageStage *end = job->stages + job->num_stages, *stage = job->stages + first;
@@ -107,7 +135,8 @@ static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     pass->stage = number && reads_others(stage) ? stage : NULL;
     pass->points = pass->stage ? stage + 1 : stage;
     const ImageStage *next = pass->points + (number && !pass->stage);
-    while (next < end && !begins_pass(next))
+    while (next < end && (!begins_pass(next) ||
+                          (next->kind == STAGE_BLOOM && is_without_overflow(pass, next))))
         next++;
     pass->num_points = (int)(next - pass->points);
     pass->sums_luminance = next < end && needs_luminance(next);
