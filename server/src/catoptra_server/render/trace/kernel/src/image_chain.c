@@ -539,7 +539,10 @@ void catoptra_change_image(Device *device, ImageJob *job) {
     Pass pass;
     lay_out_pass(job, job->scratch, &pass);
     run_passes(device, job, &pass);
-    if (job->num_stages && job->stages->deferred)
+    double begin_ms = now_ms();
+    if (job->num_stages && job->stages->deferred) {
         decide_deferred(job, &pass);
+        job->stages->ms += now_ms() - begin_ms;
+    }
     read_changes(&pass);
 }
