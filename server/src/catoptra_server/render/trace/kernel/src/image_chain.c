@@ -100,8 +100,8 @@ static void develop_rows(void *argument) {
     }
 }
 
-/* Whether no well overflows, so that a pass goes on through that stage: by the brightest light of the
- * pass, where its stages before mix light, or multiply it by known factors. */
+/* Whether no well overflows, so that a pass goes on through that stage: by the brightest light of
+ * the pass, where its stages before mix light, or multiply it by known factors. */
 static int is_without_overflow(const Pass *pass, const ImageStage *overflow) {
     const ImageStage *first = pass->stage ? pass->stage : pass->points;
     float high = 0.0f;
@@ -448,6 +448,28 @@ static Cell clip_window(const ImageJob *job, int top, int left, int bottom, int 
 
 static int round_up(int value, int step) { return (value + step - 1) / step * step; }
 
+/* Largest change between two lights behind a stage, of a window of the picture, in a part of it. */
+static float compare_lights(const ImageStage *stage, const float *near, const float *far,
+                            const Cell *window, const Cell *part) {
+    ChangeMeasure found = {.maps = {0}};
+    int right = part->left + part->columns;
+    for (int row = part->top; row < part->top + part->rows; row++)
+        for (int column = part->left; column < right; column += CELL_COLUMNS) {
+            int count = right - column < CELL_COLUMNS ? right - column : CELL_COLUMNS;
+            size_t first = (size_t)(row - window->top) * (size_t)window->columns +
+                           (size_t)(column - window->left);
+            CellValues one = {.planes = 3}, other = {.planes = 3};
+            for (int x = 0; x < count; x++)
+                for (int channel = 0; channel < 3; channel++) {
+                    size_t at = 3 * (first + (size_t)x) + (size_t)channel;
+                    one.values[channel][0][x] = near[at];
+                    other.values[channel][0][x] = far[at];
+                }
+            measure_change(stage, &found, &other, &one, &(Cell){.rows = 1, .columns = count});
+        }
+    return read_largest(&found);
+}
+
 /* Largest change, behind a lens, by what a first blur by range changes in a cell against the disc
  * of infinity; infinite if memory is short. */
 static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top, int left) {
@@ -490,25 +512,9 @@ static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top,
         lay_out_pass(&small, memory, &pass);
         run_passes(NULL, &small, &pass);
     }
-    ChangeMeasure found = {.maps = {0}};
-    int right = changed.left + changed.columns;
-    for (int row = 0; row < changed.rows; row++)
-        for (int column = changed.left; column < right; column += CELL_COLUMNS) {
-            int count = right - column < CELL_COLUMNS ? right - column : CELL_COLUMNS;
-            size_t first = (size_t)(changed.top + row - window.top) * (size_t)window.columns +
-                           (size_t)(column - window.left);
-            CellValues one = {.planes = 3}, other = {.planes = 3};
-            for (int x = 0; x < count; x++)
-                for (int channel = 0; channel < 3; channel++) {
-                    size_t at = 3 * (first + (size_t)x) + (size_t)channel;
-                    one.values[channel][0][x] = near[at];
-                    other.values[channel][0][x] = far[at];
-                }
-            measure_change(job->stages + lens->count - 1, &found, &other, &one,
-                           &(Cell){.rows = 1, .columns = count});
-        }
+    float largest = compare_lights(job->stages + lens->count - 1, near, far, &window, &changed);
     free(memory);
-    return read_largest(&found);
+    return largest;
 }
 
 /* Decide on the changes that a first stage deferred, the largest ones first, by what is left of
