@@ -19,6 +19,7 @@ from catoptra_server.commands.explain import (
     PlanarVelocity,
     build_camera_state,
     measure_effect_times,
+    stand_robot,
 )
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import read_startup_config
@@ -34,6 +35,7 @@ from catoptra_server.world.world_description import AT_REST
 from helpers.motion_reference import relative_twist
 from helpers.robots import make_rendered_view
 
+WALL = PlanarPose(6.0, 0.0, 0.0)
 QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
 
 
@@ -116,6 +118,25 @@ def test_explanation_as_json_has_the_same_decisions(capsys: pytest.CaptureFixtur
 def test_robot_without_a_camera_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "--robot", "kenaf", *QUESTION]) == 0
     assert capsys.readouterr().out == "no robot has a camera\n"
+
+
+def test_cameras_are_explained_where_a_robot_stands(tmp_path: Path) -> None:
+    # A deck of a metre at the only start, and a wall at another place.
+    world = tmp_path / "deck.ini"
+    world.write_text(
+        "[Catoptra.World]\n"
+        'PlayerStarts=(Tag="Deck",Location=(X=0,Y=0,Z=-1),Rotation=(X=0,Y=0,Z=0))\n'
+        'Rectangles=(Name="Floor",Position=(X=0,Y=0,Z=0),Size=(X=20,Y=20))\n'
+        'Boxes=(Name="Deck",Position=(X=0,Y=0,Z=-0.9),Size=(X=4,Y=4,Z=0.2))\n'
+        'Boxes=(Name="Wall",Position=(X=6,Y=0,Z=-0.5),Size=(X=1,Y=1,Z=1))\n',
+        encoding="utf-8",
+    )
+    robot = find_configuration("robots", "p2at")
+    startup = read_startup_config([robot], world)
+    ride_m = startup.robots[0].drive.ride_height_m
+    for place, height_m in ((None, 1.0), (PlanarPose(4.0, 3.0, 0.0), 0.0), (WALL, 0.0)):
+        base = stand_robot(startup, startup.robots[0], place)
+        assert -base.translation[2] == pytest.approx(height_m + ride_m, abs=1e-6)
 
 
 def test_missing_file_is_named(capsys: pytest.CaptureFixture[str]) -> None:

@@ -256,6 +256,21 @@ def test_random_drives_never_enter_a_solid_nor_outrun_gravity(number: int) -> No
     assert [fault for fault in faults if fault] == []
 
 
+@pytest.mark.parametrize(
+    "seed",
+    [
+        31,  # a wheel in a block, on a side
+        261,  # ... after a fall from an edge
+        450,  # turned over in the air, faster than gravity
+        663,  # sank into the thin end of a ramp as into paint
+        1014,  # a search for rest that does not end
+    ],
+)
+def test_drive_that_was_wrong_once_is_right(seed: int) -> None:
+    stage = Stage.of_world(make_rough_world(seed % NUM_WORLDS))
+    assert drive_at_random(stage, seed) == ""
+
+
 def test_wheels_of_the_file_carry_the_base() -> None:
     # Three wheels: the single one behind, where the floor ends.
     base: DriveBase = replace(P2AT, wheels_m=((0.2, -0.2), (0.2, 0.2), (-0.2, 0.0)))

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NOTES
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.commands import (
     Drive,
     GetConf,
@@ -31,6 +32,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.commands import execute_get_conf, execute_get_geo
+from catoptra_server.simulation.drive import RobotBody, WheelTravel
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot import Robot
@@ -322,6 +324,18 @@ def test_twist_of_a_robot_is_its_true_motion() -> None:
     robot.drive_wheels(Drive(left=0.0, right=0.0), 0.04)
     robot.step(0.02, 0.06, LEVEL)
     assert robot.twist == AT_REST
+
+
+def test_twist_of_a_robot_that_turns_over_is_more_than_a_quarter_turn() -> None:
+    def turn_over(body: RobotBody, travel: WheelTravel, duration_s: float) -> RobotBody:
+        turned = Pose.from_rpy((0.0, 0.0, 0.0), (2.5, 0.3, -0.2))
+        return dataclasses.replace(body, world_from_robot=body.world_from_robot @ turned)
+
+    robot = spawn()
+    before = robot.world_from_robot
+    robot.step(0.02, 0.02, turn_over)
+    after = robot.twist.integrate_pose(before, 0.02)
+    np.testing.assert_allclose(after.rotation, robot.world_from_robot.rotation, atol=1e-12)
 
 
 def due_reports(robot: Robot, *times_s: float) -> list[list[type]]:

@@ -207,6 +207,20 @@ def test_lights_that_are_none_are_named(tmp_path: Path, caplog: pytest.LogCaptur
     assert "it is drawn without its lights" in caplog.text
 
 
+def test_json_of_a_file_with_lights_is_parsed_once_and_kept_no_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = Gltf()
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    document.json["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+    shape, parse, parsed = MeshFile(document.write(tmp_path)), json.loads, list[object]()
+    monkeypatch.setattr(json, "loads", lambda text: (parsed.append(text), parse(text))[1])
+    for count in (1, 2):
+        assert len(load_mesh_lights(shape)) == 1
+        load_mesh_file(shape)
+        assert len(parsed) == count
+
+
 def test_nodes_of_one_name_are_several_objects_of_one_class(tmp_path: Path) -> None:
     document = Gltf()
     document.json["nodes"] = [

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +22,12 @@ from catoptra_protocol.command_line import CommandParser
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.known_names import find_configuration
-from catoptra_server.config.startup import StartupConfig, make_start_states, read_startup_config
+from catoptra_server.config.startup import (
+    StartupConfig,
+    create_ray_caster,
+    make_start_states,
+    read_startup_config,
+)
 from catoptra_server.effects import DecisionBasis, EffectMode, EffectSettings, widest_gains
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
@@ -38,6 +44,8 @@ from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot_description import (
     OmniCameraDescription,
     PlanarPose,
@@ -47,6 +55,8 @@ from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCam
 from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist
+
+log = logging.getLogger(__name__)
 
 # Of each kind of frame, by turns; the first prepares the view and fills caches.
 _NUM_FRAMES = 9
@@ -166,7 +176,7 @@ def _explain_robot(
     startup: StartupConfig, robot: RobotDescription, parsed: argparse.Namespace
 ) -> Iterator[_CameraEffectReport]:
     """Yield the report of each camera of a robot class, the omnidirectional one first."""
-    requests = _request_views(robot, parsed.pose or _start_pose(startup), parsed.velocity)
+    requests = _request_views(robot, stand_robot(startup, robot, parsed.pose), parsed.velocity)
     if not requests:
         return
     gains = widest_gains(startup.effect_settings)
@@ -204,15 +214,15 @@ def _explain_viewpoint(request: ViewRequest, summarizer: SceneSummarizer) -> str
 
 
 def _request_views(
-    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
+    robot: RobotDescription, base: Pose, velocity: PlanarVelocity
 ) -> dict[str, ViewRequest]:
-    """View of each camera by name, all joints at 0."""
+    """View of each camera by name, all joints at 0, of a robot whose chassis has a pose."""
     requests: dict[str, ViewRequest] = {}
     for omni in robot.omni_cameras:
         spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-        state = build_camera_state(robot, omni, pose, velocity)
+        state = _camera_state(robot, omni, base, velocity)
         requests[omni.name] = ViewRequest(spec, state)
-    base, twist = _place_robot(robot, pose, velocity)
+    twist = velocity.twist.rotate(base.rotation)
     for description in robot.perspective_cameras:
         camera = PerspectiveCameraSensor(description, robot)
         state = mounted_camera_state(base, camera.robot_from_camera({}), twist=twist)
@@ -223,8 +233,14 @@ def _request_views(
 def build_camera_state(
     robot: RobotDescription, omni: OmniCameraDescription, pose: PlanarPose, velocity: PlanarVelocity
 ) -> CameraState:
-    """State of a robot's omnidirectional camera at a pose, while the robot drives."""
-    base, twist = _place_robot(robot, pose, velocity)
+    """State of a robot's omnidirectional camera on the plane z = 0, while the robot drives."""
+    return _camera_state(robot, omni, pose.at_height(robot.drive.ride_height_m), velocity)
+
+
+def _camera_state(
+    robot: RobotDescription, omni: OmniCameraDescription, base: Pose, velocity: PlanarVelocity
+) -> CameraState:
+    twist = velocity.twist.rotate(base.rotation)
     mesh = build_ego_mesh(robot)
     return mounted_camera_state(
         base,
@@ -234,20 +250,19 @@ def build_camera_state(
     )
 
 
-def _place_robot(
-    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
-) -> tuple[Pose, Twist]:
-    """Pose and motion of the chassis in the world."""
-    base = pose.at_height(robot.drive.ride_height_m)
-    return base, velocity.twist.rotate(base.rotation)
-
-
-def _start_pose(startup: StartupConfig) -> PlanarPose:
-    """First start pose of the world; the origin for a world without one."""
-    # Position and heading only: height and tilt follow from the floor and the robot's ride height.
-    for start in startup.world.starts:
-        return PlanarPose(start.location_m[0], start.location_m[1], start.rotation_rad[2])
-    return PlanarPose(0.0, 0.0, 0.0)
+def stand_robot(startup: StartupConfig, robot: RobotDescription, pose: PlanarPose | None) -> Pose:
+    """Pose of the chassis on the ground at a place, or at the first start of the world."""
+    start = next(iter(startup.world.starts), None)
+    (x_m, y_m, z_m), (_, _, yaw_rad) = (
+        (start.location_m, start.rotation_rad) if start else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    )
+    pose, z_m = (pose, 0.0) if pose else (PlanarPose(x_m, y_m, yaw_rad), z_m)
+    index = CollisionIndex(startup.scene, create_ray_caster(startup))
+    try:
+        return index.place(robot, pose, z_m).world_from_robot
+    except NoStandError as error:
+        log.warning("at %s %s: drawn upright, on the plane z = 0", pose, error)
+        return pose.at_height(robot.drive.ride_height_m)
 
 
 def measure_effect_times(

@@ -11,9 +11,9 @@ fast; once in the air it turns on, as fast as a rod that fell to that tilt. A ce
 points of a side lets the base tip over to the next side. A base that lies on another side than its
 wheels does not drive.
 
-A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane up to the
-top of what it carries, against the triangles near to it, by the separating axis theorem
-(Gottschalk 1996); and by a slope above `MaxClimbAngle` that it would climb.
+A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane, or from
+that plane while it turns over or lies on another side, up to the top of what it carries, against
+the triangles near to it; and by a slope above `MaxClimbAngle` that it would climb.
 
 On even ground nothing of this is repeated: how far the base can move before a thing rises above its
 plane, the plane ends, or a body may be touched, is remembered and used up.
@@ -97,6 +97,9 @@ class _Chassis(NamedTuple):
     """(3,) middle of the box that things stop, chassis frame."""
     half_m: Floats
     """(3,)."""
+    lying_centre: Floats
+    lying_half_m: Floats
+    """The same of what lies on another side than its wheels, which things stop, too."""
     reach_m: float
     """Distance of the farthest corner from the origin of the chassis."""
     steepest: float
@@ -105,6 +108,11 @@ class _Chassis(NamedTuple):
     """Tangent of the steepest plane that it climbs."""
     tumble_rad_s: float
     """Speed at which it turns on after it slid off an edge."""
+
+    @property
+    def as_lying(self) -> _Chassis:
+        """The shape of a base that lies on another side than its wheels."""
+        return self._replace(centre=self.lying_centre, half_m=self.lying_half_m)
 
 
 @cache
@@ -115,6 +123,8 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
     low, high = ride - belly - _SKIN_M, ride - height  # z of the box, which points down
     half = np.array((0.5 * length, 0.5 * width, 0.5 * (low - high)))
     centre = np.array((0.0, 0.0, 0.5 * (low + high)))
+    lying_half = np.array((half[0], half[1], 0.5 * (ride - high)))
+    lying_centre = np.array((0.0, 0.0, 0.5 * (ride + high)))
     identity = np.eye(3)
     pose = Pose(identity, np.array((0.0, 0.0, ride)))
     sides = [
@@ -129,19 +139,21 @@ def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
         ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     ):
         rotation = np.array(axes, dtype=float).T
-        reach = np.abs(matmul(half, rotation))
-        middle = centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
+        reach = np.abs(matmul(lying_half, rotation))
+        middle = lying_centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
         grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 2, [0.0]), axis=-1)
         points = grid.reshape(-1, 3) * reach
         lifts, pose = np.full(len(points), LIFT_M), Pose(rotation, middle)
         sides.append(Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
-    corner = hypot(half[0], half[1], max(abs(low), abs(high)))
+    corner = hypot(half[0], half[1], max(ride, abs(high)))
     # A rod that has turned about its middle from level to the largest tilt: v^2 = 2 g h.
     lost_m = 0.5 * length * (1.0 - cos(base.max_tilt_rad))
     return _Chassis(
         tuple(sides),
         centre,
         half,
+        lying_centre,
+        lying_half,
         float(corner),
         tan(base.max_tilt_rad),
         tan(base.max_climb_rad),
@@ -353,6 +365,8 @@ class SceneGround:
         distance_m, turn_rad = travel.distance_m, travel.turn_rad(body.base)
         if footing.stance.side:
             distance_m = turn_rad = 0.0
+        if footing.stance.side or footing.tumble != (0.0, 0.0):
+            chassis = chassis.as_lying
         # No step is longer than half the base: it cannot jump over a wall.
         shortest_m = 0.5 * min(body.base.collision_size_m[:2])
         count = math.ceil(abs(distance_m) / shortest_m) or 1
@@ -460,12 +474,12 @@ class SceneGround:
             goal = goal._replace(z_m=min(goal.z_m, stance.z_m))
         is_steep = stance.steepness > chassis.steepest
         sink_m = step.sink_m
+        lowest_m = float(before.translation[2]) + max(goal.z_m - stance.z_m, 0.0) + sink_m
         if is_steep:
             goal = goal.slide(sink_m)
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
         if footing.tumble != (0.0, 0.0):
             goal = _tumble(chassis, goal, footing.tumble, chassis.tumble_rad_s * step.duration_s)
-        lowest_m = float(before.translation[2]) + max(goal.z_m - stance.z_m, 0.0) + step.sink_m
         for _ in range(_MAX_HALVINGS):
             moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), robots, moved_m)
             if float(moved.world_from_robot.translation[2]) <= lowest_m + 0.1 * _SKIN_M:

@@ -44,7 +44,7 @@ LIFT_M = 0.005
 MARGIN_M = 0.25
 """Around a body, in which things are looked up at once."""
 # Layers as thin are paint, which wheels do not feel: lines of a field, marks of a hall.
-_PAINT_M = 0.002
+_PAINT_M = 0.00102
 DOWN = np.array([0.0, 0.0, 1.0])
 # Edges that are farther below than a base sinks, as it may tilt on the way.
 _EDGE_REACH_M = 0.005
@@ -410,7 +410,7 @@ class ReferenceSupport:
             here = sinking.before.world_from_side.transform_points(side.points)
             start_z = np.maximum(start_z, here[:, 2])
         has_moved, gaps, is_robot = False, np.zeros(0), np.zeros(0, dtype=bool)
-        for _ in range(_MAX_ITERATIONS):
+        for step in range(_MAX_ITERATIONS):
             pose = stance.world_from_side
             points = pose.transform_points(side.points)
             if max(contacts) >= len(points):  # an edge, which lies elsewhere now
@@ -432,6 +432,12 @@ class ReferenceSupport:
                 points = np.concatenate((points, edges[0]))
                 gaps = np.concatenate((gaps, edges[1]))
                 limits = np.concatenate((limits, np.minimum(edges[1], sink_m)))
+            if step == _MAX_ITERATIONS - 1:
+                # What does not end, between corners, ends above all of them.
+                raised_m = min(float(gaps.min()), 0.0)
+                gaps, has_moved = gaps - raised_m, True
+                stance = stance._replace(z_m=stance.z_m + raised_m)
+                break
             if sinking.before is None and gaps.min() > sink_m + TOUCH_M:
                 return Rest(stance._replace(z_m=stance.z_m + sink_m))
             centre = pose.transform_points(side.side_from_robot.translation)

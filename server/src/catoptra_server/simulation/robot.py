@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import arcsin, hypot, matmul
+from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
@@ -413,11 +413,12 @@ def _mean_twist(before: RobotBody, after: RobotBody, duration_s: float) -> Twist
     rotations = [one.world_from_robot.rotation for one in (before, after)]
     if rotations[0][2, 2] == 1.0 == rotations[1][2, 2]:
         return Twist((vx, vy, vz), (0.0, 0.0, turn_rad / duration_s))
-    (_, m01, m02), (m10, _, m12), (m20, m21, _) = matmul(rotations[1], rotations[0].T).tolist()
-    # The axis, by twice the sine of the angle.
+    turned = matmul(rotations[1], rotations[0].T).tolist()
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = turned
+    # The axis, by twice the sine of the angle. Half a turn has none here, and no tick has that.
     axis = (m21 - m12, m02 - m20, m10 - m01)
-    sine = 0.5 * hypot(*axis)
-    scale = 0.5 / duration_s * (arcsin(min(sine, 1.0)) / sine if sine > 0.0 else 1.0)
+    sine, cosine = 0.5 * hypot(*axis), 0.5 * (m00 + m11 + m22 - 1.0)
+    scale = 0.5 / duration_s * (arctan2(sine, cosine) / sine if sine > 0.0 else 1.0)
     return Twist((vx, vy, vz), (scale * axis[0], scale * axis[1], scale * axis[2]))
 
 

@@ -2,7 +2,7 @@
 
 A robot is spawned where it touches nothing: a base in contact could hardly move, and robots inside
 each other fill each other's images. A place that is not free is replaced by the nearest free one of
-the same heading, within 2 m.
+the same heading, within 8 m.
 
 Other robots see a chassis on wheels, and an omnidirectional camera's tower. These are built from
 the dimensions that the robot reports itself; USARSim's own meshes are not public, so the shapes in

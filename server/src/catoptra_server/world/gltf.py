@@ -30,7 +30,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +108,7 @@ def read_gltf(path: Path, assets: MeshAssets, losses: Losses) -> Iterator[FileMe
         ValueError, KeyError, TypeError, IndexError, AttributeError: The file is no glTF.
     """
     document, chunk = _read_document(path)
+    _parse_json.cache_clear()
     _check_extensions(document, losses)
     data = _Arrays(document, chunk, assets)
     data.reserve(assets.textures.memory.for_reading(), SourceLocation(str(path)))
@@ -167,6 +168,8 @@ def _read_text(path: Path) -> tuple[bytes, int]:
         return file.read(int.from_bytes(head[12:16], "little")), file.tell()
 
 
+# The lights of a file are read before its meshes, and its JSON is parsed for both.
+@lru_cache(maxsize=1)
 def _parse_json(data: bytes) -> dict[str, Any]:
     try:
         document = json.loads(data)

@@ -238,12 +238,6 @@ def float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
     return table.weights.astype(np.float32)
 
 
-@lru_cache(maxsize=8)
-def float32_summed_exchanges(table: DiscKernelTable) -> npt.NDArray[np.float32]:
-    """Exchanges from row 0 on for the kernel's stage, (rows,), the same array in each call."""
-    return _summed_exchanges(table).astype(np.float32)
-
-
 def _disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
     """Fractions, (n, pairs), of the areas of n discs that lie in one pixel of each pair."""
     radius = 0.5 * np.asarray(diameter_px)[:, None]

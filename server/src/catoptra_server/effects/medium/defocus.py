@@ -90,9 +90,7 @@ class Defocus:
 
     def kernel_table(self, camera: RadialCamera) -> DiscKernelTable:
         """Kernels of infinity's discs at all image radii."""
-        circle = circle_of_confusion_map(self.aperture, camera)
-        diameter_px = float(np.abs(circle.infinity_diameter_px).max())
-        return disc_kernel_table(min(diameter_px, max_diameter_px(self.aperture, camera)))
+        return disc_kernel_table(_largest_disc_px(self, camera))
 
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
@@ -104,6 +102,14 @@ class Defocus:
         return convolve_symmetric_within(
             image, interior_mask(camera), half_width_px, lambda rows: weights[:, rows]
         )
+
+
+@lru_cache(maxsize=4)
+def _largest_disc_px(effect: Defocus, camera: RadialCamera) -> float:
+    """Diameter of infinity's largest disc, of those that are drawn."""
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    diameter_px = float(np.abs(circle.infinity_diameter_px).max())
+    return min(diameter_px, max_diameter_px(effect.aperture, camera))
 
 
 @lru_cache(maxsize=2)

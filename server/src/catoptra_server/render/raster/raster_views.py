@@ -149,8 +149,8 @@ class RasterView:
         clock.end_stage("readback")
         camera = self._passes.camera
         sources: tuple[LightSource, ...] = ()
-        if range_m is not None:
-            # Loaded for the effects that read ranges: most cameras have none.
+        if range_m is not None and any(one.name == "VeilingGlare" for one in effects):
+            # Loaded for the effect that reads sources: most cameras have none.
             from catoptra_server.effects.kernels.light_sources import find_light_sources
 
             sources = find_light_sources(self._passes.lights, camera, camera_state, range_m)

@@ -361,11 +361,20 @@ def append_values(
 
 
 def upload_texture(
-    context: moderngl.Context, image: Texture, sampling: TextureSampling = REPEATED
+    context: moderngl.Context,
+    image: Texture,
+    sampling: TextureSampling = REPEATED,
+    coarser: Sequence[bytes] | None = None,
 ) -> moderngl.Texture:
     """Texture that is continued and filtered as `world/textures.py:sample_levels` does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
+
+    Args:
+        context: OpenGL context.
+        image: Bytes of sRGB.
+        sampling: How it is continued and filtered.
+        coarser: What `encode_levels` returns for the image; None to encode the levels here.
     """
     height, width, channels = image.shape
     texture = context.texture(
@@ -376,18 +385,26 @@ def upload_texture(
         alignment=1,
     )
     # The driver's levels take the place of ours, whose means are of linear light and of all texels.
-    coarser = build_levels(image)[1:]
+    coarser = encode_levels(image) if coarser is None else coarser
     texture.build_mipmaps(0, len(coarser))
-    for number, level in enumerate(coarser, start=1):
-        encoded = np.zeros(level.shape, dtype=np.uint8)
-        for row, light in zip(encoded, level, strict=True):
-            row[:] = _encode_srgb(light)
-        encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
-        texture.write(encoded.tobytes(), level=number)
+    for number, texels in enumerate(coarser, start=1):
+        texture.write(texels, level=number)
     nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
     texture.repeat_x, texture.repeat_y = not sampling.clamps_u, not sampling.clamps_v
     return texture
+
+
+def encode_levels(image: Texture) -> list[bytes]:
+    """Texels of an image's coarser levels; by any thread, since OpenGL has no part in it."""
+    levels = []
+    for level in build_levels(image)[1:]:
+        encoded = np.zeros(level.shape, dtype=np.uint8)
+        for row, light in zip(encoded, level, strict=True):
+            row[:] = _encode_srgb(light)
+        encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
+        levels.append(encoded.tobytes())
+    return levels
 
 
 def _encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:

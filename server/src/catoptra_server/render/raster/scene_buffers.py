@@ -9,6 +9,8 @@ adds the unshadowed part of the other lights.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import moderngl
 import numpy as np
 
@@ -29,11 +31,13 @@ from catoptra_server.render.raster.scene_batches import (
     FacetLighting,
     SceneBatches,
     append_values,
+    encode_levels,
     has_filter,
     upload_texture,
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
+from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights, point_lights, shadow_casting_lights
@@ -155,8 +159,10 @@ class SceneBuffers:
         self._pieces: TrianglePieces | None = None
         self._position = upload_values(context, split_positions(corners[self.clusters.order]))
         # Held once, for the batches of both lightings and for shadow maps.
-        looks = zip(scene.textures, scene.samplings, strict=True)
-        self._textures = [upload_texture(context, *look) for look in looks]
+        with ThreadPoolExecutor(count_processors()) as pool:
+            levels = pool.map(encode_levels, scene.textures)
+            looks = zip(scene.textures, scene.samplings, levels, strict=True)
+            self._textures = [upload_texture(context, *look) for look in looks]
         self.plain = LitScene(
             self._make_batches(lighting),
             DynamicObjectBuffer(context, programs, object_lighting, self.origin),

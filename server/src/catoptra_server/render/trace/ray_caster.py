@@ -1,8 +1,8 @@
 """Distances along rays in the static scene, for sensors that measure range, without any radiance.
 
 By the native kernel, and by the reference's search in NumPy where the kernel cannot run. Both are
-watertight: no ray slips between two triangles that share an edge. Not the triangles of the
-renderer, which is made anew after a fault while sensors measure.
+watertight: no ray slips between two triangles that share an edge. The kernel's hierarchy is the
+renderer's where there is one, and outlives a renderer that is made anew while sensors measure.
 """
 
 from __future__ import annotations

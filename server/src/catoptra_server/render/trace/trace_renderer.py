@@ -219,7 +219,7 @@ class TraceView:
         )
         if not effects:
             return RenderedImage(frame.image, stage_ms, frame.changes), frame.labels
-        exposed = self._expose_image(camera_state, frame)
+        exposed = self._expose_image(camera_state, frame, effects)
         encoded = self._engine.image_changer.encode(exposed, effects, thresholds)
         changes = {**frame.changes, **encoded.changes}
         return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, changes), frame.labels
@@ -229,7 +229,7 @@ class TraceView:
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
         frame, _ = self._trace(camera_state, effects, NO_THRESHOLDS, None, is_linear=True)
-        exposed = self._expose_image(camera_state, frame)
+        exposed = self._expose_image(camera_state, frame, effects)
         return self._engine.image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
     def _sample_light(self, camera_state: CameraState) -> tuple[LinearImage, float]:
@@ -242,11 +242,13 @@ class TraceView:
         # An image that shows nothing of the mirror has no tiles.
         return light, num_tiles / max(1, len(range(0, num_tiles, step)))
 
-    def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
+    def _expose_image(
+        self, camera_state: CameraState, frame: TracedFrame, effects: tuple[ImageEffect, ...]
+    ) -> ExposedImage:
         """Linear image at the sensor."""
         sources: tuple[LightSource, ...] = ()
-        if frame.range_m is not None:
-            # Loaded for the effects that read ranges: most cameras have none.
+        if frame.range_m is not None and any(one.name == "VeilingGlare" for one in effects):
+            # Loaded for the effect that reads sources: most cameras have none.
             from catoptra_server.effects.kernels.light_sources import find_light_sources
 
             sources = find_light_sources(self._lights, self._camera, camera_state, frame.range_m)

@@ -221,6 +221,25 @@ def test_overflow_of_a_drawn_sensor_counts_where_it_falls_and_by_what_changes(
         assert spared * stated.largest < alone[effect.name].largest
 
 
+@pytest.mark.parametrize("brightest", [0.8, 0.999, 1.2, 9.0])
+def test_overflow_that_known_gains_rule_out_changes_no_bit(
+    changer: KernelImageChanger, brightest: float
+) -> None:
+    camera = camera_of_size(97, 71)
+    names = ("Diffraction", "MirrorDust", "Vignetting", "Blooming", "FixedPattern", "Bayer")
+    effects = tuple(make_strong(name) for name in names)
+    light = np.zeros((71, 97, 3), dtype=np.float32)
+    light[20:50, 30:60] = np.linspace(0.1, 0.8, 30, dtype=np.float32)[:, None]
+    light[40, 45] = brightest
+    exposed = ExposedImage(light, camera, make_context(camera))
+    known = Threshold(-1.0, (0.0, 1.0), 1.0, (1.0, 0.5))
+    measured = Threshold(0.0, (0.0, 1.0))
+    found = changer.change(exposed, effects, dict.fromkeys(names, known) | {"Blooming": measured})
+    np.testing.assert_array_equal(found.image, changer.change(exposed, effects, {}).image)
+    spread = changer.change(exposed, effects[:3], {}).image
+    assert (found.changes["Blooming"].largest > 0.0) == bool((spread > 1.0).any())
+
+
 def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     changer: KernelImageChanger,
 ) -> None:
@@ -242,7 +261,7 @@ def test_blur_by_range_is_measured_against_the_disc_of_infinity(
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.0])
-def test_blur_by_range_counts_what_the_lens_and_the_mosaic_leave_of_its_change(
+def test_blur_by_range_counts_what_the_lens_leaves_of_its_change(
     changer: KernelImageChanger, limit: float
 ) -> None:
     camera = camera_of_size(160, 120)
@@ -263,11 +282,9 @@ def test_blur_by_range_counts_what_the_lens_and_the_mosaic_leave_of_its_change(
             for first in (by_depth, make_effect("Defocus"))
         )
     ).largest
-    # What counts as little where it acts counts there; anything else in the finished picture.
+    # What counts as little where it acts counts there; anything else behind the lens.
     assert true <= stated <= max(limit, true + 0.3)
     assert limit < 1.5 * stated < alone
-    whole = changer.change(exposed, (*effects, make_effect("VeilingGlare")), allowed)
-    assert whole.changes["DefocusByDepth"].largest > stated
 
 
 def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:

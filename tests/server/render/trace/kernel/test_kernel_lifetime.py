@@ -16,6 +16,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.kernel import kernel_engine as module
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.kernel.library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.world.scene_mesh import build_scene
@@ -130,3 +131,30 @@ def test_engines_when_many_are_closed_leave_no_threads_files_or_memory() -> None
     assert count_resources() == resources
     # An engine of this scene takes 3 MB, a leak of a tenth of it 60 MB.
     assert resident_mb(os.getpid()) < memory + 30.0
+
+
+@pytest.mark.parametrize("is_single_sided", [False, True])
+def test_caster_shares_the_hierarchy_of_an_engine_and_outlives_the_engine(
+    monkeypatch: pytest.MonkeyPatch, is_single_sided: bool
+) -> None:
+    scene = build_scene(FLOOR)
+    if is_single_sided:  # backs that no camera sees stop the rays of sensors
+        scene = replace(scene, single_sided=np.ones(len(scene), dtype=bool))
+    alone = KernelMeshCaster.of_scene(scene)
+    engine = KernelEngine(scene, FLOOR, threads=1, scene_lights=())
+    commits: list[object] = []
+    commit = KernelDevice.commit_mesh
+    monkeypatch.setattr(
+        KernelDevice, "commit_mesh", lambda *mesh: (commits.append(mesh), commit(*mesh))[1]
+    )
+    caster = KernelMeshCaster.of_scene(scene)
+    assert len(commits) == is_single_sided
+    engine.close()
+    del engine
+    gc.collect()
+    origins = np.random.default_rng(39).uniform(-1.0, 1.0, (64, 3)) - (0.0, 0.0, 2.0)
+    rays = origins, np.broadcast_to((0.0, 0.0, 1.0), (64, 3))
+    pairs = zip(caster.closest_triangles(*rays), alone.closest_triangles(*rays), strict=True)
+    for one, other in pairs:
+        np.testing.assert_array_equal(one, other)
+    assert np.isfinite(caster.closest_triangles(*rays)[0]).all()

@@ -18,7 +18,7 @@ from catoptra_server.render.trace.occlusion.occlusion_cache import (
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.world_description import Material, World
-from helpers.standing_things import SKY, make_box_world
+from helpers.standing_things import FLOOR, SKY, make_box_world
 from helpers.worlds import DIRECTIONAL_LIGHT
 
 WORLD = replace(make_box_world(), ambient_occlusion=True)
@@ -42,6 +42,15 @@ def test_second_start_reads_the_map(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert_same(find_occlusion(SCENE, tmp_path), baked)
     with pytest.raises(TypeError):
         find_occlusion(SCENE, None)
+
+
+def test_second_start_of_a_world_without_occlusion_casts_no_rays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = build_scene(World("floor", (FLOOR,), lights=(SKY,)))
+    assert find_occlusion(alone, tmp_path) is None
+    forbid_baking(monkeypatch)
+    assert find_occlusion(alone, tmp_path) is None
 
 
 def test_other_scene_has_another_file(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ are such a share. The kernel leaves plain each cell of 16 x 8 px that a stage ca
 than its plain change; the largest change and the pixels that change visibly are the same for any
 number of threads. Before a mosaic it computes the colours that the mosaic keeps, and measures
 those; the mosaic's own change is then measured up to its limits, and infinite beyond: seen, but not
-how much. Where a first blur by range changes light by more than its limit, the finished picture
-decides, behind stages that mix near pixels alone. Effects without a stage are applied by their own
+how much. Where a first blur by range changes light by more than its limit, what the stages of the
+lens leave of it decides. Effects without a stage are applied by their own
 formula, in their place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import lru_cache
@@ -27,21 +26,18 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import EffectChange, ImageEffect, Threshold
 from catoptra_server.effects.kernels.convolution import (
     DiscKernelTable,
-    float32_summed_exchanges,
     float32_weights,
     table_row,
 )
 from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
     frame_noise_key,
-    measure_change,
     normal_quantile_table,
 )
 from catoptra_server.effects.kernels.lens_blur import (
@@ -71,7 +67,7 @@ from catoptra_server.effects.medium.veiling_glare import (
     glare_spread,
     source_glare,
 )
-from catoptra_server.effects.medium.vignetting import vignetting_map
+from catoptra_server.effects.medium.vignetting import Vignetting, vignetting_map
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map
 from catoptra_server.effects.mirror.mirror_holder import (
     MirrorHolder,
@@ -114,21 +110,8 @@ from catoptra_server.world.objects import NoiseSeed
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
-_RANDOM = _NOISE_EFFECTS | {"Quantisation"}
-# Effects that mix light of near pixels alone, which a part of the picture shows.
-_LOCAL = frozenset(
-    (
-        *("Misalignment", "ChromaticAberration", "Diffraction", "MirrorDust"),
-        *("MirrorReflectance", "Vignetting", "Exposure", "Blooming", "FixedPattern"),
-        *("Bayer", "WhiteBalance", *_RANDOM),
-    )
-)
 # Rows and columns of a cell.
 _CELL_PX = (8, 16)
-# Of pictures in float32 against float64, where light is darkest: levels.
-_RESERVE_LEVELS = 0.01
-# Cells that show first whether an effect is to be seen.
-_NUM_PROBED = 8
 # Below zero the kernel draws everywhere.
 _EVERYWHERE = Threshold(-1.0)
 _Array = npt.NDArray[Any]
@@ -201,8 +184,10 @@ class KernelImageChanger:
                 stage.struct.limits = change_limits(threshold, exposed.light[..., 0].size)
                 stage.struct.least_gain, stage.struct.largest_gain = threshold.gains
                 stage.struct.spill[:] = threshold.spill
-                if effect.name == DefocusByDepth.name and not number:
-                    stage = _defer_change(stage, run, [one.name for one in effects[1:]])
+                # The pixels that change visibly are counted where they do.
+                is_by_largest = threshold.is_measured and threshold.visible_share >= 1.0
+                if effect.name == DefocusByDepth.name and not number and is_by_largest:
+                    stage = _defer_change(stage, exposed)
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.
@@ -216,69 +201,16 @@ class KernelImageChanger:
             run.stage_ms |= changed.stage_ms
             run.changes |= changed.changes
         self._run_stages(run, made, result)
-        if made and made[0][1].struct.deferred and made[0][1].arrays[-1].any():
-            self._decide_late(run, cast(DefocusByDepth, effects[0]), made)
-
-    def _decide_late(
-        self, run: _Run, effect: DefocusByDepth, made: Sequence[tuple[str, _StageWithMaps]]
-    ) -> None:
-        """Decide on a first stage's deferred changes: by the strongest cells if these show in the
-        finished picture, else by all."""
-        begin_s = time.perf_counter()
-        name, by_range = made[0]
-        deferred, limit = by_range.arrays[-1], run.thresholds[name].max_change
-        far = np.full(run.exposed.light.shape[:2], np.inf, dtype=np.float32)
-        at_infinity = replace(run.exposed.context, range_m=far)
-        by_infinity = _make_defocus_by_depth(effect, replace(run.exposed, context=at_infinity))
-        following = [stage for other, stage in made[1:] if other not in _RANDOM]
-        chains = [(blur, *following) for blur in (by_range, by_infinity)]
-        strongest = float(np.sort(deferred, axis=None)[-_NUM_PROBED:][0])
-        change = float(deferred.max())
-        probed, all_cells = deferred >= max(strongest, limit), deferred > 0.0
-        if self._compare(run, chains, probed, limit) <= limit:
-            is_known = probed.sum() == all_cells.sum()
-            change = limit if is_known else self._compare(run, chains, all_cells, limit)
-        run.changes[name] = EffectChange(max(run.changes[name].largest, change))
-        run.stage_ms[name] += 1e3 * (time.perf_counter() - begin_s)
-
-    def _compare(
-        self, run: _Run, chains: Sequence[Sequence[_StageWithMaps]], cells: Bools, limit: float
-    ) -> float:
-        """Largest difference, grey levels, of two chains' pictures by what differs behind the first
-        stages in cells, (rows, columns); at least a limit."""
-        # Of a blur, a shift or an overflow; a mosaic's is one pixel.
-        reach = sum(one.struct.size for one in chains[0][1:]) + 1
-        compared = _dilate_cells(cells, reach)
-        # Means of these alone make dust darker, where the same change shows more.
-        developed = _dilate_cells(compared, reach + chains[0][0].struct.size).astype(np.uint8)
-        shape = run.exposed.light.shape
-        mask = compared.repeat(_CELL_PX[0], axis=0).repeat(_CELL_PX[1], axis=1)
-        pixels = np.flatnonzero(mask[: shape[0], : shape[1]])
-        pictures = []
-        for chain in chains:
-            for stage in chain:
-                stage.struct.limits = change_limits(_EVERYWHERE, 1)
-            picture = np.zeros(shape, dtype=np.float32)
-            unnamed = [("", stage) for stage in chain]
-            self._run_stages(_Run(run.exposed, {}), unnamed, picture, developed)
-            pictures.append(picture.reshape(-1, 3)[pixels])
-        # The curve is nowhere steeper than 185 levels by the root of light: few pixels need levels.
-        low = np.sqrt(np.clip(np.minimum(*pictures), 0.0031308, 1.0))
-        may_show = (185.0 * np.abs(pictures[0] - pictures[1]) > limit * low).any(axis=-1)
-        if not may_show.any():
-            return limit
-        change = measure_change(pictures[0][None, may_show], pictures[1][None, may_show])
-        return max(limit, change.largest + _RESERVE_LEVELS)
 
     def _run_stages(
         self,
         run: _Run,
         made: Sequence[tuple[str, _StageWithMaps]],
         result: LinearImage | Image,
-        cells: npt.NDArray[np.uint8] | None = None,
     ) -> None:
-        """Run native stages into an image, or into cells of it, and note their results."""
+        """Run native stages into an image, and note their results."""
         light = run.exposed.light
+        _narrow_gains([stage.struct for _, stage in made])
         stages = (ImageStage * max(1, len(made)))(*(stage.struct for _, stage in made))
         has_noise = any(name in _NOISE_EFFECTS for name, _ in made)
         is_encoded = result.dtype == np.uint8
@@ -293,7 +225,6 @@ class KernelImageChanger:
             mirror_pixels=count_valid_pixels(run.exposed.camera),
             num_stages=len(made),
             stages=ctypes.addressof(stages),
-            cells=None if cells is None else cells.ctypes.data,
         )
         job.scratch = self._reserve(self._device.image_scratch_bytes(job))
         self._device.change_image(job)
@@ -329,27 +260,23 @@ class _Run:
     """Milliseconds of the encoding, and of the change of the arrays' layout."""
 
 
-def _defer_change(stage: _StageWithMaps, run: _Run, following: Sequence[str]) -> _StageWithMaps:
-    """A blur by range whose change is found behind the stages that follow, where that is known."""
-    # What mixes light of the whole picture is not compared in a part of it.
-    threshold = run.thresholds.get(DefocusByDepth.name, _EVERYWHERE)
-    is_by_largest = threshold.is_measured and threshold.visible_share >= 1.0
-    if not is_by_largest or not _LOCAL.issuperset(following):
-        return stage
-    height, width = run.exposed.light.shape[:2]
+def _defer_change(stage: _StageWithMaps, exposed: ExposedImage) -> _StageWithMaps:
+    """A first blur by range whose change the lens behind it decides."""
+    height, width = exposed.light.shape[:2]
     deferred = np.zeros((-(-height // _CELL_PX[0]), -(-width // _CELL_PX[1])), dtype=np.float32)
     stage.struct.deferred = deferred.ctypes.data
     return replace(stage, arrays=(*stage.arrays, deferred))
 
 
-def _dilate_cells(cells: Bools, reach_px: int) -> Bools:
-    """Cells, (rows, columns), with those that have pixels within a distance."""
-    for axis, size_px in enumerate(_CELL_PX):
-        count = -(-reach_px // size_px)
-        padded = np.pad(cells, [(count, count) if i == axis else (0, 0) for i in range(2)])
-        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * count + 1, axis=axis)
-        cells = windows.max(axis=-1)
-    return cells
+def _narrow_gains(stages: Sequence[ImageStage]) -> None:
+    """Narrow the largest gains of what follows each stage by the largest factors of maps, over the
+    largest that their effects know of without a camera."""
+    factor = 1.0
+    for stage in reversed(stages):
+        stage.largest_gain *= factor
+        stage.spill[0] *= factor
+        if stage.kind == _GAIN and stage.maps[0]:
+            factor *= stage.numbers[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -404,8 +331,7 @@ def _make_defocus_by_depth(effect: DefocusByDepth, exposed: ExposedImage) -> _St
     assert range_m is not None, "defocus by depth needs ranges"
     ranges = np.ascontiguousarray(range_m, dtype=np.float32)
     parameters = _disc_parameters(effect, camera)
-    table = effect.kernel_table(camera)
-    return _make_disc_blur(table, parameters, camera, ranges, float32_summed_exchanges(table))
+    return _make_disc_blur(effect.kernel_table(camera), parameters, camera, ranges)
 
 
 @lru_cache(maxsize=4)
@@ -443,14 +369,21 @@ def _make_dust(effect: MirrorDust, exposed: ExposedImage) -> _StageWithMaps:
     return _make(_COVER, coverage, numbers=(effect.albedo,))
 
 
-@lru_cache(maxsize=4)
-def _reflectances(effect: MirrorReflectance, camera: OmniCamera) -> _Float32s:
-    return reflectance_map(effect, camera).astype(np.float32)
+def _make_reflectance(effect: MirrorReflectance, exposed: ExposedImage) -> _StageWithMaps:
+    gains, largest = _gain_map(reflectance_map, effect, exposed.camera)
+    return _make(_GAIN, gains, numbers=(largest / effect.gains[1],))
 
 
-@lru_cache(maxsize=4)
-def _vignettes(camera: RadialCamera) -> _Float32s:
-    return vignetting_map(camera).astype(np.float32)
+def _make_vignetting(effect: Vignetting, exposed: ExposedImage) -> _StageWithMaps:
+    gains, largest = _gain_map(vignetting_map, exposed.camera)
+    return _make(_GAIN, gains, numbers=(largest,))
+
+
+@lru_cache(maxsize=8)
+def _gain_map(make_map: Callable[..., _Array], *arguments: object) -> tuple[_Float32s, float]:
+    """Map of factors, (h, w), and the largest."""
+    gains = make_map(*arguments).astype(np.float32)
+    return gains, float(gains.max())
 
 
 def _make_fixed_pattern(effect: FixedPattern, exposed: ExposedImage) -> _StageWithMaps:
@@ -542,10 +475,8 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "Diffraction": _make_diffraction,
     "MirrorHolder": _make_holder,
     "MirrorDust": _make_dust,
-    "MirrorReflectance": lambda effect, exposed: _make(
-        _GAIN, _reflectances(effect, cast(OmniCamera, exposed.camera))
-    ),
-    "Vignetting": lambda effect, exposed: _make(_GAIN, _vignettes(exposed.camera)),
+    "MirrorReflectance": _make_reflectance,
+    "Vignetting": _make_vignetting,
     "VeilingGlare": _make_glare,
     "Exposure": lambda effect, exposed: _make(_GAIN, numbers=(effect.gain,) * 3),
     "AutoExposure": lambda effect, exposed: _make(

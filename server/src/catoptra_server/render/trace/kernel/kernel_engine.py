@@ -31,6 +31,7 @@ from catoptra_server.render.trace.kernel.exposure_arrays import (
     ray_table_struct,
     read_change,
 )
+from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_FLOW,
     OUTPUT_HITS,
@@ -71,6 +72,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
+from catoptra_server.runtime.memory import release_freed_memory
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights
@@ -315,7 +317,7 @@ class KernelEngine:
         self._world = world
         self._scene_lights = scene_lights
         self._owners: list[object] = []
-        self._meshes: list[int] = []
+        self._meshes: list[CommittedScene] = []
         self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
         try:
@@ -345,7 +347,7 @@ class KernelEngine:
         with ThreadPoolExecutor(max_workers=1) as pool:
             # Beside the tables: one thread alone builds the top of the hierarchy.
             arrays = scene_arrays(self.scene, self.scene.centre, textures)
-            mesh = pool.submit(self._commit, arrays)
+            mesh = pool.submit(self._commit, arrays, self.scene)
             radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
             encoded = encoded_table(radiance)
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
@@ -368,6 +370,8 @@ class KernelEngine:
         )
         if self.scene.occlusion is not None:
             scene.ambient_radiance = self._tabulate_ambient()
+        # Gaps: float32s of textures, boxes of the hierarchy, 60 of 625 MiB in a house.
+        release_freed_memory()
         return scene
 
     def _tabulate_ambient(self) -> int:
@@ -382,11 +386,11 @@ class KernelEngine:
         self._owners += [owned.struct, *owned.owners]
         return owned.struct
 
-    def _commit(self, owned: OwningStruct) -> int:
-        """Mesh of the device, released with the engine."""
-        mesh = self._device.commit_mesh(self._keep(owned))
+    def _commit(self, owned: OwningStruct, shared: SceneMesh | None = None) -> int:
+        """Mesh of the device, released with the engine, or with the last caster that shares it."""
+        mesh = CommittedScene(self._device, owned, shared)
         self._meshes.append(mesh)
-        return mesh
+        return mesh.address
 
     def _prepare_shadows(self) -> None:
         """Add to the scene what only shadows need, at the first frame with shadows."""
@@ -451,6 +455,6 @@ class KernelEngine:
         """Free the scene and end the threads."""
         self._objects.close()
         self._device.release_light_maps(self._scene)
-        while self._meshes:
-            self._device.release_mesh(self._meshes.pop())
+        # Sensors may still trace the scene.
+        self._meshes.clear()
         self._device.close()

@@ -1,6 +1,7 @@
 """First hits of single rays among triangles, by the native kernel: of sensors, and of labels.
 
-The rays of a scan are traced as those of a picture are, in blocks of 16.
+The rays of a scan are traced as those of a picture are, in blocks of 16, and in the renderer's
+hierarchy where no facet has holes or no back: a second one is a hundred bytes a triangle.
 """
 
 from __future__ import annotations
@@ -19,8 +20,33 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     hole_arrays,
     texture_array,
 )
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
+
+
+class CommittedScene:
+    """Triangles on the kernel, freed with the last reference: after their device, too."""
+
+    def __init__(
+        self, device: KernelDevice, owned: OwningStruct, scene: SceneMesh | None = None
+    ) -> None:
+        """Commit triangles.
+
+        Args:
+            device: Device whose threads build the hierarchy.
+            owned: The triangles.
+            scene: Scene whose casters share them; None for triangles that are nobody else's.
+        """
+        self.address = device.commit_mesh(owned.struct)
+        weakref.finalize(self, _release, device, self.address, owned)
+        if scene is not None and scene.coverage is None and scene.single_sided is None:
+            # With the corners, whose identity is theirs alone as long as they are held.
+            self._corners = scene.corners
+            _SHARED[id(scene.corners)] = self
+
+
+_SHARED: weakref.WeakValueDictionary[int, CommittedScene] = weakref.WeakValueDictionary()
+"""Scenes that renderers trace, by the identity of their corners."""
 
 
 class KernelMeshCaster:
@@ -33,6 +59,7 @@ class KernelMeshCaster:
         *,
         threads: int = 0,
         arrays: OwningStruct | None = None,
+        committed: CommittedScene | None = None,
     ) -> None:
         """Commit the triangles.
 
@@ -41,6 +68,7 @@ class KernelMeshCaster:
             centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
             threads: Threads; 0 for one per processor that this process may use.
             arrays: The triangles as the kernel's structure, with holes; None without any.
+            committed: The triangles where they are committed already, by any device.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
@@ -48,19 +76,28 @@ class KernelMeshCaster:
         self._centre = centre
         self._device = KernelDevice(choose_instruction_set(), threads or count_processors())
         try:
-            self._arrays = arrays or corner_arrays(corners, centre)
-            self._mesh = self._device.commit_mesh(self._arrays.struct)
+            self._mesh = committed or self._commit(arrays, corners)
         except BaseException:
             self._device.close()
             raise
         # Nobody closes a caster: the process ends, or the last reference.
-        weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+        weakref.finalize(self, self._device.close)
+
+    def _commit(self, arrays: OwningStruct | None, corners: Floats) -> CommittedScene:
+        if arrays is not None:
+            return CommittedScene(self._device, arrays)
+        # Rays read the hierarchy alone where there are no holes: corners are needed here only.
+        owned = corner_arrays(corners, self._centre)
+        return CommittedScene(self._device, OwningStruct(owned.struct, ()))
 
     @classmethod
     def of_scene(cls, scene: SceneMesh) -> KernelMeshCaster:
         """Commit the triangles of a scene, with their holes; errors as of the constructor."""
         if scene.coverage is None:
-            return cls(scene.corners, scene.centre)
+            committed = _SHARED.get(id(scene.corners))
+            caster = cls(scene.corners, scene.centre, committed=committed)
+            release_freed_memory()
+            return caster
         # Holes are those of the images themselves.
         textures = texture_array(scene, lambda image: (image,))
         holes = hole_arrays(scene, scene.centre, textures.struct)
@@ -75,12 +112,12 @@ class KernelMeshCaster:
         rays = np.ascontiguousarray(directions, dtype=np.float32)
         ranges = np.zeros(len(rays), dtype=np.float32)
         triangles = np.zeros(len(rays), dtype=np.int32)
-        self._device.cast(self._mesh, starts, rays, ranges, triangles)
+        self._device.cast(self._mesh.address, starts, rays, ranges, triangles)
         return ranges.astype(np.float64), triangles
 
     def settle(self, sinking: SinkingStruct) -> int:
         """Let a body come to rest on the triangles; result and errors as of `KernelDevice`."""
-        sinking.mesh, sinking.centre = self._mesh, tuple(self._centre.tolist())
+        sinking.mesh, sinking.centre = self._mesh.address, tuple(self._centre.tolist())
         return self._device.settle(sinking)
 
     def separate(self, box: Floats, triangles: Floats) -> Floats:
@@ -95,7 +132,6 @@ class KernelMeshCaster:
         return gaps
 
 
-def _close(device: KernelDevice, mesh: int, arrays: object) -> None:
-    """Free a mesh and the device; the arrays live until here."""
+def _release(device: KernelDevice, mesh: int, owned: object) -> None:
+    """Free a mesh; the arrays of its holes and materials live until here."""
     device.release_mesh(mesh)
-    device.close()

@@ -264,7 +264,7 @@ class ImageStage(ctypes.Structure):
         ("spill", c_float * 2),
         ("numbers", c_float * 4),
         ("key", c_uint32 * 4),
-        ("maps", c_void_p * 5),
+        ("maps", c_void_p * 4),
         ("change", PixelChange),
         ("other_change", PixelChange),
         ("deferred", c_void_p),
@@ -282,7 +282,6 @@ class ImageJob(ctypes.Structure):
         ("mirror_pixels", c_int32),
         ("num_stages", c_int32),
         ("stages", c_void_p),
-        ("cells", c_void_p),
         ("scratch", c_void_p),
         ("encode_ms", c_double),
     ]

@@ -47,7 +47,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.library import KernelDevice
-from catoptra_server.runtime.memory import count_processors, release_freed_memory
+from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
@@ -113,8 +113,8 @@ def scene_arrays(
         corner_normals=_float32(scene.corner_normals),
         **filtered,
         blended=None if scene.blended is None else scene.blended.astype(np.uint8),
-        uv=_uv_frames(scene.uv) if scene.textures else None,
-        texture=scene.texture_index.astype(np.int32) if scene.textures else None,
+        uv=np.ascontiguousarray(scene.uv) if scene.textures else None,
+        texture=scene.texture_index if scene.textures else None,
     )
 
 
@@ -144,7 +144,7 @@ def hole_arrays(
     flags = filtered.pop("flags", np.zeros(len(scene), dtype=np.uint8)) | np.uint8(FACET_TWO_SIDED)
     if filtered and scene.textures:
         flags |= (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
-        filtered |= {"uv": _uv_frames(scene.uv), "texture": scene.texture_index.astype(np.int32)}
+        filtered |= {"uv": scene.uv, "texture": scene.texture_index}
     chosen = {name: np.ascontiguousarray(array[rows]) for name, array in filtered.items()}
     normals = scene.normals[rows]
     return _mesh_arrays(
@@ -178,7 +178,10 @@ def _filter_members(scene: SceneMesh, textures: TextureArray | None) -> dict[str
 
 
 def corner_arrays(corners: Floats, centre: Floats) -> OwningStruct:
-    """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown."""
+    """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown.
+
+    A mesh of these reads them while it is committed, never later.
+    """
     arrays = _corner_members(corners, centre)
     addresses = {name: _address(array) for name, array in arrays.items()}
     return OwningStruct(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
@@ -227,13 +230,6 @@ def _address(array: npt.NDArray[Any] | None) -> int | None:
     return None if array is None else array.ctypes.data
 
 
-def _uv_frames(uv: Floats) -> Floats:
-    """(n, 6) texture coordinates of each triangle's first corner and of its two edges."""
-    first, second, third = np.moveaxis(uv, 1, 0)
-    # Edges instead of corners: coordinates at a point are then two products and two sums.
-    return np.concatenate((first, second - first, third - first), axis=-1)
-
-
 def _has_corner_colours(scene: SceneMesh) -> Bools:
     """(n,) whether the colour varies over each triangle from corner to corner."""
     if scene.corner_albedo is None:
@@ -278,9 +274,6 @@ def texture_array(
     with ThreadPoolExecutor(count_processors()) as pool:
         levels = pool.map(lambda image: _texture_levels(find_levels(image)), images.values())
         owned = dict(zip(images, levels, strict=True))
-    if images:
-        # Gaps where float32s were: 60 of 625 MiB in a house of 87 textures.
-        release_freed_memory()
     light = np.rint(_MAX_TEXEL * light_of_bytes())
     structs = [
         TextureStruct(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.format import read_array
 
 from catoptra_server import __version__
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
 from catoptra_server.world.triangles import row_blocks, triangle_boxes
@@ -67,7 +67,7 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
     file = None if folder is None else folder / f"{hash_scene(scene)}.bin"
     cached = None if file is None else _read(file, len(scene))
     if cached is not None:
-        return cached
+        return cached if len(cached.bounds) else None
     # Loaded where it is needed: most starts find a map.
     from catoptra_server.render.trace.occlusion.baking import bake_occlusion
     from catoptra_server.render.trace.ray_caster import commit_ray_caster
@@ -75,10 +75,20 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
     start = time.perf_counter()
     caster = commit_ray_caster(scene)
     occlusion = bake_occlusion(scene, caster, threads=count_processors())
+    del caster
+    # Some 20 MiB in a world of a hundred meshes.
+    release_freed_memory()
     log.info("ambient occlusion baked in %.2f s", time.perf_counter() - start)
-    if file is not None and occlusion is not None:
-        _write(file, occlusion)
+    if file is not None:
+        _write(file, _make_open_map(len(scene)) if occlusion is None else occlusion)
     return occlusion
+
+
+def _make_open_map(num_triangles: int) -> OcclusionMap:
+    """A map without grids, which is stored where nothing is occluded."""
+    nowhere, rows = np.full(num_triangles, -1, dtype=np.int32), np.zeros((0, 4))
+    bounds, texels = np.zeros((0, 4), dtype=np.int32), np.zeros((0, 0), dtype=np.uint8)
+    return OcclusionMap(nowhere, rows, rows, bounds, texels)
 
 
 def hash_scene(scene: SceneMesh) -> str:

@@ -175,8 +175,8 @@ double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock
     if (mesh->flags[at] & FACET_TEXTURED) {
         const Texture *texture = mesh->textures + mesh->texture[at];
         const double *uv = mesh->uv + 6 * at;
-        float s = (float)(uv[0] + u * uv[2] + v * uv[4]);
-        float t = (float)(uv[1] + u * uv[3] + v * uv[5]);
+        float s = (float)(uv[0] + u * (uv[2] - uv[0]) + v * (uv[4] - uv[0]));
+        float t = (float)(uv[1] + u * (uv[3] - uv[1]) + v * (uv[5] - uv[1]));
         TexelSquare square = sample_texels(texture, 0, s, t, 1);
         opacity *= (double)mix_texels(&square)[3];
     }

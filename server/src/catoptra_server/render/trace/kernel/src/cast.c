@@ -26,7 +26,7 @@ void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins, const
         HitBlock hits;
         int lanes = count - first < BLOCK_RAYS ? (int)(count - first) : BLOCK_RAYS;
         /* The rays of a block begin near each other: at a sensor, or below a robot. */
-        const double *place = mesh->arrays.fine_corners ? origins + 3 * first : NULL;
+        const double *place = mesh->bvh.fine_leaves ? origins + 3 * first : NULL;
         load_cast(origins + 3 * first, directions + 3 * first, place ? place : centre, lanes,
                   &rays);
         for (int lane = 0; lane < BLOCK_RAYS; lane++)

@@ -17,8 +17,8 @@ static void find_offsets(const FrameState *state, int32_t triangle, const double
                                   origin[1] + (double)plane->first.y,
                                   origin[2] + (double)plane->first.z};
     find_weights(state->scene->mesh->arrays.fine_corners + 9 * (size_t)triangle, point, weight);
-    double u = uv[0] + weight[0] * uv[2] + weight[1] * uv[4];
-    double v = uv[1] + weight[0] * uv[3] + weight[1] * uv[5];
+    double u = uv[0] + weight[0] * (uv[2] - uv[0]) + weight[1] * (uv[4] - uv[0]);
+    double v = uv[1] + weight[0] * (uv[3] - uv[1]) + weight[1] * (uv[5] - uv[1]);
     plane->u_offset = (float)(u - floor(u));
     plane->v_offset = (float)(v - floor(v));
 }
@@ -38,8 +38,10 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     FacetPlane plane = {
         .first = first,
         .normal = normal,
-        .u_gradient = add(scale((float)uv[2], dual_u), scale((float)uv[4], dual_v)),
-        .v_gradient = add(scale((float)uv[3], dual_u), scale((float)uv[5], dual_v)),
+        .u_gradient = add(scale((float)(uv[2] - uv[0]), dual_u),
+                          scale((float)(uv[4] - uv[0]), dual_v)),
+        .v_gradient = add(scale((float)(uv[3] - uv[1]), dual_u),
+                          scale((float)(uv[5] - uv[1]), dual_v)),
         .u_offset = (float)uv[0],
         .v_offset = (float)uv[1],
     };

@@ -36,11 +36,11 @@ typedef struct {
     float spill[2];     /* gain up to the well; part of what is above that reaches other pixels */
     float numbers[4];
     uint32_t key[4];
-    const void *maps[5];
+    const void *maps[4];
     PixelChange change;       /* result of a stage with limits */
     PixelChange other_change; /* result of a blur by range: change of the image without any blur */
-    float *deferred;    /* of a blur by range: (cells,) zero, results: changes above the limit,
-                         * which then count nowhere else; or NULL */
+    float *deferred;    /* of a first blur by range: (cells,) zero, for its changes above the
+                         * limit, of which the lens behind decides; or NULL */
     double ms;          /* result */
 } ImageStage;
 
@@ -54,7 +54,6 @@ typedef struct {
     int32_t mirror_pixels;     /* pixels whose centre sees the mirror, for mean luminances */
     int32_t num_stages;
     ImageStage *stages;
-    const uint8_t *cells; /* (cells,) to be developed: others are unknown; NULL: all */
     void *scratch;    /* catoptra_image_scratch bytes, aligned to 64 */
     double encode_ms; /* result, with the change of the array's layout */
 } ImageJob;

@@ -92,35 +92,36 @@ static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     }
 }
 
-/* Place of 16 pixels between two rows of the table. */
+/* Place of 16 pixels between two rows of the table: pixels nearby mostly lie between the same. */
 typedef struct {
-    Ints16 first; /* weight of the row below */
     Floats16 fraction;
-    int is_shared; /* all pixels lie between the same rows */
+    int count;
+    const float *rows[CELL_COLUMNS]; /* weights of the row below, of the pixels of each mask */
+    Ints16 masks[CELL_COLUMNS];
 } TablePlace;
 
 static TablePlace place_in_table(const ImageStage *stage, Floats16 rows) {
     int pairs = pair_count(stage->size), last = stage->num_rows - 2;
     rows = least16(rows, splat16((float)(stage->num_rows - 1)));
     Ints16 below = __builtin_convertvector(least16(rows, splat16((float)last)), Ints16);
-    Floats16 fraction = rows - __builtin_convertvector(below, Floats16);
-    return (TablePlace){below * pairs, fraction, bits16(below == below[0]) == 0xffffu};
+    TablePlace place = {.fraction = rows - __builtin_convertvector(below, Floats16)};
+    for (uint32_t rest = 0xffffu; rest; place.count++) {
+        int row = below[__builtin_ctz(rest)];
+        place.rows[place.count] = (const float *)stage->maps[0] + row * pairs;
+        place.masks[place.count] = below == row;
+        rest &= ~bits16(below == row);
+    }
+    return place;
 }
 
 /* Weights of one pair for 16 pixels. */
-static Floats16 mix_weights(const ImageStage *stage, const TablePlace *place, int pair) {
-    const float *table = (const float *)stage->maps[0] + pair;
-    int pairs = pair_count(stage->size);
-    if (place->is_shared) {
-        float lower = table[place->first[0]], upper = table[place->first[0] + pairs];
-        return lower + place->fraction * (upper - lower);
+static Floats16 mix_weights(const TablePlace *place, int pairs, int pair) {
+    Floats16 mixed = {0};
+    for (int i = 0; i < place->count; i++) {
+        float lower = place->rows[i][pair], upper = place->rows[i][pairs + pair];
+        mixed = select16(place->masks[i], lower + place->fraction * (upper - lower), mixed);
     }
-    Floats16 lower, upper;
-    for (int x = 0; x < CELL_COLUMNS; x++) {
-        lower[x] = table[place->first[x]];
-        upper[x] = table[place->first[x] + pairs];
-    }
-    return lower + place->fraction * (upper - lower);
+    return mixed;
 }
 
 /* What the sums of a cell's row read: a colour, with a mask where it is 1 alone; or the mask. */
@@ -162,48 +163,56 @@ ALWAYS_INLINE Floats16 sum_pair(const BlurSource *source, int i, int j) {
     return i == j ? sums : sums + sum_shifts(source, j, i);
 }
 
-/* Sums of a cell's row by all weights, of `count` sources. */
-ALWAYS_INLINE void sum_row(const ImageStage *stage, Floats16 rows, int reach, int count,
-                           const BlurSource *sources, Floats16 *totals) {
+/* Sums of a cell's row by all weights, of `count` sources, for one or two sets of kernels. */
+ALWAYS_INLINE void sum_row(const ImageStage *stage, int sets, const Floats16 *rows, int reach,
+                           int count, const BlurSource *sources, Floats16 totals[2][4]) {
     int pairs = pair_count(stage->size), pair = 0;
-    TablePlace place = {0};
-    if (stage->num_rows)
-        place = place_in_table(stage, rows);
-    for (int source = 0; source < count; source++)
-        totals[source] = splat16(0.0f);
+    TablePlace places[2];
+    for (int set = 0; set < sets; set++) {
+        if (stage->num_rows)
+            places[set] = place_in_table(stage, rows[set]);
+        for (int source = 0; source < count; source++)
+            totals[set][source] = splat16(0.0f);
+    }
     for (int i = 0; i <= reach; i++)
         for (int j = 0; j <= i; j++, pair++) {
-            Floats16 weights = {0};
-            if (stage->num_rows)
-                weights = mix_weights(stage, &place, pair);
+            Floats16 weights[2];
+            for (int set = 0; set < sets && stage->num_rows; set++)
+                weights[set] = mix_weights(places + set, pairs, pair);
             for (int source = 0; source < count; source++) {
+                Floats16 sums = sum_pair(sources + source, i, j);
                 if (!stage->num_rows)
-                    weights = splat16(((const float *)stage->maps[0])[source * pairs + pair]);
-                totals[source] += weights * sum_pair(sources + source, i, j);
+                    weights[0] = splat16(((const float *)stage->maps[0])[source * pairs + pair]);
+                for (int set = 0; set < sets; set++)
+                    totals[set][source] += weights[set] * sums;
             }
         }
 }
 
-static void blur_row(const ImageStage *stage, Floats16 rows, int reach,
-                     const BlurSource *sources, Floats16 *totals) {
+static void blur_row(const ImageStage *stage, int sets, const Floats16 *rows, int reach,
+                     const BlurSource *sources, Floats16 totals[2][4]) {
     BlurSource colours[3];
     for (int channel = 0; channel < 3; channel++)
         colours[channel] = (BlurSource){.light = sources[channel].light,
                                         .stride = sources[channel].stride};
-    sum_row(stage, rows, reach, 3, colours, totals);
+    if (sets == 1)
+        sum_row(stage, 1, rows, reach, 3, colours, totals);
+    else
+        sum_row(stage, 2, rows, reach, 3, colours, totals);
 }
 
 /* The mask is summed like a colour: what is missing in its sum of weights goes to the central
  * pixel. */
-static void blur_masked_row(const ImageStage *stage, Floats16 rows, int reach,
-                            const BlurSource *sources, Floats16 *totals) {
-    sum_row(stage, rows, reach, 4, sources, totals);
+static void blur_masked_row(const ImageStage *stage, int sets, const Floats16 *rows, int reach,
+                            const BlurSource *sources, Floats16 totals[2][4]) {
+    sum_row(stage, sets, rows, reach, 4, sources, totals);
     Ints16 takes_part = read_shifted(sources + 3, 0, 0) != 0.0f;
-    for (int channel = 0; channel < 3; channel++) {
-        Floats16 own = load16(sources[channel].light);
-        Floats16 blurred = totals[channel] + (1.0f - totals[3]) * own;
-        totals[channel] = select16(takes_part, blurred, own);
-    }
+    for (int set = 0; set < sets; set++)
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 own = load16(sources[channel].light);
+            Floats16 blurred = totals[set][channel] + (1.0f - totals[set][3]) * own;
+            totals[set][channel] = select16(takes_part, blurred, own);
+        }
 }
 
 static ptrdiff_t mask_stride(const Pass *pass) {
@@ -226,11 +235,15 @@ static int is_masked(const Pass *pass, const Cell *cell, int reach) {
     return 0;
 }
 
-static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *kernels, int masked,
-                      CellValues *to) {
+/* A cell by its kernels, and by others where these are given. */
+static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *kernels,
+                      const CellKernels *others, int reach, CellValues *to, CellValues *by_others) {
+    int masked = is_masked(pass, cell, reach);
     for (int row = 0; row < cell->rows; row++) {
         BlurSource sources[4] = {{0}};
-        Floats16 totals[4];
+        Floats16 totals[2][4], rows[2] = {kernels->row[row]};
+        if (others)
+            rows[1] = others->row[row];
         for (int i = 0; i < 4; i++) {
             if (i < 3)
                 sources[i].light = row_at(&pass->from, i, cell->top + row) + cell->left;
@@ -239,29 +252,14 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
             sources[i].stride = (ptrdiff_t)pass->from.stride;
             sources[i].mask_stride = mask_stride(pass);
         }
-        (masked ? blur_masked_row : blur_row)(pass->stage, kernels->row[row], kernels->reach,
-                                              sources, totals);
-        for (int channel = 0; channel < 3; channel++)
-            store16(totals[channel], to->values[channel][row]);
+        (masked ? blur_masked_row : blur_row)(pass->stage, others ? 2 : 1, rows, reach, sources,
+                                              totals);
+        for (int channel = 0; channel < 3; channel++) {
+            store16(totals[0][channel], to->values[channel][row]);
+            if (others)
+                store16(totals[1][channel], by_others->values[channel][row]);
+        }
     }
-}
-
-/* Most light that a pixel receives from other pixels than by the disc of infinity: by the sums of
- * the steps between rows of the table, maps[4]. */
-static float differing_exchange(const ImageStage *stage, const Cell *cell,
-                                const CellKernels *near, const CellKernels *far) {
-    const float *sums = stage->maps[4];
-    float largest = 0.0f;
-    Floats16 last = splat16((float)(stage->num_rows - 1));
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 one = least16(near->row[row], last), other = least16(far->row[row], last);
-        Floats16 above = -floor16(-most16(one, other));
-        Ints16 low = __builtin_convertvector(least16(one, other), Ints16);
-        Ints16 high = __builtin_convertvector(above, Ints16);
-        for (int x = 0; x < CELL_COLUMNS; x++)
-            largest = fmaxf(largest, sums[high[x]] - sums[low[x]]);
-    }
-    return largest;
 }
 
 /* Note the change of a cell, or that it is to be found behind the stages that follow. */
@@ -282,26 +280,6 @@ static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValue
         stage->deferred[cell->row * pass->cell_columns + cell->column] = read_largest(&alone);
     else
         raise_largest(own, read_largest(&alone));
-}
-
-/* With ranges the change that counts is that against the disc of infinity, which another effect
- * stands for. The change against the image before is the other one. */
-static void measure_against_infinity(const Pass *pass, const Cell *cell, const CellKernels *near,
-                                     const CellKernels *far, CellRange range, float bound,
-                                     int masked, const CellValues *to) {
-    const ImageStage *stage = pass->stage;
-    Changes *changes = changes_of(pass, stage);
-    CellValues values;
-    if (may_tell(stage, &changes->other, bound)) {
-        load_cell(pass, cell, &values);
-        measure_change(stage, &changes->other, &values, to, cell);
-    }
-    float exchange = differing_exchange(stage, cell, near, far);
-    LightChange light = {range.low, range.high, exchange * (range.high - range.low)};
-    if (!may_tell(stage, &changes->own, bound_change(stage, light)))
-        return;
-    blur_cell(pass, cell, far, masked, &values);
-    measure_or_defer(pass, cell, &values, to);
 }
 
 void blur(const Pass *pass, const Cell *cell, CellValues *to) {
@@ -330,10 +308,20 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
         load_cell(pass, cell, to);
         return;
     }
-    int masked = is_masked(pass, cell, reach);
-    blur_cell(pass, cell, &kernels, masked, to);
-    if (is_compared)
-        measure_against_infinity(pass, cell, &kernels, &far, range, bound, masked, to);
-    else
+    if (!is_compared) {
+        blur_cell(pass, cell, &kernels, NULL, reach, to, NULL);
         measure_cell(pass, cell, bound, to);
+        return;
+    }
+    /* With ranges the change that counts is that against the disc of infinity, which another effect
+     * stands for. The change against the image before is the other one. */
+    CellValues values;
+    Changes *changes = changes_of(pass, stage);
+    blur_cell(pass, cell, &kernels, &far, reach, to, &values);
+    if (may_tell(stage, &changes->own, bound))
+        measure_or_defer(pass, cell, &values, to);
+    if (!may_tell(stage, &changes->other, bound))
+        return;
+    load_cell(pass, cell, &values);
+    measure_change(stage, &changes->other, &values, to, cell);
 }

@@ -13,11 +13,14 @@
 #include "device.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
 /* Least border beside: whole vectors are read at most one beyond the image's edge. */
 enum { MIN_BORDER = 2 * CELL_COLUMNS, ALIGNMENT = 64 };
+/* Stages that spread light in a row, before any other. */
+enum { MAX_LENS = 6 };
 
 typedef struct {
     const Pass *pass;
@@ -90,13 +93,39 @@ static void develop_rows(void *argument) {
         int rows = left_rows < CELL_ROWS ? left_rows : CELL_ROWS;
         pass->row_sums[row] = 0.0;
         for (int column = 0; column < pass->cell_columns; column++) {
-            if (pass->job->cells && !pass->job->cells[row * pass->cell_columns + column])
-                continue;
             int left = column * CELL_COLUMNS, left_columns = pass->job->width - left;
             int columns = left_columns < CELL_COLUMNS ? left_columns : CELL_COLUMNS;
             develop_cell(pass, &(Cell){row, column, top, left, rows, columns});
         }
     }
+}
+
+/* Whether no well overflows, so that a pass goes on through that stage: by the brightest light of
+ * the pass, where its stages before mix light, or multiply it by known factors. */
+static int is_without_overflow(const Pass *pass, const ImageStage *overflow) {
+    const ImageStage *first = pass->stage ? pass->stage : pass->points;
+    float high = 0.0f;
+    if (pass->is_first || first == overflow || first->kind < STAGE_COVER ||
+        first->kind > STAGE_MAGNIFY || !(first->spill[0] > 0.0f))
+        return 0;
+    for (const ImageStage *stage = pass->points; stage < overflow; stage++) {
+        if (stage->kind != STAGE_GAIN && stage->kind != STAGE_COVER)
+            return 0;
+        if (stage->kind == STAGE_COVER)
+            high = fmaxf(high, stage->numbers[0] * pass->mean_luminance);
+    }
+    for (int cell = 0; cell < pass->cell_rows * pass->cell_columns; cell++)
+        high = fmaxf(high, pass->ranges[cell].high);
+    /* Weights of a mean may sum to a little more than 1. */
+    if (!(first->spill[0] * high <= 0.9999f))
+        return 0;
+    size_t cells = (size_t)pass->cell_rows * (size_t)pass->cell_columns;
+    for (const ImageStage *stage = pass->job->stages; stage < overflow; stage++) {
+        const uint8_t *overflows = changes_of(pass, stage)->own.maps.overflows;
+        if (overflows && memchr(overflows, 1, cells))
+            return 0;
+    }
+    return 1;
 }
 
 /* Choose the stages of a pass, from one on, and what the pass develops them for. */
@@ -106,7 +135,8 @@ static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
     pass->stage = number && reads_others(stage) ? stage : NULL;
     pass->points = pass->stage ? stage + 1 : stage;
     const ImageStage *next = pass->points + (number && !pass->stage);
-    while (next < end && !begins_pass(next))
+    while (next < end && (!begins_pass(next) ||
+                          (next->kind == STAGE_BLOOM && is_without_overflow(pass, next))))
         next++;
     pass->num_points = (int)(next - pass->points);
     pass->sums_luminance = next < end && needs_luminance(next);
@@ -317,26 +347,208 @@ int64_t catoptra_image_scratch(const ImageJob *job) {
     return (int64_t)lay_out_pass(job, NULL, &pass);
 }
 
-void catoptra_change_image(Device *device, ImageJob *job) {
-    Pass pass, before;
-    lay_out_pass(job, job->scratch, &pass);
-    memset(pass.changes, 0, sizeof(Changes) * (size_t)job->num_stages);
-    lay_out_maps(&pass, pass.maps, &pass.maps_bytes);
-    memset(pass.maps, 0, pass.maps_bytes);
-    pass.before = &before;
+/* Run a job's passes in laid out scratch memory, by all threads of a device, or by this one. */
+static void run_passes(Device *device, ImageJob *job, Pass *pass) {
+    Pass before;
+    memset(pass->changes, 0, sizeof(Changes) * (size_t)job->num_stages);
+    lay_out_maps(pass, pass->maps, &pass->maps_bytes);
+    memset(pass->maps, 0, pass->maps_bytes);
+    pass->before = &before;
     job->encode_ms = 0.0;
     for (int first = 0, number = 0; !number || first < job->num_stages; number++) {
         double begin_ms = now_ms();
-        plan_pass(job, first, number, &pass);
-        if (pass.num_points && pass.points->kind == STAGE_GLARE)
-            scatter(&pass);
-        workers_run(device->workers, develop_rows, &(PassJob){.pass = &pass});
-        finish_pass(&pass);
-        job->encode_ms += finish_stages(job, &pass, now_ms() - begin_ms);
-        before = pass;
+        PassJob rows = {.pass = pass};
+        plan_pass(job, first, number, pass);
+        if (pass->num_points && pass->points->kind == STAGE_GLARE)
+            scatter(pass);
+        if (device)
+            workers_run(device->workers, develop_rows, &rows);
+        else
+            develop_rows(&rows);
+        finish_pass(pass);
+        job->encode_ms += finish_stages(job, pass, now_ms() - begin_ms);
+        before = *pass;
         before.changes = NULL;
-        first = (int)(pass.points - job->stages) + pass.num_points;
-        pass.is_first = pass.target == TO_NOTHING;
+        first = (int)(pass->points - job->stages) + pass->num_points;
+        pass->is_first = pass->target == TO_NOTHING;
+    }
+}
+
+/* Rows of a map, some bytes apart, one behind the other in further memory. */
+static void *crop(const void *map, size_t stride, int rows, size_t bytes, char **memory) {
+    char *begin = *memory;
+    for (int row = 0; row < rows; row++, *memory += bytes)
+        memcpy(*memory, (const char *)map + (size_t)row * stride, bytes);
+    return begin;
+}
+
+/* The same of the part of planes of floats that a window shows. */
+static void *crop_planes(const ImageJob *job, const Cell *window, const void *map, int planes,
+                         char **memory) {
+    size_t width = (size_t)job->width;
+    size_t first = (size_t)window->top * width + (size_t)window->left;
+    char *begin = *memory;
+    for (size_t plane = 0; plane < (size_t)planes; plane++)
+        crop((const float *)map + plane * width * (size_t)job->height + first,
+             sizeof(float) * width, window->rows, sizeof(float) * (size_t)window->columns, memory);
+    return begin;
+}
+
+/* A stage of a lens in a window of the picture, drawn everywhere. */
+static ImageStage crop_stage(const ImageJob *job, const Cell *window, const ImageStage *whole,
+                             char **memory) {
+    ImageStage stage = *whole;
+    const void **maps = stage.maps;
+    stage.limits.max_change = -1.0f;
+    for (int i = 0; stage.kind == STAGE_WARP && i < 3; i++)
+        maps[i] = crop_planes(job, window, maps[i], 1, memory);
+    if (stage.kind == STAGE_MAGNIFY) {
+        maps[0] = crop((const float *)maps[0] + window->left, sizeof(float) * (size_t)job->width, 2,
+                       sizeof(float) * (size_t)window->columns, memory);
+        maps[1] = crop((const float *)maps[1] + window->top, sizeof(float) * (size_t)job->height, 2,
+                       sizeof(float) * (size_t)window->rows, memory);
+    }
+    if (stage.kind == STAGE_BLUR && stage.num_rows)
+        maps[1] = crop_planes(job, window, maps[1], maps[3] ? 4 : 1, memory);
+    if (stage.kind == STAGE_BLUR && maps[3])
+        maps[3] = crop_planes(job, window, maps[3], 1, memory);
+    if (stage.kind == STAGE_BLUR && maps[2]) {
+        size_t beside = (size_t)(2 * stage.size + CELL_COLUMNS);
+        size_t stride = (size_t)job->width + beside;
+        const uint8_t *mask = maps[2];
+        maps[2] = crop(mask + (size_t)window->top * stride + (size_t)window->left, stride,
+                       window->rows + 2 * stage.size, (size_t)window->columns + beside, memory);
+        *memory += -(uintptr_t)*memory % ALIGNMENT;
+    }
+    return stage;
+}
+
+/* A lens's stages, from the first one on, and how far they spread light. */
+typedef struct {
+    int count, reach;
+} Lens;
+
+static Lens find_lens(const ImageJob *job) {
+    Lens lens = {1, 0};
+    for (; lens.count < job->num_stages; lens.count++) {
+        const ImageStage *stage = job->stages + lens.count;
+        if (stage->kind < STAGE_BLUR || stage->kind > STAGE_MAGNIFY)
+            break;
+        lens.reach += stage->size;
+    }
+    return lens;
+}
+
+static Cell clip_window(const ImageJob *job, int top, int left, int bottom, int right) {
+    top = top > 0 ? top : 0, left = left > 0 ? left : 0;
+    bottom = bottom < job->height ? bottom : job->height;
+    right = right < job->width ? right : job->width;
+    return (Cell){0, 0, top, left, bottom - top, right - left};
+}
+
+static int round_up(int value, int step) { return (value + step - 1) / step * step; }
+
+/* Largest change between two lights behind a stage, of a window of the picture, in a part of it. */
+static float compare_lights(const ImageStage *stage, const float *near, const float *far,
+                            const Cell *window, const Cell *part) {
+    ChangeMeasure found = {.maps = {0}};
+    int right = part->left + part->columns;
+    for (int row = part->top; row < part->top + part->rows; row++)
+        for (int column = part->left; column < right; column += CELL_COLUMNS) {
+            int count = right - column < CELL_COLUMNS ? right - column : CELL_COLUMNS;
+            size_t first = (size_t)(row - window->top) * (size_t)window->columns +
+                           (size_t)(column - window->left);
+            CellValues one = {.planes = 3}, other = {.planes = 3};
+            for (int x = 0; x < count; x++)
+                for (int channel = 0; channel < 3; channel++) {
+                    size_t at = 3 * (first + (size_t)x) + (size_t)channel;
+                    one.values[channel][0][x] = near[at];
+                    other.values[channel][0][x] = far[at];
+                }
+            measure_change(stage, &found, &other, &one, &(Cell){.rows = 1, .columns = count});
+        }
+    return read_largest(&found);
+}
+
+/* Largest change, behind a lens, by what a first blur by range changes in a cell against the disc
+ * of infinity; infinite if memory is short. */
+static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top, int left) {
+    int reach = lens->reach, read = 2 * reach + job->stages[0].size;
+    int rows = round_up(read, CELL_ROWS), columns = round_up(read, CELL_COLUMNS);
+    Cell window = clip_window(job, top - rows, left - columns, top + CELL_ROWS + rows,
+                              left + CELL_COLUMNS + columns);
+    Cell changed = clip_window(job, top - reach, left - reach, top + CELL_ROWS + reach,
+                               left + CELL_COLUMNS + reach);
+    size_t pixels = (size_t)window.rows * (size_t)window.columns, size = 0;
+    ImageStage stages[MAX_LENS];
+    ImageJob small = {.width = window.columns, .height = window.rows, .num_stages = lens->count,
+                      .stages = stages};
+    for (int i = 0; i < lens->count; i++) {
+        size_t beside = 2 * (size_t)job->stages[i].size;
+        stages[i] = job->stages[i];
+        size += 5 * sizeof(float) * pixels + ALIGNMENT +
+                ((size_t)window.rows + beside) * ((size_t)window.columns + beside + CELL_COLUMNS);
+    }
+    size_t scratch = (size_t)catoptra_image_scratch(&small), picture = 3 * sizeof(float) * pixels;
+    char *memory = aligned_alloc(ALIGNMENT, (scratch + 3 * picture + size) / ALIGNMENT * ALIGNMENT +
+                                                ALIGNMENT);
+    if (!memory)
+        return INFINITY;
+    float *near = (float *)(memory + scratch), *far = near + 3 * pixels;
+    char *rest = (char *)(far + 3 * pixels);
+    small.scratch = memory;
+    small.light = crop(job->light + 3 * ((size_t)window.top * (size_t)job->width +
+                                         (size_t)window.left),
+                       3 * sizeof(float) * (size_t)job->width, window.rows,
+                       3 * sizeof(float) * (size_t)window.columns, &rest);
+    for (int i = 0; i < lens->count; i++)
+        stages[i] = crop_stage(job, &window, job->stages + i, &rest);
+    for (int is_far = 0; is_far < 2; is_far++) {
+        float *ranges = (float *)stages[0].maps[3];
+        Pass pass;
+        for (size_t i = 0; is_far && i < pixels; i++)
+            ranges[i] = INFINITY;
+        small.linear = is_far ? far : near;
+        lay_out_pass(&small, memory, &pass);
+        run_passes(NULL, &small, &pass);
+    }
+    float largest = compare_lights(job->stages + lens->count - 1, near, far, &window, &changed);
+    free(memory);
+    return largest;
+}
+
+/* Decide on the changes that a first stage deferred, the largest ones first, by what is left of
+ * them behind the lens, until one is beyond its limit. */
+static void decide_deferred(const ImageJob *job, const Pass *pass) {
+    const ImageStage *stage = job->stages;
+    ChangeMeasure *measure = &pass->changes->own;
+    int cells = pass->cell_rows * pass->cell_columns;
+    Lens lens = find_lens(job);
+    for (;;) {
+        int largest = 0;
+        for (int cell = 1; cell < cells; cell++)
+            largest = stage->deferred[cell] > stage->deferred[largest] ? cell : largest;
+        float own = stage->deferred[largest], left = own;
+        if (!(own > 0.0f))
+            return;
+        if (lens.count > 1 && lens.count <= MAX_LENS)
+            left = measure_behind_lens(job, &lens, largest / pass->cell_columns * CELL_ROWS,
+                                       largest % pass->cell_columns * CELL_COLUMNS);
+        raise_largest(measure, left > stage->limits.max_change ? own : left);
+        if (left > stage->limits.max_change)
+            return;
+        stage->deferred[largest] = 0.0f;
+    }
+}
+
+void catoptra_change_image(Device *device, ImageJob *job) {
+    Pass pass;
+    lay_out_pass(job, job->scratch, &pass);
+    run_passes(device, job, &pass);
+    double begin_ms = now_ms();
+    if (job->num_stages && job->stages->deferred) {
+        decide_deferred(job, &pass);
+        job->stages->ms += now_ms() - begin_ms;
     }
     read_changes(&pass);
 }

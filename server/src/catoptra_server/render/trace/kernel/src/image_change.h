@@ -101,6 +101,14 @@ typedef struct {
 static inline CellExcess find_excess(const ImageStage *stage, const CellValues *before,
                                      const CellValues *after, const Cell *cell) {
     CellExcess excess = {{{0}}, {0}};
+    Floats16 highest = {0};
+    for (int plane = 0; plane < after->planes; plane++)
+        for (int row = 0; row < cell->rows; row++) {
+            highest = most16(load16(before->values[plane][row]), highest);
+            highest = most16(load16(after->values[plane][row]), highest);
+        }
+    if (stage->spill[0] * most_of16(highest) <= 1.0f)
+        return excess;
     for (int plane = 0; plane < after->planes; plane++)
         for (int row = 0; row < cell->rows; row++) {
             Floats16 one = load_columns(before->values[plane][row], cell->columns);

@@ -208,8 +208,8 @@ void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
         /* Nothing multiplies black: most of it lies beside the mirror. */
         int keeps_black = stage->kind <= STAGE_CLIPPED_GAIN || stage->kind == STAGE_SHOT_NOISE;
         int measures = is_measured(pass, stage);
-        if (keeps_black && is_dark(values, cell))
-            continue;
+        if ((keeps_black && is_dark(values, cell)) || stage->kind == STAGE_BLOOM)
+            continue; /* in a pass, an overflow is one of no light */
         if (measures)
             memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
         CHANGES[stage->kind](pass, stage, cell, values);

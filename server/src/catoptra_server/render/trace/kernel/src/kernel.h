@@ -72,7 +72,7 @@ typedef struct {
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
     const float *corner_albedo;  /* (n, 3, 3) linear, of FACET_CORNER_COLOURS; or NULL */
-    const double *uv;            /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
+    const double *uv;            /* (n, 3, 2) texture coordinates at corners; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
     const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
     const float *emission;       /* (n, 3) linear, of facets with FACET_EMISSIVE; or NULL */

@@ -5,7 +5,6 @@
 
 #include "camera_rays.h"
 #include "facet_plane.h"
-#include "hit_points.h"
 #include "tile_place.h"
 
 #include <string.h>
@@ -18,47 +17,54 @@ static float limit_inverse(float inverse) {
     return inverse >= 0.0f && inverse < MAX_INVERSE_RANGE ? inverse : MAX_INVERSE_RANGE;
 }
 
-/* One plane that all rays meet: from one origin the inverse of its distance is linear. */
-static void invert_plane(const FrameState *state, int32_t triangle, const RayBlock *rays,
-                         float inverse[BLOCK_RAYS]) {
-    FacetPlane plane = find_facet_plane(state, triangle);
-    if (rays->has_origins) {
-        find_distances(&plane, rays, inverse);
+/* One plane that all rays meet: from one origin the inverse of its distance is linear in their
+ * directions, here those of the camera's table. */
+static void add_inverses(const FrameState *state, int tile, int32_t triangle,
+                         float sums[TILE_PX * TILE_PX]) {
+    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    Vec3 offset = subtract(plane_point(state, triangle), vec3(state->camera.translation));
+    Vec3 n = rotate_back(state->camera.rotation, scale(1.0f / dot(normal, offset), normal));
+    int samples = state->rays->samples, blocks = samples * samples;
+    for (int block = 0; block < blocks; block++) {
+        size_t first = (size_t)(tile * blocks + block) * 3 * BLOCK_RAYS;
+        const float *x = state->rays->directions + first, *y = x + BLOCK_RAYS, *z = y + BLOCK_RAYS;
+        float inverse[BLOCK_RAYS];
         for (int i = 0; i < BLOCK_RAYS; i++)
-            inverse[i] = limit_inverse(1.0f / inverse[i]);
-        return;
+            inverse[i] = limit_inverse(n.x * x[i] + n.y * y[i] + n.z * z[i]);
+        add_lanes(samples, block, inverse, sums);
     }
-    Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
-    Vec3 n = scale(1.0f / dot(plane.normal, subtract(plane.first, origin)), plane.normal);
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        inverse[i] = limit_inverse(n.x * rays->direction[0][i] + n.y * rays->direction[1][i] +
-                                   n.z * rays->direction[2][i]);
 }
 
-void find_inverse_ranges(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                         float inverse[BLOCK_RAYS]) {
-    _Alignas(64) float distance[BLOCK_RAYS];
-    uint32_t met = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        met |= (uint32_t)(hits->object[lane] != OBJECT_NONE) << lane;
-    met &= rays->active;
-    find_hit_distances(state, rays, hits, met, distance);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        inverse[lane] = met >> lane & 1 ? limit_inverse(1.0f / distance[lane]) : 0.0f;
-}
-
-void fill_ranges(const FrameState *state, int tile, int32_t triangle) {
-    int blocks = state->rays->samples * state->rays->samples;
-    float sums[TILE_PX * TILE_PX];
-    memset(sums, 0, sizeof sums);
-    for (int block = 0; triangle >= 0 && block < blocks; block++) {
+/* The same of rays with origins or poses of their own. */
+static void add_single_inverses(const FrameState *state, int tile, int32_t triangle,
+                                float sums[TILE_PX * TILE_PX]) {
+    int samples = state->rays->samples, blocks = samples * samples;
+    FacetPlane plane = find_facet_plane(state, triangle);
+    for (int block = 0; block < blocks; block++) {
         RayBlock rays;
         float inverse[BLOCK_RAYS];
         load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-        invert_plane(state, triangle, &rays, inverse);
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            sums[pixel_of_lane(state, block, lane)] += inverse[lane];
+        find_distances(&plane, &rays, inverse);
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            inverse[i] = limit_inverse(1.0f / inverse[i]);
+        add_lanes(samples, block, inverse, sums);
     }
+}
+
+void find_inverse_ranges(const RayBlock *rays, const HitBlock *hits, float inverse[BLOCK_RAYS]) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int is_met = hits->object[lane] != OBJECT_NONE && rays->active >> lane & 1;
+        float found = limit_inverse(1.0f / rays->limit[lane]);
+        inverse[lane] = is_met ? found : 0.0f;
+    }
+}
+
+void fill_ranges(const FrameState *state, int tile, int32_t triangle) {
+    float sums[TILE_PX * TILE_PX] = {0};
+    if (triangle >= 0 && (state->rays->origins || state->rays->times))
+        add_single_inverses(state, tile, triangle, sums);
+    else if (triangle >= 0)
+        add_inverses(state, tile, triangle, sums);
     write_ranges(state, tile, sums);
 }
 

@@ -10,9 +10,8 @@
 #include "frame_state.h"
 #include "pixels.h"
 
-/* Inverse distances of a block's hits, 1/m; 0 without a hit. */
-void find_inverse_ranges(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                         float inverse[BLOCK_RAYS]);
+/* Inverse distances of a block's hits, which limit its rays, 1/m; 0 without a hit. */
+void find_inverse_ranges(const RayBlock *rays, const HitBlock *hits, float inverse[BLOCK_RAYS]);
 
 /* Inverse ranges of a tile that one plane fills, into the frame. */
 void fill_ranges(const FrameState *state, int tile, int32_t triangle);

@@ -12,7 +12,7 @@
 #define TOUCH 2e-5
 #define LIFT 0.005
 #define MARGIN 0.25
-#define PAINT 0.002
+#define PAINT 0.00102
 #define EDGE_REACH 0.005
 #define NO_WEIGHT 1e-6
 enum { MAX_ITERATIONS = 12, MAX_PIVOTS = 60, BATCH = 256 };
@@ -478,6 +478,15 @@ static RestState settle_once(Sinking *job, const double *goal_z, const double *s
         return REST_FOUND;
     }
     double *gaps = points->column[3], *limits = points->column[4];
+    if (job->num_steps == MAX_ITERATIONS - 1) {
+        /* What does not end, between corners, ends above all of them. */
+        double raised = fmin(least_of(gaps, points->count), 0.0);
+        for (int32_t n = 0; n < points->count; n++)
+            gaps[n] -= raised;
+        stance->z += raised;
+        job->has_moved = 1;
+        return REST_FOUND;
+    }
     if (!job->is_lifted && least_of(gaps, points->count) > job->sink + TOUCH) {
         stance->z += job->sink;
         return REST_ALOFT;
@@ -527,13 +536,12 @@ RestState catoptra_settle(Sinking *job) {
             job->num_steps += state != REST_NEEDS_TRIANGLES;
         }
     }
-    if (state == REST_MOVES || state == REST_FOUND) {
+    if (state == REST_FOUND) {
         for (int n = 0; n < 3; n++) {
             int32_t one = job->contacts[n];
             job->touching += points.column[3][one] <= 2.0 * TOUCH;
             job->is_on_robot |= one < count ? is_robot[one] : job->num_boxes > 0;
         }
-        state = REST_FOUND;
     }
     free_points(&points);
     free(goal_z);

@@ -577,7 +577,7 @@ static void add_row_block(const FrameState *state, int tile, int row, const RayB
     if (!state->frame->inverse_range)
         return;
     float inverse[BLOCK_RAYS];
-    find_inverse_ranges(state, rays, hits, inverse);
+    find_inverse_ranges(rays, hits, inverse);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         result->inverse[row * TILE_PX + lane % TILE_PX] += inverse[lane];
 }
@@ -649,10 +649,10 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
-        if (has_ranges)
-            find_inverse_ranges(state, &rays, &hits, inverse);
-        for (int lane = 0; has_ranges && lane < BLOCK_RAYS; lane++)
-            inverse_sums[pixel_of_lane(state, block, lane)] += inverse[lane];
+        if (!has_ranges)
+            continue;
+        find_inverse_ranges(&rays, &hits, inverse);
+        add_lanes(state->rays->samples, block, inverse, inverse_sums);
     }
     finish_tile(state, tile, &sums, inverse_sums);
     if (measures_fog(state))
