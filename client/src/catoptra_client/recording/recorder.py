@@ -103,6 +103,7 @@ class Recorder:
         self._last_ns: dict[str, int] = {}
         self._last_texts: dict[str, str] = {}
         self._world_from_start: Transform | None = None
+        self._static_transforms: dict[str, ros.RosMessage] = {}
         self._robot = self._camera = ""
         self._described: dict[str, str] | None = None
 
@@ -366,6 +367,11 @@ class Recorder:
         self, topic: str, time_s: float, parent: str, child: str, pose: Pose, wall_ns: int
     ) -> None:
         message = ros.transform_message(time_s, parent, child, pose)
+        if topic == "/tf_static":
+            # Latched messages have a depth of 1: the newest one has all.
+            self._static_transforms[child] = message
+            every = self._static_transforms.values()
+            message = {"transforms": [one for each in every for one in each["transforms"]]}
         self._write(topic, "tf2_msgs/TFMessage", message, time_s, wall_ns, topic == "/tf_static")
 
     def _write(

@@ -124,8 +124,14 @@ def compressed_image_message(
 def channel_image_message(
     time_s: float, frame_id: str, encoding: str, size_px: tuple[int, int], data: bytes
 ) -> RosMessage:
-    """sensor_msgs/Image of a channel of labels: `32FC1` or `16UC1`, (height, width) pixels."""
+    """sensor_msgs/Image of a channel of labels: `32FC1` or `16UC1`, (height, width) pixels.
+
+    A range without a surface is 0, as of depth images of integers (REP 118), not infinite.
+    """
     height_px, width_px = size_px
+    if encoding == "32FC1":
+        ranges = np.frombuffer(data, dtype="<f4")
+        data = np.where(np.isfinite(ranges), ranges, np.float32(0.0)).tobytes()
     return {
         "header": _header(time_s, frame_id),
         "height": height_px,
