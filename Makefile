@@ -40,6 +40,8 @@ endef
 
 # What demo and live need: 0.4 GB. The compiler of the kernel takes 411 MB and goes after it has worked.
 COMPILER := ziglang; sys_platform == 'linux' and platform_machine in 'x86_64 aarch64' or sys_platform == 'darwin' and platform_machine == 'arm64'
+# A comma would end an argument of `call`.
+CLIENT := client[gym,record]
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
 	@echo "Setting up $(VENV), one to two minutes and 0.4 GB; details are in $(INSTALL_LOG)"
@@ -49,7 +51,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --upgrade --target $(VENV)/compiler "$(COMPILER)")
 	@echo "2 of 2: Catoptra, with its kernel, and the packages that it needs"
 	@export PYTHONPATH=$(abspath $(VENV))/compiler; $(call show_packages,$(BIN)/pip install --constraint constraints.txt \
-	  --no-build-isolation --editable 'protocol[calibration]' --editable server --editable 'client[gym,record]' --editable 'studies[server]')
+	  --no-build-isolation --editable 'protocol[calibration]' --editable server --editable '$(CLIENT)' --editable 'studies[server]')
 	rm -rf $(VENV)/compiler
 	touch $@
 

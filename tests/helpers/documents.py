@@ -87,7 +87,7 @@ def read_help(program: str, *words: str) -> str:
 def _read_all_options() -> set[str]:
     subcommands = {
         "catoptra-server": ("", "explain", "doctor", "dataset", "calibration", "import", "map"),
-        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration"),
+        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration", "record"),
         "catoptra-studies": (
             "demo",
             "seeds",
