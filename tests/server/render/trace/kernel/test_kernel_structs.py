@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.render.trace.kernel import kernel_structs
-from catoptra_server.render.trace.kernel.kernel_structs import STRUCTURES, Fields, HemisphereStruct
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    STRUCTURES,
+    Fields,
+    HemisphereStruct,
+    StanceStruct,
+)
 
 SOURCES = Path(kernel_structs.__file__).parent / "src"
 HEADERS = ("kernel.h", "image.h")
@@ -28,6 +33,8 @@ C_NAMES = {
     "LabelsStruct": "Labels",
     "FlowStruct": "Flow",
     "FrameStruct": "Frame",
+    "StanceStruct": "Stance",
+    "SinkingStruct": "Sinking",
 }
 SCALARS = {
     "int32_t": ctypes.c_int32,
@@ -36,7 +43,7 @@ SCALARS = {
     "float": ctypes.c_float,
     "double": ctypes.c_double,
 }
-ALL = (*STRUCTURES, HemisphereStruct)
+ALL = (*STRUCTURES, HemisphereStruct, StanceStruct)
 
 
 def read_header() -> str:
