@@ -107,6 +107,7 @@ _VIEW_DESCRIPTOR_SHARE = 0.1
 # In the order in which clients may need modules. NumPy imports some parts at their first use:
 # `ma` in `unique`. `statistics` is for cameras with a budget.
 _MODULES = (
+    "catoptra_server.simulation.kernel_support",
     "catoptra_server.serve.stream.peer",
     "statistics",
     "numpy.ma",
