@@ -262,8 +262,7 @@ class Recorder:
         records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
         starts = StartPosesReply(0, client.get_start_poses())
         replies = {
-            one.KIND: json_from_message(one)
-            for one in (status, starts, LandmarksReply(0, records))
+            one.KIND: json_from_message(one) for one in (status, starts, LandmarksReply(0, records))
         }
         self._writer.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
@@ -310,8 +309,8 @@ class Recorder:
         if robot is None:
             raise CatoptraError(f"robot {self._robot!r} is no longer there")
         self._write_clock(time_s, wall_ns)
-        text = ros.string_message(json_from_message(state))
-        self._write("/catoptra/state", "std_msgs/String", text, time_s, wall_ns)
+        whole = ros.string_message(json_from_message(state))
+        self._write("/catoptra/state", "std_msgs/String", whole, time_s, wall_ns)
         start = pose_from_transform(robot.world_from_start)
         if robot.world_from_start != self._world_from_start:
             self._world_from_start = robot.world_from_start

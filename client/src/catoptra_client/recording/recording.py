@@ -46,7 +46,9 @@ class RecordedTopic:
     @property
     def rate_hz(self) -> float:
         """Messages a second; 0 of a single one."""
-        return (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
+        return (
+            (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +61,11 @@ class RecordedFrame:
     publish_ns: int
     """Time of day."""
 
+    @property
+    def time_s(self) -> float:
+        """Simulation time of the exposure."""
+        return self.header.time_s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedState:
@@ -66,6 +73,11 @@ class RecordedState:
 
     state: StateReply
     publish_ns: int
+
+    @property
+    def time_s(self) -> float:
+        """Simulation time."""
+        return self.state.time_s
 
 
 @dataclass(frozen=True, slots=True)
