@@ -97,7 +97,12 @@ class Judge:
         )
         lengths = np.linalg.norm(ends - begins, axis=1)
         ways = (ends - begins) / lengths[:, None]
-        hits = np.flatnonzero(stage.caster.distances(begins, ways) < lengths)
+        distances, normals = stage.caster.closest_hits(begins, ways)
+        hits = np.flatnonzero(distances < lengths)
+        # Discs are thin: they are inside of what is beside them by their depth below its surface.
+        slopes = (normals[hits] * ways[hits]).sum(axis=1)
+        parts = np.where(slopes > 0.0, distances[hits], lengths[hits] - distances[hits])
+        hits = hits[(hits < self._num_of_box) | (parts * np.abs(slopes) > _INSIDE_M)]
         if not len(hits):
             return ""
         begin, end = (one[int(hits[0])].round(4) for one in (self._begins, self._ends))

@@ -264,6 +264,9 @@ def test_random_drives_never_enter_a_solid_nor_outrun_gravity(number: int) -> No
         450,  # turned over in the air, faster than gravity
         663,  # sank into the thin end of a ramp as into paint
         1014,  # a search for rest that does not end
+        882,  # a tilted wheel in a wall
+        909,  # a body that turns over, in a block
+        5833,  # ... and leans on one
     ],
 )
 def test_drive_that_was_wrong_once_is_right(seed: int) -> None:

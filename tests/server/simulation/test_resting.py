@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.simulation.chassis import shape_chassis
 from catoptra_server.simulation.drive import STANDARD_BASES
-from catoptra_server.simulation.ground import _box_triangles, _shape_chassis
+from catoptra_server.simulation.ground import _box_triangles
 from catoptra_server.simulation.kernel_support import KernelSupport
 from catoptra_server.simulation.resting import (
     ReferenceSupport,
@@ -46,7 +47,7 @@ def make_sinking(rng: np.random.Generator) -> Sinking:
         where = Pose.from_rpy((x + rng.normal(0, 0.3), y, -0.1), rng.normal(0, 0.1, 3))
         boxes = (OrientedBox(where, (0.5, 0.5, 0.3)),)
     return Sinking(
-        _shape_chassis(base, 0.8).sides[number],
+        shape_chassis(base, 0.8).sides[number],
         goal,
         goal._replace(z_m=goal.z_m + 0.01) if rng.random() < 0.3 else None,
         (0, 0, 0),

@@ -13,7 +13,8 @@ wheels does not drive.
 
 A base is stopped by what its body meets: the box from `MaxStep` above the wheels' plane, or from
 that plane while it turns over or lies on another side, up to the top of what it carries, against
-the triangles near to it; and by a slope above `MaxClimbAngle` that it would climb.
+the triangles near to it, with the wheels where it is tilted and walls are beside them, which rays
+from above miss; and by a slope above `MaxClimbAngle` that it would climb.
 
 On even ground nothing of this is repeated: how far the base can move before a thing rises above its
 plane, the plane ends, or a body may be touched, is remembered and used up.
@@ -25,22 +26,22 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.elementary import arccos, arctan2, cos, hypot, matmul, sin, tan
+from catoptra_protocol.optics.elementary import arctan2, cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.simulation.chassis import GRAVITY_M_S2, SKIN_M, Chassis, shape_chassis
 from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel
 from catoptra_server.simulation.resting import (
     DOWN,
     LIFT_M,
     MARGIN_M,
     TOUCH_M,
-    Side,
     Sinking,
     Stance,
     Support,
@@ -55,7 +56,6 @@ from catoptra_server.simulation.sensors import EmptyScene, RayCaster
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.scene_mesh import SceneMesh
 
-GRAVITY_M_S2 = 9.81
 REST_DEPTH_M = 10.0
 """Depth below the lowest surface of a world at which whatever falls out of it comes to rest."""
 # Two robots compute their contact in axes of their own.
@@ -65,9 +65,6 @@ _ROUNDING_M = 1e-9
 _SLIPS_M = (0.005, 0.02, 0.06)
 # Metres and radians of a base that does not move.
 _STILL = 1e-6
-# The box of a body ends as far above the belly, whose points lie some centimetres apart.
-_SKIN_M = 0.005
-_RIM_STEP_RAD = math.radians(7.5)
 # A box of cells is searched once: a power of two rounds nothing.
 _CELL_M, _MAX_BLOCKS = 0.5, 128
 # As far below a requested place is its floor.
@@ -76,105 +73,28 @@ _SEARCH_DEPTH_M = 2.0
 _NEAR_M = 0.05
 # 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
-# Cosines to the vertical of a side to tip over to, and of a surface to stand on.
-_MIN_FACING, _MIN_FLOOR = 0.05, 0.5
+# Cosine to the vertical of a surface to stand on.
+_MIN_FLOOR = 0.5
 # Height up to which a triangle that faces up is the floor of a world.
 _LOW_M = 0.03
+# Vertical share of the normal of a wall: its slope is 5 times as high as wide.
+_MAX_WALL = 0.2
 # Gaps in even ground that are narrower do not count: a wheel sinks by 2 mm into them.
 _BRIDGED_M = 0.05
 _MAX_HALVINGS = 4
 
 
+class _Surfaces(NamedTuple):
+    """Triangles that may stop a base."""
+
+    triangles: Floats
+    """(n, 3, 3)."""
+    walls: Floats
+    """(m, 3, 3) those so steep that rays from above miss what wheels lean into."""
+
+
 class NoStandError(CatoptraError):
     """A base cannot stand at a place; the message says why."""
-
-
-class _Chassis(NamedTuple):
-    """Shape of a base, as it stands and as it collides."""
-
-    sides: tuple[Side, ...]
-    centre: Floats
-    """(3,) middle of the box that things stop, chassis frame."""
-    half_m: Floats
-    """(3,)."""
-    lying_centre: Floats
-    lying_half_m: Floats
-    """The same of what lies on another side than its wheels, which things stop, too."""
-    reach_m: float
-    """Distance of the farthest corner from the origin of the chassis."""
-    steepest: float
-    """Tangent of the largest tilt at which it lies still."""
-    steepest_climb: float
-    """Tangent of the steepest plane that it climbs."""
-    tumble_rad_s: float
-    """Speed at which it turns on after it slid off an edge."""
-
-    @property
-    def as_lying(self) -> _Chassis:
-        """The shape of a base that lies on another side than its wheels."""
-        return self._replace(centre=self.lying_centre, half_m=self.lying_half_m)
-
-
-@cache
-def _shape_chassis(base: DriveBase, height_m: float) -> _Chassis:
-    length, width, body_height = base.collision_size_m
-    height = max(height_m, body_height, base.max_step_m + 0.05)
-    ride, belly = base.ride_height_m, base.max_step_m
-    low, high = ride - belly - _SKIN_M, ride - height  # z of the box, which points down
-    half = np.array((0.5 * length, 0.5 * width, 0.5 * (low - high)))
-    centre = np.array((0.0, 0.0, 0.5 * (low + high)))
-    lying_half = np.array((half[0], half[1], 0.5 * (ride - high)))
-    lying_centre = np.array((0.0, 0.0, 0.5 * (ride + high)))
-    identity = np.eye(3)
-    pose = Pose(identity, np.array((0.0, 0.0, ride)))
-    sides = [
-        Side(pose, pose.inverse(), *_underside(base), base.wheel_places_m, base.wheel_radius_m)
-    ]
-    # Columns: x, y and z of a side in the chassis; the roof first.
-    for axes in (
-        ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-        ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
-        ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
-        ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-        ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    ):
-        rotation = np.array(axes, dtype=float).T
-        reach = np.abs(matmul(lying_half, rotation))
-        middle = lying_centre + rotation[:, 2] * (reach[2] + 0.4 * _SKIN_M)
-        grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 2, [0.0]), axis=-1)
-        points = grid.reshape(-1, 3) * reach
-        lifts, pose = np.full(len(points), LIFT_M), Pose(rotation, middle)
-        sides.append(Side(pose, pose.inverse(), points, lifts, (reach[0], reach[1]), 0.0))
-    corner = hypot(half[0], half[1], max(ride, abs(high)))
-    # A rod that has turned about its middle from level to the largest tilt: v^2 = 2 g h.
-    lost_m = 0.5 * length * (1.0 - cos(base.max_tilt_rad))
-    return _Chassis(
-        tuple(sides),
-        centre,
-        half,
-        lying_centre,
-        lying_half,
-        float(corner),
-        tan(base.max_tilt_rad),
-        tan(base.max_climb_rad),
-        math.sqrt(1.5 * GRAVITY_M_S2 * lost_m) / (0.5 * length),
-    )
-
-
-def _underside(base: DriveBase) -> tuple[Floats, Floats, tuple[float, float], float]:
-    """Points, lifts, half sides and rise of the side of the wheels: rims, and the belly."""
-    radius, step = base.wheel_radius_m, base.max_step_m
-    # What is higher on a rim than a step is touched by no step.
-    steep_rad = arccos(max(1.0 - step / radius, -1.0))
-    count = max(math.ceil(steep_rad / _RIM_STEP_RAD), 1)
-    angles: Floats = steep_rad / count * np.arange(-count, count + 1.0)
-    rim = np.stack((radius * sin(angles), 0.0 * angles, -radius * (1.0 - cos(angles))), axis=-1)
-    places = [np.array((x, y, 0.0)) for x, y in base.wheel_places_m]
-    # Within the sides of the body, which touch walls.
-    x, y = (0.5 * (size - _SKIN_M) for size in base.collision_size_m[:2])
-    belly = np.stack(np.meshgrid([-x, 0.0, x], [-y, 0.0, y], [-step]), axis=-1).reshape(-1, 3)
-    points = np.concatenate((*(rim + place for place in places), belly))
-    return points, step + LIFT_M + points[:, 2], (x, y), step
 
 
 class _Footing(NamedTuple):
@@ -205,6 +125,11 @@ class _Footing(NamedTuple):
     blocked: _Blocked | None = None
     """What was not possible from here, not in the smallest part."""
 
+    @property
+    def is_lying(self) -> bool:
+        """Whether it lies on another side than its wheels, or turns over."""
+        return self.stance.side != 0 or self.tumble != (0.0, 0.0)
+
 
 class SceneGround:
     """What bases stand on and meet in a scene, among each other's boxes."""
@@ -220,12 +145,12 @@ class SceneGround:
         self._depth_m = REST_DEPTH_M + (max(float(scene.box_max[2]), 0.0) if len(scene) else 0.0)
 
         @lru_cache(maxsize=_MAX_BLOCKS)
-        def find_near(cells: tuple[int, ...]) -> Floats:
+        def find_near(cells: tuple[int, ...]) -> _Surfaces:
             low, high = _CELL_M * np.array(cells[:3]), _CELL_M * np.array(cells[3:])
             corners: Floats = scene.corners[scene.hierarchy().find_near(low, high)]
             lows, highs = corners.min(axis=1), corners.max(axis=1)
             near: Floats = corners[((lows <= high) & (highs >= low)).all(axis=1)]
-            return near
+            return _Surfaces(near, near[_are_walls(near)])
 
         self._find_near = find_near
 
@@ -260,7 +185,7 @@ class SceneGround:
         Raises:
             NoStandError: It has no room there, or would not stand.
         """
-        chassis = _shape_chassis(base, height_m)
+        chassis = shape_chassis(base, height_m)
         stance, floor_z_m = self._find_floor(pose, z_m), self._depth_m
         if stance is None:
             if self._has_floor():
@@ -277,9 +202,10 @@ class SceneGround:
         ):
             raise NoStandError("the robot would fall")
         where = settled.world_from_robot
-        box = chassis._replace(half_m=chassis.half_m + np.array((clearance_m, clearance_m, 0.0)))
-        triangles = np.concatenate((self._near(box, where, 0.0), robots.triangles))
-        if self._separations(box, where, triangles).min(initial=1.0) < -_OVERLAP_M:
+        wide = chassis.widen(clearance_m)
+        for surfaces in (self._near(wide, where, 0.0), robots.surfaces):
+            if self._separations(wide, where, surfaces, where).min(initial=1.0) >= -_OVERLAP_M:
+                continue
             raise NoStandError("the robot touches an obstacle")
         if self._is_in_solid(where):
             raise NoStandError("it is inside a solid")
@@ -359,13 +285,13 @@ class SceneGround:
             return self._flip(body, footing, others)
         if body.is_settled and (travel == NO_TRAVEL or footing.stance.side):
             return body
-        chassis = _shape_chassis(body.base, body.height_m)
+        chassis = shape_chassis(body.base, body.height_m)
         robots = _Robots.around(others, footing.stance.z_m, body.base.max_step_m)
         fall_m_s = footing.fall_m_s
         distance_m, turn_rad = travel.distance_m, travel.turn_rad(body.base)
         if footing.stance.side:
             distance_m = turn_rad = 0.0
-        if footing.stance.side or footing.tumble != (0.0, 0.0):
+        if footing.is_lying:
             chassis = chassis.as_lying
         # No step is longer than half the base: it cannot jump over a wall.
         shortest_m = 0.5 * min(body.base.collision_size_m[:2])
@@ -405,7 +331,7 @@ class SceneGround:
     def _go(
         self,
         base: DriveBase,
-        chassis: _Chassis,
+        chassis: Chassis,
         footing: _Footing,
         step: _Step,
         robots: _Robots,
@@ -456,7 +382,7 @@ class SceneGround:
     def _attempt(
         self,
         base: DriveBase,
-        chassis: _Chassis,
+        chassis: Chassis,
         footing: _Footing,
         step: _Step,
         robots: _Robots,
@@ -479,10 +405,10 @@ class SceneGround:
             goal = goal.slide(sink_m)
             sink_m -= max(goal.z_m - stance.z_m, 0.0)
         if footing.tumble != (0.0, 0.0):
-            goal = _tumble(chassis, goal, footing.tumble, chassis.tumble_rad_s * step.duration_s)
+            goal = chassis.tumble(goal, footing.tumble, step.duration_s)
         for _ in range(_MAX_HALVINGS):
             moved = self._settle(chassis, footing, goal, max(sink_m, 0.0), robots, moved_m)
-            if float(moved.world_from_robot.translation[2]) <= lowest_m + 0.1 * _SKIN_M:
+            if float(moved.world_from_robot.translation[2]) <= lowest_m + 0.1 * SKIN_M:
                 break
             # A large turn takes the middle further down than any point: less of it in this tick.
             sink_m *= 0.5
@@ -490,7 +416,8 @@ class SceneGround:
             moved = moved._replace(is_settled=False, is_held=False)
         if is_steep and moved.is_aloft and footing.tumble == (0.0, 0.0):
             rise = stance.steepness
-            moved = moved._replace(tumble=(stance.slope_y / rise, -stance.slope_x / rise))
+            turn = (stance.slope_y / rise, -stance.slope_x / rise)
+            moved = moved._replace(tumble=turn)
         elif not moved.is_aloft:
             moved = moved._replace(tumble=(0.0, 0.0))
         if moved.stance == stance:
@@ -505,40 +432,60 @@ class SceneGround:
         free_m = footing.free_m - _largest_motion(chassis, before, after)
         if free_m < 0.0:
             near = self._near(chassis, after, MARGIN_M)
-            separations = self._separations(chassis, after, near)
+            separations = self._separations(chassis, after, near, after)
             free_m = min(float(separations.min(initial=MARGIN_M)), MARGIN_M)
-            if free_m < -_OVERLAP_M and self._is_deeper(chassis, before, near, separations):
+            if free_m < -_OVERLAP_M and self._is_deeper(chassis, before, after, near, separations):
                 return None
-        return (
-            moved._replace(free_m=max(free_m, 0.0))
-            if self._passes(chassis, before, moved, robots)
-            else None
-        )
+        if moved.is_lying and not chassis.is_lying:
+            free_m = 0.0  # what lies is larger
+        moved = moved._replace(free_m=max(free_m, 0.0))
+        return moved if self._passes(chassis, before, moved, robots) else None
 
-    def _passes(self, chassis: _Chassis, before: Pose, footing: _Footing, robots: _Robots) -> bool:
+    def _passes(self, chassis: Chassis, before: Pose, footing: _Footing, robots: _Robots) -> bool:
         """Whether no other robot stops a base on the way from a pose."""
-        if not len(robots.triangles):
+        if not robots.boxes:
             return True
-        separations = self._separations(chassis, footing.world_from_robot, robots.triangles)
+        after = footing.world_from_robot
+        separations = self._separations(chassis, after, robots.surfaces, after)
         return float(separations.min()) >= -_OVERLAP_M or not self._is_deeper(
-            chassis, before, robots.triangles, separations
+            chassis, before, after, robots.surfaces, separations
         )
 
-    def _separations(self, chassis: _Chassis, where: Pose, triangles: Floats) -> Floats:
-        """(n,) gaps between a body and (n, 3, 3) triangles, negative depths where they overlap."""
-        box = Pose(where.rotation, where.transform_points(chassis.centre))
-        return self._support.separations(chassis.half_m, box, triangles)
+    def _separations(
+        self, chassis: Chassis, where: Pose, surfaces: _Surfaces, shape: Pose
+    ) -> Floats:
+        """(n,) gaps between a base and surfaces, negative depths where they overlap: those of the
+        body, and those of the second hull if it counts in a pose `shape`.
+        """
+        body, rest = (
+            (half, Pose(where.rotation, where.transform_points(centre)))
+            for centre, half in chassis.hulls
+        )
+        gaps, others = self._support.separations(*body, surfaces.triangles), surfaces.triangles
+        if not chassis.is_lying:
+            if not len(surfaces.walls) or shape.rotation[2, 2] == 1.0:
+                return gaps
+            # What does not reach the body is a step.
+            centre, half = chassis.hulls[0]
+            heights = matmul(surfaces.walls - shape.translation, shape.rotation[:, 2])
+            others = surfaces.walls[heights.min(axis=1) < float(centre[2] + half[2])]
+        return np.concatenate((gaps, self._support.separations(*rest, others)))
 
     def _is_deeper(
-        self, chassis: _Chassis, before: Pose, triangles: Floats, separations: Floats
+        self,
+        chassis: Chassis,
+        before: Pose,
+        after: Pose,
+        surfaces: _Surfaces,
+        separations: Floats,
     ) -> bool:
-        """Whether a body overlaps any triangle by more than it did, or none by less."""
-        was = np.minimum(self._separations(chassis, before, triangles), -_OVERLAP_M)
+        """Whether a base overlaps any surface by more than it did, or none by less."""
+        was = np.minimum(self._separations(chassis, before, surfaces, after), -_OVERLAP_M)
         now = np.minimum(separations, -_OVERLAP_M)
         return bool((now < was).any() or now.min() <= was.min())
 
     def _roll(
-        self, chassis: _Chassis, footing: _Footing, step: _Step, moved_m: float
+        self, chassis: Chassis, footing: _Footing, step: _Step, moved_m: float
     ) -> _Footing | None:
         """Footing after a step over even ground; None for a slope that is too steep to climb."""
         goal = footing.stance.drive(step.distance_m, step.turn_rad)
@@ -552,7 +499,7 @@ class SceneGround:
             free_m=footing.free_m - moved_m,
         )
 
-    def _measure_even(self, chassis: _Chassis, pose: Pose, calm_m: float) -> float:
+    def _measure_even(self, chassis: Chassis, pose: Pose, calm_m: float) -> float:
         """How far the base can roll over ground of its plane, at most a distance."""
         side = chassis.sides[0]
         reach_m = hypot(*side.half_m) + side.radius_m + calm_m
@@ -563,10 +510,10 @@ class SceneGround:
         gaps, _ = measure_gaps(self._caster, points, lifts, math.inf, ())
         return calm_m if float(np.abs(gaps).max()) < 2.0 * TOUCH_M else 0.0
 
-    def _near(self, chassis: _Chassis, where: Pose, margin_m: float) -> Floats:
-        """(n, 3, 3) triangles of the scene that may be within a margin of a body."""
+    def _near(self, chassis: Chassis, where: Pose, margin_m: float) -> _Surfaces:
+        """What of the scene may be within a margin of a base."""
         # Plain floats: in every tick of every robot, where arrays of three are slow.
-        (cx, cy, cz), (hx, hy, hz) = chassis.centre.tolist(), chassis.half_m.tolist()
+        (cx, cy, cz), (hx, hy, hz) = (one.tolist() for one in chassis.whole)
         low, high = [], []
         for (a, b, c), t in zip(where.rotation.tolist(), where.translation.tolist(), strict=True):
             middle = a * cx + b * cy + c * cz + t
@@ -577,7 +524,7 @@ class SceneGround:
 
     def _settle(
         self,
-        chassis: _Chassis,
+        chassis: Chassis,
         footing: _Footing,
         stance: Stance,
         sink_m: float,
@@ -610,7 +557,7 @@ class SceneGround:
                 robots.below,
                 robots.triangles_below,
             ),
-            lambda one: self._near(chassis, robot_pose(one, side), 1.5 * MARGIN_M),
+            lambda one: self._near(chassis, robot_pose(one, side), 1.5 * MARGIN_M).triangles,
         )
         stance = rest.stance
         if rest.is_even and even_m <= 0.0 and rest.calm_m > _BRIDGED_M:
@@ -620,7 +567,7 @@ class SceneGround:
             even_m = 0.0
         is_held = rest.touching == 3
         return footing._replace(
-            stance=(_tip(chassis, stance) or stance) if rest.is_over else stance,
+            stance=(chassis.tip(stance) or stance) if rest.is_over else stance,
             world_from_robot=robot_pose(stance, side),
             contacts=rest.contacts,
             calm_m=rest.calm_m,
@@ -635,8 +582,8 @@ class _Robots(NamedTuple):
     """Other robots in reach."""
 
     boxes: tuple[OrientedBox, ...]
-    triangles: Floats
-    """(12 n, 3, 3) of all."""
+    surfaces: _Surfaces
+    """Of all."""
     below: tuple[OrientedBox, ...]
     """Those whose top is low enough to stand on."""
     triangles_below: Floats
@@ -647,7 +594,8 @@ class _Robots(NamedTuple):
         if not boxes:
             return _NO_ROBOTS
         below = tuple(box for box in boxes if _top_of(box) > z_m - max_step_m - LIFT_M)
-        return cls(tuple(boxes), _box_triangles(boxes), below, _box_triangles(below))
+        surfaces = _Surfaces(_box_triangles(boxes), _NO_TRIANGLES)
+        return cls(tuple(boxes), surfaces, below, _box_triangles(below))
 
 
 def _top_of(box: OrientedBox) -> float:
@@ -730,51 +678,15 @@ def _describe_rest(footing: _Footing) -> str:
     return f"has fallen, and lies {sides[footing.stance.side]}" if footing.stance.side else ""
 
 
-def _tip(chassis: _Chassis, stance: Stance) -> Stance | None:
-    """The same pose as a stance on the side that faces the ground next; None if none does."""
-    where = robot_pose(stance, chassis.sides[stance.side])
-    facing = _face_ground(chassis, where)
-    facing[stance.side] = -1.0
-    side = max(range(len(facing)), key=facing.__getitem__)
-    return _stand_on(chassis, where, side) if facing[side] > _MIN_FACING else None
+def _are_walls(triangles: Floats) -> Bools:
+    """(n,) whether (n, 3, 3) triangles are nearly vertical."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normals = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    are: Bools = normals[:, 2] ** 2 <= _MAX_WALL**2 * (normals**2).sum(axis=1)
+    return are
 
 
-def _tumble(
-    chassis: _Chassis, stance: Stance, axis: tuple[float, float], angle_rad: float
-) -> Stance:
-    """Stance after a turn about a level axis through the robot's origin."""
-    where = robot_pose(stance, chassis.sides[stance.side])
-    turn = _rotate_about(*axis, angle_rad)
-    turned = Pose(matmul(turn, where.rotation), where.translation)
-    facing = _face_ground(chassis, turned)
-    return _stand_on(chassis, turned, max(range(len(facing)), key=facing.__getitem__))
-
-
-def _rotate_about(x: float, y: float, angle_rad: float) -> Floats:
-    """Rotation about a level unit axis, by Rodrigues' formula."""
-    c, s = cos(angle_rad), sin(angle_rad)
-    d = 1.0 - c
-    return np.array(
-        ((c + d * x * x, d * x * y, s * y), (d * x * y, c + d * y * y, -s * x), (-s * y, s * x, c))
-    )
-
-
-def _face_ground(chassis: _Chassis, where: Pose) -> list[float]:
-    """Cosine of the angle between the normal of each side and straight down."""
-    normals = np.array([one.robot_from_side.rotation[:, 2] for one in chassis.sides])
-    facing: list[float] = matmul(normals, where.rotation[2]).tolist()
-    return facing
-
-
-def _stand_on(chassis: _Chassis, where: Pose, side: int) -> Stance:
-    """A pose as a stance on a side that faces the ground."""
-    pose = where @ chassis.sides[side].robot_from_side
-    (fx, fy, _), (nx, ny, nz) = pose.rotation[:, 0].tolist(), pose.rotation[:, 2].tolist()
-    x, y, z = pose.translation.tolist()
-    return Stance(x, y, arctan2(fy, fx), z, -nx / nz, -ny / nz, side)
-
-
-def _largest_motion(chassis: _Chassis, before: Pose, after: Pose) -> float:
+def _largest_motion(chassis: Chassis, before: Pose, after: Pose) -> float:
     """Upper bound on the motion of any point of a body."""
     shift = (after.translation - before.translation).tolist()
     turn = (after.rotation - before.rotation).ravel()
@@ -795,7 +707,7 @@ _BOX_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 def _box_triangles(boxes: Sequence[OrientedBox]) -> Floats:
     """(12 n, 3, 3) triangles of boxes."""
-    return np.concatenate([np.zeros((0, 3, 3)), *map(_triangles_of, boxes)])
+    return np.concatenate([_NO_TRIANGLES, *map(_triangles_of, boxes)])
 
 
 @lru_cache(maxsize=256)
@@ -805,4 +717,5 @@ def _triangles_of(box: OrientedBox) -> Floats:
     return triangles
 
 
-_NO_ROBOTS = _Robots((), _box_triangles(()), (), _box_triangles(()))
+_NO_TRIANGLES = np.zeros((0, 3, 3))
+_NO_ROBOTS = _Robots((), _Surfaces(_NO_TRIANGLES, _NO_TRIANGLES), (), _NO_TRIANGLES)

@@ -134,6 +134,8 @@ class Joint:
 
     def step(self, duration_s: float) -> Joint:
         """Joint after a time."""
+        if self.angle_rad == self.target_rad:
+            return self
         change_rad = self.velocity_rad_s * duration_s
         # Set to the target, not stepped past it: a sum of steps would oscillate around the angle.
         arrives = abs(self.target_rad - self.angle_rad) <= abs(change_rad)

@@ -1,10 +1,11 @@
 """Inertial navigation: the pose in the world, with errors that grow with time.
 
 Noise makes random walks of position and heading, the simplest model of integrated white noise,
-whose variance grows with time however time is cut into ticks. UDK's Precision is a steady error per
-metre over ground and per radian, sampled once for a robot. Source: INS.uc, where noise grows with
-distance only; here also while the robot stands, as in a real instrument. Roll and pitch have none:
-gravity corrects them. Nor has height.
+whose variance grows with time however time is cut into ticks; they take a step after a tenth of a
+second, as random numbers of each tick would be most of what a robot costs that stands. UDK's
+Precision is a steady error per metre over ground and per radian, sampled once for a robot. Source:
+INS.uc, where noise grows with distance only; here also while the robot stands, as in a real
+instrument. Roll and pitch have none: gravity corrects them. Nor has height.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class InsSensor:
         self._tilt_error_rad = (0.0, 0.0)  # roll, pitch
         self._bias = _sample_bias(description, random_source)  # m/m, m/m, rad/rad
         self._previous_pose: PlanarPose | None = None
+        self._unwalked_s = 0.0
 
     def update(self, motion: MotionStep) -> None:
         """Advance the errors of a drifting sensor by one tick."""
@@ -67,9 +69,11 @@ class InsSensor:
             return
         if any(self._bias):
             self._add_bias(motion.pose)
-        if self._description.noise:
-            # A random walk: the standard deviation of a tick grows with the root of its length.
-            scale = self._description.noise * math.sqrt(motion.duration_s)
+        self._unwalked_s += motion.duration_s
+        if self._description.noise and self._unwalked_s > _WALK_INTERVAL_S:
+            # A random walk: the standard deviation of a step grows with the root of its time.
+            scale = self._description.noise * math.sqrt(self._unwalked_s)
+            self._unwalked_s = 0.0
             noise = self._random_source.normal_variates(motion.tick, 3)
             x, y, yaw = (scale * variate for variate in noise)
             self._add_error(x, y, yaw)
@@ -136,6 +140,8 @@ class InsSensor:
         return x, y, yaw
 
 
+# Rounding of sums of ticks takes no step later.
+_WALK_INTERVAL_S = 0.1 - 1e-9
 # Beyond any tick that a robot reaches: bias and noise share no random number.
 _BIAS_STREAM_INDEX = 2**63
 
