@@ -295,7 +295,7 @@ class MessageSource:
         replies = {
             one.KIND: json_from_message(one) for one in (status, starts, LandmarksReply(0, records))
         }
-        self._writer.add_metadata("catoptra_replies", replies)
+        self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
