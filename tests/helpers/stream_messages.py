@@ -92,6 +92,7 @@ SAMPLE_REQUESTS: list[Request] = [
             *(0.5, 40.0, 256, 2, "trace", {"ShotNoise": "never"}),
             reference="exact",
             picture="flipped",
+            world_from_robot=UPRIGHT_TRANSFORM,
         ),
     ),
     SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), None, (0.0, 0.0, 0.5)),

@@ -1,7 +1,8 @@
-"""Records a robot over the stream, as any viewer sees it, into an MCAP file.
+"""ROS 2 messages of a robot over the stream, as any viewer sees it, and their file.
 
-Frames and states come from two threads, each with its own connection; the caller's thread writes.
-Between them is a queue of two seconds. What finds it full is dropped and counted, in the file too.
+Frames and states come from two threads, each with its own connection; the caller's thread writes
+into a sink: a file, or the topics of a ROS node. Between them is a queue of two seconds. What finds
+it full is dropped and counted, in the file too.
 
 `/tf` has the pose at each frame's exposure where a camera is recorded, otherwise that of each
 state: states are newer than the frame beside them, and stamps of a topic never go back.
@@ -18,11 +19,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.recording import ros2_messages as ros
-from catoptra_client.recording.mcap_file import RecordingWriter
 from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.json_object import json_object_from_text
@@ -31,7 +32,14 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import FrameHeader, StateReply
+from catoptra_protocol.stream.messages import json_from_message
+from catoptra_protocol.stream.replies import (
+    FrameHeader,
+    LandmarkRecord,
+    LandmarksReply,
+    StartPosesReply,
+    StateReply,
+)
 from catoptra_protocol.stream.requests import (
     FrameVariant,
     GetFrameRequest,
@@ -81,19 +89,47 @@ class RecordingProgress:
     num_dropped: int
 
 
-class Recorder:
-    """One recording; `record` returns at its end, which `stop` from any thread brings about."""
+class MessageSink(Protocol):
+    """Where messages go."""
+
+    is_full: bool
+    """Whether nothing more is written."""
+
+    @property
+    def num_messages(self) -> int:
+        """Messages written."""
+
+    def add_message(
+        self,
+        topic: str,
+        type_name: str,
+        message: ros.RosMessage,
+        *,
+        log_ns: int,
+        publish_ns: int,
+        is_latched: bool = False,
+    ) -> None:
+        """Write a message, as `RecordingWriter.add_message` does."""
+
+    def add_attachment(self, name: str, data: bytes) -> None:
+        """Attach a file."""
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a table of texts."""
+
+
+class MessageSource:
+    """Messages of a robot; `publish` returns at their end, which `stop` from any thread causes."""
 
     def __init__(
         self,
-        path: Path,
         plan: RecordingPlan | None = None,
         *,
         host: str = "127.0.0.1",
         stream_port: int = 5005,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._path, self._plan = path, plan or RecordingPlan()
+        self._plan = plan or RecordingPlan()
         self._host, self._port, self._clock = host, stream_port, clock
         self._ended = threading.Event()
         self._queue: deque[tuple[float, Callable[[], None], str]] = deque()
@@ -108,54 +144,56 @@ class Recorder:
         self._described: dict[str, str] | None = None
 
     def stop(self) -> None:
-        """End the recording."""
+        """End the messages."""
         self._ended.set()
         with self._changed:
             self._changed.notify()
 
-    def record(
+    def publish(
         self,
+        sink: MessageSink,
         duration_s: float | None = None,
         on_progress: Callable[[RecordingProgress], None] = lambda _: None,
     ) -> RecordingProgress:
-        """Record until the end, and leave a complete file however that comes.
+        """Write messages into a sink until the end.
 
         Args:
+            sink: Where they go.
             duration_s: Seconds of the time of day; None: until `stop`, or an interrupt.
             on_progress: Receives the progress twice a second.
 
         Raises:
-            CatoptraError: No server, robot or camera, any more; the file exists; the disk is full.
+            CatoptraError: No server, robot or camera, any more.
         """
-        start_s = self._clock()
-        with (
-            StreamClient.connect(self._host, self._port) as client,
-            RecordingWriter(self._path) as self._writer,
-        ):
-            self._write_head(client)
-            threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
-            if self._plan.camera is not None:
-                threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
-            try:
-                for thread in threads:
-                    thread.start()
-                self._write_until(start_s, duration_s, on_progress)
-                self._drain_queue()
-            finally:
-                self.stop()
-                for thread in threads:
-                    thread.join()
-                dropped = {topic: str(count) for topic, count in self._dropped.items()}
-                self._writer.add_metadata("catoptra_dropped", {"total": "0", **dropped})
-                progress = self._progress(start_s)
+        with StreamClient.connect(self._host, self._port) as client:
+            return self._publish(client, sink, duration_s, on_progress)
+
+    def _publish(
+        self,
+        client: StreamClient,
+        sink: MessageSink,
+        duration_s: float | None,
+        on_progress: Callable[[RecordingProgress], None],
+    ) -> RecordingProgress:
+        start_s, self._sink = self._clock(), sink
+        self._write_head(client)
+        threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
+        if self._plan.camera is not None:
+            threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
+        try:
+            for thread in threads:
+                thread.start()
+            self._write_until(start_s, duration_s, on_progress)
+            self._drain_queue()
+        finally:
+            self.stop()
+            for thread in threads:
+                thread.join()
+            dropped = {topic: str(count) for topic, count in self._dropped.items()}
+            self._sink.add_metadata("catoptra_dropped", {"total": "0", **dropped})
         if self._error is not None:
             raise self._error
-        if self._writer.is_full:
-            raise CatoptraError(
-                f"{self._path}: the disk is full; the file is complete up to there, "
-                f"{progress.num_messages} messages"
-            )
-        return progress
+        return self._progress(start_s)
 
     def _write_until(
         self,
@@ -164,7 +202,7 @@ class Recorder:
         on_progress: Callable[[RecordingProgress], None],
     ) -> None:
         told_s = start_s
-        while not (self._ended.is_set() or self._writer.is_full):
+        while not (self._ended.is_set() or self._sink.is_full):
             now_s = self._clock()
             if duration_s is not None and now_s - start_s >= duration_s:
                 return
@@ -177,12 +215,12 @@ class Recorder:
                 on_progress(self._progress(start_s))
 
     def _drain_queue(self) -> None:
-        while self._queue and not self._writer.is_full:
+        while self._queue and not self._sink.is_full:
             self._queue.popleft()[1]()
 
     def _progress(self, start_s: float) -> RecordingProgress:
         elapsed_s = self._clock() - start_s
-        return RecordingProgress(elapsed_s, self._writer.num_messages, self._dropped.total())
+        return RecordingProgress(elapsed_s, self._sink.num_messages, self._dropped.total())
 
     def _produce(self, run: Callable[[StreamClient], None]) -> None:
         """Run a producer; its error ends the recording."""
@@ -248,10 +286,16 @@ class Recorder:
             ros.calibration_message(self._camera, camera, {}, self._plan.picture)
         state, status = client.get_state(self._robot), client.get_status()
         facts = {"server": status.server, "world": status.world, "clock": status.clock}
-        self._writer.add_metadata("catoptra", {"robot": state.robot, **facts})
+        self._sink.add_metadata("catoptra", {"robot": state.robot, **facts})
         for name, data in self._plan.attachments.items():
-            self._writer.add_attachment(name, data)
+            self._sink.add_attachment(name, data)
         landmarks = client.get_landmarks()
+        records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
+        starts = StartPosesReply(0, client.get_start_poses())
+        replies = {
+            one.KIND: json_from_message(one) for one in (status, starts, LandmarksReply(0, records))
+        }
+        self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
@@ -283,16 +327,8 @@ class Recorder:
             encoding = CHANNEL_ENCODINGS[channel]
             labels = ros.channel_image_message(time_s, frame_id, encoding, size_px, part)
             self._write(f"{topic}/{channel}", "sensor_msgs/Image", labels, time_s, wall_ns)
-        described = {
-            "sequence": header.sequence,
-            "time_s": time_s,
-            "plan": header.plan,
-            "error_bound_px": header.error_bound_px,
-            "missed_frames": header.missed_frames,
-            "dropped_frames": header.dropped_frames,
-            "effects": {effect.name: effect.enabled for effect in header.effects},
-        }
-        text = ros.string_message(described)
+        # Last of a frame, so that who replays has the other messages by then.
+        text = ros.string_message(json_from_message(header))
         self._write("/catoptra/frame", "std_msgs/String", text, time_s, wall_ns)
 
     def _write_state(self, state: StateReply, wall_ns: int) -> None:
@@ -304,6 +340,8 @@ class Recorder:
         if robot is None:
             raise CatoptraError(f"robot {self._robot!r} is no longer there")
         self._write_clock(time_s, wall_ns)
+        whole = ros.string_message(json_from_message(state))
+        self._write("/catoptra/state", "std_msgs/String", whole, time_s, wall_ns)
         start = pose_from_transform(robot.world_from_start)
         if robot.world_from_start != self._world_from_start:
             self._world_from_start = robot.world_from_start
@@ -388,9 +426,54 @@ class Recorder:
             # Written when it is known, which may be after a newer one of its topic.
             log_ns = max(log_ns, self._last_ns.get(topic, 0))
         self._last_ns[topic] = log_ns
-        self._writer.add_message(
+        self._sink.add_message(
             topic, type_name, message, log_ns=log_ns, publish_ns=wall_ns, is_latched=is_latched
         )
+
+
+class Recorder(MessageSource):
+    """One recording; `record` returns at its end, which `stop` from any thread brings about."""
+
+    def __init__(
+        self,
+        path: Path,
+        plan: RecordingPlan | None = None,
+        *,
+        host: str = "127.0.0.1",
+        stream_port: int = 5005,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(plan, host=host, stream_port=stream_port, clock=clock)
+        self._path = path
+
+    def record(
+        self,
+        duration_s: float | None = None,
+        on_progress: Callable[[RecordingProgress], None] = lambda _: None,
+    ) -> RecordingProgress:
+        """Record until the end, and leave a complete file however that comes.
+
+        Args:
+            duration_s: Seconds of the time of day; None: until `stop`, or an interrupt.
+            on_progress: Receives the progress twice a second.
+
+        Raises:
+            CatoptraError: No server, robot or camera, any more; the file exists; the disk is full.
+        """
+        # The packages of MCAP files are an extra, which topics of a node do without.
+        from catoptra_client.recording.mcap_file import RecordingWriter
+
+        with (
+            StreamClient.connect(self._host, self._port) as client,
+            RecordingWriter(self._path) as writer,
+        ):
+            progress = self._publish(client, writer, duration_s, on_progress)
+        if writer.is_full:
+            raise CatoptraError(
+                f"{self._path}: the disk is full; the file is complete up to there, "
+                f"{progress.num_messages} messages"
+            )
+        return progress
 
 
 def _name_of_line(line: str) -> str:
