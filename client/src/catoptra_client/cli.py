@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import math
 import secrets
 import signal
@@ -339,6 +340,50 @@ def _run_until_interrupt(
         signal.signal(signal.SIGINT, before)
 
 
+def _replay(words: Sequence[str]) -> int:
+    """Describe a recording, or show it, simulate it or draw it again."""
+    parser = CommandParser(
+        "catoptra-client replay",
+        "Say what a recording holds, serve it, simulate it again, or draw it by another camera.",
+    )
+    add = parser.add_argument
+    add("file", metavar="FILE", help="MCAP file of catoptra-client record")
+    add("--serve", action="store_true", help="serve it on a server's ports until Ctrl-C")
+    add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
+        default=1.0, metavar="X", help="simulated seconds a second, of --serve")  # fmt: skip
+    add("--host", default="127.0.0.1", help="address to serve on")
+    add("--control-port", type=parse_port, default=3000, metavar="PORT", help="control port")
+    add("--image-port", type=parse_port, default=5003, metavar="PORT", help="image port")
+    add("--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT",
+        help="ZeroMQ stream; a port 0 is any free one")  # fmt: skip
+    parsed = parser.parse_args(words)
+    if not parsed.speed > 0.0:
+        parser.error("--speed must be above 0")
+    # The extra packages of recordings are loaded by its commands alone.
+    from catoptra_client.recording.recording import Recording
+
+    recording = Recording(Path(parsed.file))
+    if not parsed.serve:
+        print(recording.describe())
+        return 0
+    from catoptra_client.recording.replay_server import ReplayServer
+
+    ports = ServerAddress(parsed.host, parsed.control_port, parsed.image_port, parsed.stream_port)
+    server = ReplayServer(recording, speed=parsed.speed)
+    asyncio.run(server.run(ports, _print_address))
+    return 0
+
+
+def _print_address(address: ServerAddress) -> None:
+    """Print where a server listens, in the form of catoptra-server."""
+    host = address.host
+    print(
+        f"listening control={host}:{address.control_port} image={host}:{address.image_port} "
+        f"stream={host}:{address.stream_port}",
+        flush=True,
+    )
+
+
 def _describe_recording(progress: RecordingProgress) -> str:
     return (
         f"{progress.elapsed_s:.1f} s, {progress.num_messages} messages, "
@@ -399,4 +444,5 @@ COMMANDS: Mapping[str, Command] = {
     "bearings": _print_bearings,
     "record": _record,
     "ros2": _publish_topics,
+    "replay": _replay,
 }

@@ -16,12 +16,13 @@ import struct
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from catoptra_client.recording.ros2_messages import RosMessage, schema_text
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 
 try:
     import lz4.frame
@@ -33,7 +34,7 @@ try:
     from mcap.writer import Writer
 
     # The public writer hides channels and flushing.
-    from mcap_ros2._dynamic import serialize_dynamic
+    from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 except ImportError as error:
     raise CatoptraError(
         "recordings need two more packages: pip install 'catoptra-client[record]'"
@@ -324,6 +325,80 @@ def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
             raise CatoptraError(f"{path} has no end: catoptra-client record --repair {path}")
 
 
+class RecordedMessage(NamedTuple):
+    """A message as a file has it."""
+
+    topic: str
+    type_name: str
+    """`package/Name`."""
+    data: bytes
+    """CDR."""
+    log_ns: int
+    """Simulation time."""
+    publish_ns: int
+    """Time of day."""
+    is_latched: bool
+
+
+class RecordedFile(NamedTuple):
+    """An attachment."""
+
+    name: str
+    """Without folders."""
+    data: bytes
+
+
+class RecordedTable(NamedTuple):
+    """Metadata of a name."""
+
+    name: str
+    values: dict[str, str]
+
+
+def read_entries(
+    path: Path, *, is_cut: bool = False
+) -> Iterator[RecordedMessage | RecordedFile | RecordedTable]:
+    """Messages, attachments and metadata of a file; arguments and errors of `read_records`."""
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str, bool]] = {}
+    for record in read_records(path, is_cut=is_cut):
+        match record:
+            case records.Schema():
+                schemas[record.id] = record.name.replace("/msg/", "/")
+            case records.Channel():
+                is_latched = record.metadata.get("offered_qos_profiles") == _LATCHED
+                channels[record.id] = record.topic, schemas[record.schema_id], is_latched
+            case records.Message():
+                topic, type_name, is_latched = channels[record.channel_id]
+                times = record.log_time, record.publish_time
+                yield RecordedMessage(topic, type_name, record.data, *times, is_latched)
+            case records.Attachment():
+                yield RecordedFile(record.name, record.data)
+            case records.Metadata():
+                yield RecordedTable(record.name, record.metadata)
+
+
+@cache
+def _find_decoder(type_name: str) -> Callable[[bytes], Any]:
+    name = type_name.replace("/", "/msg/")
+    decoder: Callable[[bytes], Any] = generate_dynamic(name, schema_text(type_name))[name]
+    return decoder
+
+
+def decode_message(message: RecordedMessage) -> Any:
+    """Fields of a message as attributes.
+
+    Raises:
+        RemoteProtocolError: The message is damaged.
+    """
+    try:
+        return _find_decoder(message.type_name)(message.data)
+    except (ValueError, struct.error, IndexError, EOFError) as error:
+        raise RemoteProtocolError(
+            f"a damaged message of {message.topic[:60]!r}: {error}"
+        ) from error
+
+
 def repair_recording(path: Path) -> int:
     """Give the file of a killed writer its index; the number of messages that it has then.
 
@@ -333,30 +408,17 @@ def repair_recording(path: Path) -> int:
         CatoptraError: No recording, or no room beside it.
     """
     repaired = path.with_name(f"{path.name}.repaired")
-    channels: dict[int, Any] = {}
-    schemas: dict[int, str] = {}
     writer = RecordingWriter(repaired, name=path.name)
     try:
-        for record in read_records(path, is_cut=True):
-            match record:
-                case records.Schema():
-                    schemas[record.id] = record.name.replace("/msg/", "/")
-                case records.Channel():
-                    channels[record.id] = record
-                case records.Message():
-                    channel = channels[record.channel_id]
-                    writer.add_cdr(
-                        channel.topic,
-                        schemas[channel.schema_id],
-                        record.data,
-                        log_ns=record.log_time,
-                        publish_ns=record.publish_time,
-                        is_latched=channel.metadata.get("offered_qos_profiles") == _LATCHED,
-                    )
-                case records.Attachment():
-                    writer.add_attachment(record.name, record.data)
-                case records.Metadata():
-                    writer.add_metadata(record.name, record.metadata)
+        for entry in read_entries(path, is_cut=True):
+            match entry:
+                case RecordedMessage(topic, type_name, data, log_ns, publish_ns, is_latched):
+                    times = {"log_ns": log_ns, "publish_ns": publish_ns}
+                    writer.add_cdr(topic, type_name, data, **times, is_latched=is_latched)
+                case RecordedFile(name, data):
+                    writer.add_attachment(name, data)
+                case RecordedTable(name, values):
+                    writer.add_metadata(name, values)
         if writer.is_full:
             raise CatoptraError(f"{path}: the disk is full; the file is as it was")
     except BaseException:

@@ -32,7 +32,14 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import FrameHeader, StateReply
+from catoptra_protocol.stream.messages import json_from_message
+from catoptra_protocol.stream.replies import (
+    FrameHeader,
+    LandmarkRecord,
+    LandmarksReply,
+    StartPosesReply,
+    StateReply,
+)
 from catoptra_protocol.stream.requests import (
     FrameVariant,
     GetFrameRequest,
@@ -283,6 +290,12 @@ class MessageSource:
         for name, data in self._plan.attachments.items():
             self._sink.add_attachment(name, data)
         landmarks = client.get_landmarks()
+        records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
+        starts = StartPosesReply(0, client.get_start_poses())
+        replies = {
+            one.KIND: json_from_message(one) for one in (status, starts, LandmarksReply(0, records))
+        }
+        self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
@@ -314,16 +327,8 @@ class MessageSource:
             encoding = CHANNEL_ENCODINGS[channel]
             labels = ros.channel_image_message(time_s, frame_id, encoding, size_px, part)
             self._write(f"{topic}/{channel}", "sensor_msgs/Image", labels, time_s, wall_ns)
-        described = {
-            "sequence": header.sequence,
-            "time_s": time_s,
-            "plan": header.plan,
-            "error_bound_px": header.error_bound_px,
-            "missed_frames": header.missed_frames,
-            "dropped_frames": header.dropped_frames,
-            "effects": {effect.name: effect.enabled for effect in header.effects},
-        }
-        text = ros.string_message(described)
+        # Last of a frame, so that who replays has the other messages by then.
+        text = ros.string_message(json_from_message(header))
         self._write("/catoptra/frame", "std_msgs/String", text, time_s, wall_ns)
 
     def _write_state(self, state: StateReply, wall_ns: int) -> None:
@@ -335,6 +340,8 @@ class MessageSource:
         if robot is None:
             raise CatoptraError(f"robot {self._robot!r} is no longer there")
         self._write_clock(time_s, wall_ns)
+        whole = ros.string_message(json_from_message(state))
+        self._write("/catoptra/state", "std_msgs/String", whole, time_s, wall_ns)
         start = pose_from_transform(robot.world_from_start)
         if robot.world_from_start != self._world_from_start:
             self._world_from_start = robot.world_from_start

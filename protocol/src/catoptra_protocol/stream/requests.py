@@ -120,6 +120,8 @@ class FrameVariant:
     picture: str | None = None
     """`mirrored` or `flipped`: the hand of the image. The other hand is the same picture, turned
     round left to right; the header's camera model is that of the image."""
+    world_from_robot: Transform | None = None
+    """Pose of the robot in this image, to the bit; the robot itself stays where it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -353,7 +353,8 @@ async def test_state_when_the_simulation_failed_is_an_error() -> None:
 
 async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
     robots = tuple(
-        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True, 0.1, 0.5) for _ in range(64)
+        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True, 0.1, 0.5)
+        for _ in range(64)
     )
     scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
     text = '{"x":"' + 8184 * "\\" + '"}'

@@ -1,0 +1,547 @@
+"""A recording as a server: control port, image port and stream show what was recorded.
+
+The clock starts with the first client, runs at a chosen speed, and stands at the recording's end;
+frames come again then, under new numbers. Every client that spawns has the recorded robot. What a
+recording cannot answer is rejected with that reason: `error` on the stream, `RES` with
+`{Status Failed} {Reason ...}` on the control port, which has the form of a rejected INIT.
+
+The pictures of the image port have the hand in which they were recorded, as CONF says; JPEG files
+are served as they are, PNG files as RAW.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import logging
+import math
+import zlib
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import zmq
+import zmq.asyncio
+
+from catoptra_client.control_connection import ServerAddress
+from catoptra_client.frame import image_bytes_from_rgb, rgb_from_image_bytes
+from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
+from catoptra_client.recording.recording import RecordedFrame, RecordedState, Recording
+from catoptra_protocol.errors import CatoptraError, InvalidRequestError, RemoteProtocolError
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
+from catoptra_protocol.stream.messages import (
+    SCHEMA_VERSION,
+    bytes_from_message,
+    request_from_bytes,
+)
+from catoptra_protocol.stream.replies import (
+    CameraReply,
+    Error,
+    FrameHeader,
+    Heartbeat,
+    LandmarksReply,
+    Ok,
+    Reply,
+    RobotState,
+    SensorReports,
+    StartPosesReply,
+    StateReply,
+    StatusReply,
+)
+from catoptra_protocol.stream.requests import (
+    ChannelEncoding,
+    FrameVariant,
+    GetCameraRequest,
+    GetFrameRequest,
+    GetLandmarksRequest,
+    GetReadingsRequest,
+    GetStartPosesRequest,
+    GetStateRequest,
+    GetStatusRequest,
+    ImageEncoding,
+    Request,
+    ResetRequest,
+    SpawnRequest,
+)
+from catoptra_protocol.usarsim.commands import (
+    Command,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+    Stepper,
+)
+from catoptra_protocol.usarsim.configurations import Geometry, GeometryItem
+from catoptra_protocol.usarsim.control_connection import ControlServer
+from catoptra_protocol.usarsim.grammar import format_line
+from catoptra_protocol.usarsim.image_port import (
+    FullFrameRequest,
+    ImageRequest,
+    ImageRequestReader,
+    ImageType,
+    encode_frame_header,
+    encode_raw_header,
+)
+from catoptra_protocol.usarsim.reports import (
+    Greeting,
+    InitResult,
+    StartPose,
+    StartPoses,
+    line_from_report,
+)
+from catoptra_protocol.vectors import Vector3
+
+log = logging.getLogger(__name__)
+_READ_BYTES = 4096
+_HEARTBEAT_S = 0.5
+# Of a robot that stands: the interval of frames at the end, and the ticks of a server.
+_TICK_S = 0.02
+_MAX_UNSENT_BYTES = 2**20
+_MAX_CLIENTS = 256
+_SAME_PLACE_M = 0.01
+_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
+
+
+class _RejectedError(CatoptraError):
+    """A request that a recording cannot answer."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"a recording cannot {reason}")
+
+
+@dataclass(slots=True)
+class _Client:
+    """A client of the stream."""
+
+    has_robot: bool = False
+    pending: GetFrameRequest | None = None
+    last_id: int = 0
+    last_number: int = 0
+    """Number of the last frame that it has."""
+    num_sent: int = 0
+    num_missed: int = 0
+
+
+class ReplayServer:
+    """A recording that is served from `run` to its cancellation."""
+
+    def __init__(self, recording: Recording, *, speed: float = 1.0) -> None:
+        """Open no port yet.
+
+        Args:
+            recording: What to serve.
+            speed: Simulated seconds a second.
+
+        Raises:
+            CatoptraError: The recording has no state, or none of the replies at its head.
+        """
+        self._speed = speed
+        self._status = recording.get_reply(StatusReply)
+        self._starts = recording.get_reply(StartPosesReply)
+        self._landmarks = recording.get_reply(LandmarksReply)
+        self._begin_s, self._end_s = recording.span_s
+        self._events = (
+            event
+            for event in recording.iter_events()
+            if isinstance(event, RecordedFrame | RecordedState)
+        )
+        self._frame: RecordedFrame | None = None
+        self._number = 0
+        first = next(event for event in self._events if isinstance(event, RecordedState))
+        self._state: StateReply = first.state
+        self._name = first.state.robot
+        self._clients: dict[bytes, _Client] = {}
+        self._controllers: set[asyncio.StreamWriter] = set()
+        self._started, self._changed = asyncio.Event(), asyncio.Condition()
+
+    async def run(self, address: ServerAddress, on_ready: Callable[[ServerAddress], None]) -> None:
+        """Serve until cancelled.
+
+        Args:
+            address: Host and ports; port 0 is any free one.
+            on_ready: Receives the address once all ports are open.
+
+        Raises:
+            CatoptraError: A port is not available, or the recording is damaged.
+        """
+        context = zmq.asyncio.Context()
+        self._socket = context.socket(zmq.ROUTER)
+        self._socket.set(zmq.LINGER, 0)
+        self._socket.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+        self._socket.set(zmq.IPV6, 1)
+        host, servers = address.host, list[asyncio.Server]()
+        try:
+            name = f"[{host}]" if ":" in host else host
+            self._socket.bind(f"tcp://{name}:{address.stream_port or '*'}")
+            endpoint = str(self._socket.get_string(zmq.LAST_ENDPOINT)).rstrip("\0")
+            stream_port = int(endpoint.rpartition(":")[2])
+            for port, handle in (
+                (address.control_port, self._serve_control),
+                (address.image_port, self._serve_images),
+            ):
+                servers.append(await asyncio.start_server(handle, host, port, limit=2**16))
+            control, image = (server.sockets[0].getsockname()[1] for server in servers)
+            on_ready(ServerAddress(host, control, image, stream_port))
+            await asyncio.gather(self._play(), self._serve_stream(), self._send_heartbeats())
+        except (OSError, zmq.ZMQError) as error:
+            raise CatoptraError(f"a port of {host} is not available: {error}") from error
+        finally:
+            for server in servers:
+                server.close()
+            context.destroy(linger=0)
+
+    async def _play(self) -> None:
+        """Show each frame and state at its time."""
+        await self._started.wait()
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        # Chunks are unpacked and messages parsed elsewhere: both ports go on meanwhile.
+        while (event := await asyncio.to_thread(next, self._events, None)) is not None:
+            due_s = began_s + (event.time_s - self._begin_s) / self._speed
+            await asyncio.sleep(max(0.0, due_s - loop.time()))
+            if isinstance(event, RecordedFrame):
+                await self._show_frame(event)
+            else:
+                self._show_state(event.state)
+        log.info("the recording has ended at %.2f s", self._end_s)
+        while self._frame is not None:
+            await asyncio.sleep(_TICK_S)
+            await self._show_frame(self._frame)
+
+    async def _show_frame(self, frame: RecordedFrame) -> None:
+        self._frame = frame
+        self._number += 1
+        async with self._changed:
+            self._changed.notify_all()
+        for identity, client in list(self._clients.items()):
+            if client.pending is not None:
+                await self._send_frame(identity, client)
+
+    def _show_state(self, state: StateReply) -> None:
+        before, self._state = set(self._state.reports), state
+        if all(line in before for line in state.reports):
+            return
+        # Lines without a time are as new as the others of their cycle.
+        lines = [line for line in state.reports if line not in before or "{Time " not in line]
+        for writer in self._controllers:
+            if writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES:
+                _write_lines(writer, lines)
+
+    def _find_robot(self) -> RobotState:
+        """State of the recorded robot."""
+        return next(one for one in self._state.robots if one.name == self._name)
+
+    def _spawn(
+        self, class_name: str, location_m: Vector3 | None, start: str | None
+    ) -> Vector3 | None:
+        """Where the robot is, for who asked for another place.
+
+        Raises:
+            CatoptraError: Another class or start than there is.
+        """
+        robot = self._find_robot()
+        own, wanted = (name.rpartition(".")[2].lower() for name in (robot.class_name, class_name))
+        if own != wanted:
+            raise _RejectedError(
+                f"spawn a {class_name}: it has the {robot.class_name} {self._name!r} alone"
+            )
+        starts = [one.name for one in self._starts.start_poses]
+        if location_m is None and (start or "").lower() not in map(str.lower, starts):
+            raise CatoptraError(f"there is no start {start!r}: this world has {', '.join(starts)}")
+        place = robot.world_from_robot.position_m
+        is_there = location_m is not None and math.dist(location_m[:2], place[:2]) < _SAME_PLACE_M
+        return None if is_there else place
+
+    # --- the stream ---
+
+    async def _serve_stream(self) -> None:
+        while True:
+            identity, *parts = await self._socket.recv_multipart()
+            self._started.set()
+            if identity not in self._clients and len(self._clients) >= _MAX_CLIENTS:
+                del self._clients[next(iter(self._clients))]
+            client = self._clients.setdefault(identity, _Client())
+            try:
+                if len(parts) != 1:
+                    raise RemoteProtocolError("a message of several parts")
+                request = request_from_bytes(parts[0])
+            except InvalidRequestError as error:
+                await self._send(identity, Error(error.request_id, str(error)))
+                continue
+            except RemoteProtocolError as error:
+                await self._send(identity, Error(0, str(error)))
+                continue
+            try:
+                if isinstance(request, GetFrameRequest):
+                    await self._request_frame(identity, client, request)
+                else:
+                    await self._send(identity, self._answer(client, request))
+            except CatoptraError as error:
+                await self._send(identity, Error(request.id, str(error)))
+
+    def _answer(self, client: _Client, request: Request) -> Reply:
+        state, replace = self._state, dataclasses.replace
+        match request:
+            case GetStatusRequest(id_):
+                return replace(
+                    self._status,
+                    id=id_,
+                    server=f"recording of {self._status.server}",
+                    num_clients=len(self._clients),
+                    has_robot=client.has_robot,
+                    sent_frames=client.num_sent,
+                )
+            case GetStartPosesRequest(id_):
+                return replace(self._starts, id=id_)
+            case GetLandmarksRequest(id_, None, None):
+                return replace(self._landmarks, id=id_)
+            case GetStateRequest(id_, "" | self._name):
+                return replace(state, id=id_)
+            case GetStateRequest(id_, name):
+                if any(one.name == name for one in state.robots):
+                    raise _RejectedError(f"tell the readings of {name!r}: it has {self._name!r}")
+                return replace(state, id=id_, robot="", reports=(), notes=())
+            case SpawnRequest():
+                moved_to = self._spawn(request.class_name, request.location_m, request.start)
+                client.has_robot = True
+                return SensorReports(request.id, state.reports, moved_to, self._name)
+            case ResetRequest(id_):
+                client.has_robot = False
+                return Ok(id_)
+            case GetReadingsRequest(id_):
+                if not client.has_robot:
+                    raise CatoptraError("this client has no robot")
+                return SensorReports(id_, state.reports)
+            case GetCameraRequest(id_, camera):
+                return self._describe_camera(id_, camera)
+            case _:
+                raise _RejectedError(f"answer {request.KIND}")
+
+    def _require_frame(self, robot: str, camera: str) -> FrameHeader:
+        """Header of the newest frame, if robot and camera are those of the recording."""
+        if self._frame is None:
+            raise _RejectedError("show a camera: none was recorded, or its frames come later")
+        header = self._frame.header
+        if robot not in ("", header.robot) or camera.lower() not in ("", header.camera.lower()):
+            raise _RejectedError(
+                f"show camera {camera!r} of {robot!r}: it has {header.camera!r} of {header.robot!r}"
+            )
+        return header
+
+    def _describe_camera(self, id_: int, camera: str) -> CameraReply:
+        header = self._require_frame("", camera)
+        assert header.camera_model is not None
+        assert header.robot_from_mirror is not None
+        return CameraReply(
+            *(id_, header.class_name, header.camera, header.camera_model),
+            *(header.robot_from_mirror, header.plan),
+        )
+
+    async def _request_frame(
+        self, identity: bytes, client: _Client, request: GetFrameRequest
+    ) -> None:
+        if request.id == client.last_id:
+            return
+        client.last_id = request.id
+        if client.pending is not None:
+            replaced, client.pending = client.pending.id, None
+            await self._send(identity, Error(replaced, f"superseded by request {request.id}"))
+        if self._frame is not None:
+            self._check_frame_request(request)
+        client.pending = request
+        if client.last_number < self._number:
+            await self._send_frame(identity, client)
+
+    def _check_frame_request(self, request: GetFrameRequest) -> None:
+        """Raise for a frame of other settings than were recorded."""
+        header = self._require_frame(request.robot, request.camera)
+        recorded = {one.name for one in header.labels.channels} if header.labels else set()
+        if missing := [name for name in request.channels if name not in recorded]:
+            known = ", ".join(sorted(recorded)) or "none"
+            raise _RejectedError(f"label pixels by {missing[0][:80]!r}: it has {known}")
+        picture = (header.camera_model or {}).get("Picture")
+        if request.variant not in (None, FrameVariant(), FrameVariant(picture=picture)):
+            raise _RejectedError("draw a variant: --rerender draws a recorded drive again")
+
+    async def _send_frame(self, identity: bytes, client: _Client) -> None:
+        request, client.pending = client.pending, None
+        assert request is not None
+        assert self._frame is not None
+        try:
+            # Again: the request may be older than the first frame.
+            self._check_frame_request(request)
+        except CatoptraError as error:
+            await self._send(identity, Error(request.id, str(error)))
+            return
+        header, parts = self._frame.header, self._frame.parts
+        if client.last_number:
+            client.num_missed += self._number - client.last_number - 1
+        client.last_number, client.num_sent = self._number, client.num_sent + 1
+        labels, channels = header.labels, list[bytes]()
+        if labels is not None:
+            by_name = {
+                record.name: (record, part)
+                for record, part in zip(labels.channels, parts[1:], strict=True)
+            }
+            records = []
+            for name in request.channels:
+                record, data = by_name[name]
+                if request.channel_encoding is ChannelEncoding.ZLIB:
+                    data = zlib.compress(data, 1)
+                channels.append(data)
+                encoding = request.channel_encoding
+                records.append(dataclasses.replace(record, encoding=encoding, num_bytes=len(data)))
+            labels = dataclasses.replace(labels, channels=tuple(records)) if records else None
+        reply = dataclasses.replace(
+            header,
+            id=request.id,
+            sequence=self._number,
+            encoding=request.encoding,
+            missed_frames=client.num_missed,
+            dropped_frames=0,
+            labels=labels,
+        )
+        image = _encode_image(parts[0], header.encoding, request.encoding)
+        await self._send(identity, reply, image, *channels)
+
+    async def _send(self, identity: bytes, reply: Reply, *parts: bytes) -> None:
+        with suppress(zmq.Again):
+            # What a client does not read is dropped: it does not hold up the others.
+            await self._socket.send_multipart(
+                [identity, bytes_from_message(reply), *parts], zmq.NOBLOCK
+            )
+
+    async def _send_heartbeats(self) -> None:
+        while True:
+            await asyncio.sleep(_HEARTBEAT_S)
+            for identity, client in list(self._clients.items()):
+                if client.pending is not None:
+                    await self._socket.send_multipart([identity, _HEARTBEAT])
+
+    # --- the ports of USARSim ---
+
+    async def _serve_control(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        self._started.set()
+        protocol = ControlServer()
+        try:
+            writer.write(protocol.send(Greeting("BotDeathMatch", self._status.world)))
+            while data := await reader.read(_READ_BYTES):
+                for command in protocol.receive(data):
+                    self._execute(command, writer)
+                await writer.drain()
+        except OSError:
+            pass  # a client that is gone
+        finally:
+            self._controllers.discard(writer)
+            writer.close()
+
+    def _execute(self, command: Command, writer: asyncio.StreamWriter) -> None:
+        time_s = self._state.time_s
+        has_robot = writer in self._controllers
+        match command:
+            case Init() if not has_robot:
+                try:
+                    moved_to = self._spawn(command.class_name, command.location_m, command.start)
+                except CatoptraError as error:
+                    writer.write(line_from_report(InitResult(time_s, failure=str(error))))
+                    return
+                self._controllers.add(writer)
+                writer.write(line_from_report(InitResult(time_s, self._name, moved_to)))
+                _write_lines(writer, self._state.reports)
+            case GetStartPoses():
+                starts = (
+                    StartPose(one.name, one.location_m, one.rotation_rad)
+                    for one in self._starts.start_poses
+                )
+                writer.write(line_from_report(StartPoses(tuple(starts))))
+            case Init() | Stepper():
+                pass
+            case GetConf() | GetGeo() if has_robot and command.type.lower() == "camera":
+                writer.write(self._describe_part(command))
+            case _ if has_robot:
+                word = command.WORD.lower()
+                reason = f"a recording cannot execute {command.WORD}"
+                if isinstance(command, GetConf | GetGeo):
+                    reason = f"a recording cannot tell {word} of {command.type}"
+                head = (("Time", f"{time_s:.2f}"), ("Type", command.WORD), ("Status", "Failed"))
+                writer.write(format_line("RES", (*head, ("Reason", reason))))
+            case _:
+                pass  # commands to a robot that is not there
+
+    def _describe_part(self, command: GetConf | GetGeo) -> bytes:
+        """Line of the recorded camera; the empty one of another name."""
+        word = "CONF" if isinstance(command, GetConf) else "GEO"
+        try:
+            header = self._require_frame("", command.name or "")
+        except CatoptraError:
+            names = (("Name", command.name),) if command.name else ()
+            return format_line(word, (("Type", command.type), *names))
+        assert header.camera_model is not None
+        assert header.robot_from_mirror is not None
+        if word == "GEO":
+            pose = pose_from_transform(header.robot_from_mirror)
+            x, y, z = map(float, pose.translation)
+            item = GeometryItem(header.camera, (x, y, z), pose.to_rpy())
+            return line_from_report(Geometry("Camera", (item,)))
+        pairs = tuple(header.camera_model.items())
+        if "Projection" in header.camera_model:
+            fov = f"{math.degrees(float(header.camera_model['HorizontalFov'])):.4f}"
+            pairs = tuple((f"Camera{name}Fov", fov) for name in ("Def", "Min", "Max", ""))
+        return format_line(word, (("Type", "Camera"), ("Name", header.camera), *pairs))
+
+    async def _serve_images(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        self._started.set()
+        requests, number = ImageRequestReader(), 0
+        try:
+            while data := await reader.read(_READ_BYTES):
+                for request in requests.receive(data):
+                    async with self._changed:
+                        while self._number <= number:
+                            await self._changed.wait()
+                    number = self._number
+                    assert self._frame is not None
+                    writer.write(await asyncio.to_thread(_encode_reply, self._frame, request))
+                    await writer.drain()
+        except (OSError, RemoteProtocolError) as error:
+            log.warning("an image connection ended: %s", error)
+        finally:
+            writer.close()
+
+
+def _write_lines(writer: asyncio.StreamWriter, lines: Sequence[str]) -> None:
+    writer.write("".join(f"{line}\r\n" for line in lines).encode("latin-1", "replace"))
+
+
+def _encode_image(data: bytes, recorded: ImageEncoding, wanted: ImageEncoding) -> bytes:
+    """Image of a frame in the encoding that a client wants."""
+    if wanted is recorded:
+        return data
+    rgb = rgb_from_image_bytes(data)
+    if wanted is ImageEncoding.RAW:
+        return rgb.tobytes()
+    return image_bytes_from_rgb(rgb, f".{wanted.value}")
+
+
+def _encode_reply(frame: RecordedFrame, request: ImageRequest) -> bytes:
+    """Reply of the image port: a JPEG as it was recorded, or RAW; a region of it."""
+    data, is_jpeg = frame.parts[0], frame.header.encoding is ImageEncoding.JPEG
+    if is_jpeg and isinstance(request, FullFrameRequest):
+        return encode_frame_header(ImageType.GOOD, len(data)) + data
+    rgb = rgb_from_image_bytes(data)
+    if not isinstance(request, FullFrameRequest):
+        rows, columns = rgb.shape[:2]
+        left, top = min(request.x, columns - 1), min(request.y, rows - 1)
+        right = max(request.x + request.width, left + 1)
+        rgb = rgb[top : max(request.y + request.height, top + 1), left:right]
+    if is_jpeg:
+        data = image_bytes_from_rgb(rgb, ".jpg")
+        return encode_frame_header(ImageType.GOOD, len(data)) + data
+    height, width = rgb.shape[:2]
+    padding = bytes(-3 * width % 4)
+    rows_bgr = b"".join(row[:, ::-1].tobytes() + padding for row in rgb)
+    payload = encode_raw_header(width, height) + rows_bgr
+    return encode_frame_header(ImageType.RAW, len(payload)) + payload
