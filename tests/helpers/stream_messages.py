@@ -82,7 +82,16 @@ HEADER_WITH_DIFFERENCE = dataclasses.replace(
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 ROBOT_STATE = RobotState(
-    *("Mine", "USARBot.OmniP2AT", UPRIGHT_TRANSFORM, UPRIGHT_TRANSFORM, (1.5, -1.5), True)
+    *(
+        "Mine",
+        "USARBot.OmniP2AT",
+        UPRIGHT_TRANSFORM,
+        UPRIGHT_TRANSFORM,
+        (1.5, -1.5),
+        True,
+        0.13,
+        0.47,
+    )
 )
 
 SAMPLE_REQUESTS: list[Request] = [

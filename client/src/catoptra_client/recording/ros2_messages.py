@@ -93,6 +93,17 @@ def optical_pose(robot_from_mirror: Pose, camera: OmniCamera | PerspectiveCamera
     return Pose(rotation, _FLU_FROM_SAE @ robot_from_mirror.translation)
 
 
+def wheel_speeds(
+    forward_m_s: float, turn_rad_s: float, wheel_radius_m: float, wheel_separation_m: float
+) -> tuple[float, float]:
+    """Speeds of the left and right wheels, rad/s, of a geometry_msgs/Twist.
+
+    A positive turn is to the left in REP 103, so that the right wheels are the faster ones.
+    """
+    swing_m_s = 0.5 * turn_rad_s * wheel_separation_m
+    return (forward_m_s - swing_m_s) / wheel_radius_m, (forward_m_s + swing_m_s) / wheel_radius_m
+
+
 def clock_message(time_s: float) -> RosMessage:
     """rosgraph_msgs/Clock."""
     return {"clock": _stamp(time_s)}

@@ -15,7 +15,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Concatenate, ParamSpec, Self, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import (
@@ -160,7 +160,9 @@ class StreamClient:
         self._camera_cache = CameraModelCache()
 
     @classmethod
-    def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
+    def connect(
+        cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0
+    ) -> StreamClient:
         """Connect and wait for the first reply of the server; nothing is spawned.
 
         Args:
@@ -194,7 +196,7 @@ class StreamClient:
         """
         self._socket.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> StreamClient:
         return self
 
     def __exit__(self, *_error: object) -> None:

@@ -419,6 +419,8 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
         world_from_start=transform_from_pose(snapshot.world_from_start),
         wheel_speeds_rad_s=snapshot.wheel_speeds_rad_s,
         shares_control=snapshot.shares_control,
+        wheel_radius_m=snapshot.wheel_radius_m,
+        wheel_separation_m=snapshot.wheel_separation_m,
     )
 
 
