@@ -205,7 +205,10 @@ class RecordingWriter:
         self._writer.add_message(channel, log_ns, data, publish_ns, self._counts[topic])
         self._counts[topic] += 1
         self._first_ns, self._last_ns = min(self._first_ns, log_ns), max(self._last_ns, log_ns)
-        if self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S:
+        # A chunk that declares a topic ends with its first message: damage to a later one does not
+        # cost the topic.
+        is_due = self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S
+        if self._counts[topic] == 1 or is_due:
             self._writer.flush()
             self._flushed_s = self._clock()
 
