@@ -301,6 +301,9 @@ def _add_message_options(parser: CommandParser) -> None:
     add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
     add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
     add("--channels", default="", metavar="NAMES", help="of range, ids: ground truth of each pixel")
+    add("--panorama", action="store_true", help="an unrolled picture, too")
+    add("--views", default="", metavar="NAMES",
+        help="of front, right, back, left: exact pinhole pictures, too")  # fmt: skip
     add("--duration", type=partial(parse_float_within, name="a duration", unit=" s"), metavar="S",
         help="seconds until the end (default: until Ctrl-C)")  # fmt: skip
     add("--hz", type=partial(parse_float_within, name="a rate"), default=30.0, metavar="RATE",
@@ -311,18 +314,21 @@ def _add_message_options(parser: CommandParser) -> None:
 
 
 def _make_recording_plan(parser: CommandParser, parsed: argparse.Namespace) -> RecordingPlan:
-    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, RecordingPlan
+    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, VIEWS, RecordingPlan
 
-    channels = tuple(filter(None, parsed.channels.split(",")))
-    if unknown := set(channels) - set(CHANNEL_ENCODINGS):
-        parser.error(f"--channels {unknown.pop()!r}: known are {', '.join(CHANNEL_ENCODINGS)}")
+    names = {}
+    for option, known in (("channels", CHANNEL_ENCODINGS), ("views", VIEWS)):
+        names[option] = tuple(filter(None, getattr(parsed, option).split(",")))
+        if unknown := set(names[option]) - set(known):
+            parser.error(f"--{option} {unknown.pop()!r}: known are {', '.join(known)}")
     if not parsed.hz > 0.0:
         parser.error("--hz must be above 0")
     return RecordingPlan(
         robot=parsed.robot or "",
         camera=parsed.camera or "",
         picture=Picture(parsed.picture),
-        channels=channels,
+        channels=names["channels"],
+        views=(*names["views"], *(("panorama",) if parsed.panorama else ())),
         hz=parsed.hz,
     )
 
