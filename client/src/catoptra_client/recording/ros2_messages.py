@@ -269,6 +269,8 @@ def range_messages(
                 "min_range": 0.0,
                 "max_range": max_range_m,
                 "range": math.inf if range_m >= max_range_m else range_m,
+                # Of Jazzy and later, whose readers need it; older ones skip what follows the range.
+                "variance": 0.0,
             },
         )
         for name, range_m in items

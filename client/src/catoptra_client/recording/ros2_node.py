@@ -163,8 +163,11 @@ def find_message_type(type_name: str) -> Any:
 
 
 def fill_message(message: Any, values: ros.RosMessage) -> Any:
-    """Set the fields of a message from a dictionary; newer fields of its type stay as they are."""
+    """Set the fields of a message from a dictionary, but those that its release of ROS lacks."""
+    kinds = message.get_fields_and_field_types()
     for name, value in values.items():
+        if name not in kinds:
+            continue
         if isinstance(value, dict):
             fill_message(getattr(message, name), value)
             continue
@@ -172,8 +175,7 @@ def fill_message(message: Any, values: ros.RosMessage) -> Any:
             # Other sequences are checked byte by byte.
             value = array.array("B", value)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            kind = message.get_fields_and_field_types()[name]
-            part = find_message_type(kind.removeprefix("sequence<").removesuffix(">"))
+            part = find_message_type(kinds[name].removeprefix("sequence<").removesuffix(">"))
             value = [fill_message(part(), one) for one in value]
         setattr(message, name, value)
     return message
