@@ -255,7 +255,10 @@ def _record(words: Sequence[str]) -> int:
     from catoptra_client.recording.recorder import Recorder
 
     if parsed.repair is not None:
-        print(f"{parsed.repair}: {repair_recording(Path(parsed.repair))} messages")
+        num_messages, damages = repair_recording(Path(parsed.repair))
+        for reason, num_times in damages.items():
+            print(f"left out ({num_times} times): {reason}", file=sys.stderr)
+        print(f"{parsed.repair}: {num_messages} messages")
         return 0
     if parsed.out is None:
         parser.error("--out is missing: the name of an MCAP file")

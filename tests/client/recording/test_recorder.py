@@ -83,9 +83,28 @@ def test_file_of_a_killed_writer_is_read_after_repair(recording: Path, tmp_path:
         cut.write_bytes(whole[: int(share * len(whole))])
         with pytest.raises(CatoptraError, match="--repair"):
             list(read_records(cut))
-        count = repair_recording(cut)
+        count, _ = repair_recording(cut)
         assert sum(map(len, read_bag(tmp_path).values())) == count > 0
         assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "metadata.yaml"]
+
+
+def test_repair_leaves_out_a_damaged_chunk_alone(recording: Path, tmp_path: Path) -> None:
+    data, path = bytearray(recording.read_bytes()), tmp_path / "damaged.mcap"
+    place, chunks = len(MAGIC), []
+    while data[place] != 0x0F:
+        length = int.from_bytes(data[place + 1 : place + 9], "little")
+        if data[place] == 0x06:
+            chunks.append(place)
+        place += 9 + length
+    assert len(chunks) > 2
+    # The checksum of a late one: topics that it does not declare go on.
+    data[chunks[-2] + 9 + 24] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(CatoptraError, match="checksum"):
+        list(read_records(path))
+    count, damages = repair_recording(path)
+    assert list(damages.values()) == [1]
+    assert 0 < count == sum(map(len, read_bag(path).values()))
 
 
 def record(opcode: int, body: bytes) -> bytes:

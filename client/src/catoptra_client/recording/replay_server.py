@@ -17,7 +17,6 @@ import logging
 import math
 import zlib
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import zmq
@@ -26,7 +25,12 @@ import zmq.asyncio
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame import image_bytes_from_rgb, rgb_from_image_bytes
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
-from catoptra_client.recording.recording import RecordedFrame, RecordedState, Recording
+from catoptra_client.recording.recording import (
+    FRAME_TOPIC,
+    RecordedFrame,
+    RecordedState,
+    Recording,
+)
 from catoptra_protocol.errors import CatoptraError, InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_protocol.stream.messages import (
@@ -89,6 +93,7 @@ from catoptra_protocol.usarsim.reports import (
     StartPoses,
     line_from_report,
 )
+from catoptra_protocol.usarsim.value_format import format_fixed_point
 from catoptra_protocol.vectors import Vector3
 
 log = logging.getLogger(__name__)
@@ -99,7 +104,8 @@ _TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
 _SAME_PLACE_M = 0.01
-_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
+# As many unread ones fit into a client's queue.
+_MAX_IDLE_HEARTBEATS = 16
 
 
 class _RejectedError(CatoptraError):
@@ -116,6 +122,8 @@ class _Client:
     has_robot: bool = False
     pending: GetFrameRequest | None = None
     last_id: int = 0
+    idle_heartbeats: int = 0
+    """Heartbeats since its last request, without one that waits."""
     last_number: int = 0
     """Number of the last frame that it has."""
     num_sent: int = 0
@@ -139,7 +147,6 @@ class ReplayServer:
         self._status = recording.get_reply(StatusReply)
         self._starts = recording.get_reply(StartPosesReply)
         self._landmarks = recording.get_reply(LandmarksReply)
-        self._begin_s, self._end_s = recording.span_s
         self._events = (
             event
             for event in recording.iter_events()
@@ -147,9 +154,20 @@ class ReplayServer:
         )
         self._frame: RecordedFrame | None = None
         self._number = 0
-        first = next(event for event in self._events if isinstance(event, RecordedState))
-        self._state: StateReply = first.state
-        self._name = first.state.robot
+        has_frames, state = FRAME_TOPIC in recording.topics, None
+        # The first of both, from which on all has an answer.
+        while state is None or (has_frames and self._frame is None):
+            event = next(self._events, None)
+            if event is None:
+                raise recording.error("it has no state of its robot, and nothing to serve")
+            if isinstance(event, RecordedState):
+                state = event.state
+            else:
+                self._frame, self._number = event, 1
+        if all(one.name != state.robot for one in state.robots):
+            raise recording.error(f"its state does not list its robot {state.robot[:60]!r}")
+        self._state, self._name, self._begin_s = state, state.robot, state.time_s
+        self._aliases: set[str] = set()
         self._clients: dict[bytes, _Client] = {}
         self._controllers: set[asyncio.StreamWriter] = set()
         self._started, self._changed = asyncio.Event(), asyncio.Condition()
@@ -167,6 +185,8 @@ class ReplayServer:
         context = zmq.asyncio.Context()
         self._socket = context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, 0)
+        # A message to a client that is gone is an error, by which it is noticed.
+        self._socket.set(zmq.ROUTER_MANDATORY, 1)
         self._socket.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         self._socket.set(zmq.IPV6, 1)
         host, servers = address.host, list[asyncio.Server]()
@@ -203,7 +223,7 @@ class ReplayServer:
                 await self._show_frame(event)
             else:
                 self._show_state(event.state)
-        log.info("the recording has ended at %.2f s", self._end_s)
+        log.info("the recording has ended at %.2f s", self._state.time_s)
         while self._frame is not None:
             await asyncio.sleep(_TICK_S)
             await self._show_frame(self._frame)
@@ -231,26 +251,38 @@ class ReplayServer:
         """State of the recorded robot."""
         return next(one for one in self._state.robots if one.name == self._name)
 
-    def _spawn(
-        self, class_name: str, location_m: Vector3 | None, start: str | None
-    ) -> Vector3 | None:
-        """Where the robot is, for who asked for another place.
+    def _spawn(self, init: Init) -> Vector3 | None:
+        """Where the robot is by now, unless that is the place of INIT.
 
         Raises:
-            CatoptraError: Another class or start than there is.
+            CatoptraError: There is no such class or start; or the robot started elsewhere.
         """
         robot = self._find_robot()
-        own, wanted = (name.rpartition(".")[2].lower() for name in (robot.class_name, class_name))
+        own, wanted = (
+            name.rpartition(".")[2].lower() for name in (robot.class_name, init.class_name)
+        )
         if own != wanted:
             raise _RejectedError(
-                f"spawn a {class_name}: it has the {robot.class_name} {self._name!r} alone"
+                f"spawn a {init.class_name}: it has the {robot.class_name} {self._name!r} alone"
             )
-        starts = [one.name for one in self._starts.start_poses]
-        if location_m is None and (start or "").lower() not in map(str.lower, starts):
-            raise CatoptraError(f"there is no start {start!r}: this world has {', '.join(starts)}")
-        place = robot.world_from_robot.position_m
-        is_there = location_m is not None and math.dist(location_m[:2], place[:2]) < _SAME_PLACE_M
-        return None if is_there else place
+        place = init.location_m
+        if place is None:
+            starts = {one.name.lower(): one.location_m for one in self._starts.start_poses}
+            place = starts.get((init.start or "").lower())
+        if place is None:
+            names = ", ".join(one.name for one in self._starts.start_poses)
+            raise CatoptraError(f"there is no start {init.start!r}: this world has {names}")
+        began, now = robot.world_from_start.position_m, robot.world_from_robot.position_m
+        if math.dist(place[:2], began[:2]) > _SAME_PLACE_M:
+            x, y, _ = began
+            raise _RejectedError(f"spawn the robot there: it was spawned at {x:.2f}, {y:.2f}")
+        if init.name and len(self._aliases) < _MAX_CLIENTS:
+            self._aliases.add(init.name)
+        return None if math.dist(place[:2], now[:2]) < _SAME_PLACE_M else now
+
+    def _is_own(self, robot: str) -> bool:
+        """Whether a name is of the recorded robot: its own, or one that a client spawned it by."""
+        return robot in ("", self._name) or robot in self._aliases
 
     # --- the stream ---
 
@@ -261,6 +293,7 @@ class ReplayServer:
             if identity not in self._clients and len(self._clients) >= _MAX_CLIENTS:
                 del self._clients[next(iter(self._clients))]
             client = self._clients.setdefault(identity, _Client())
+            client.idle_heartbeats = 0
             try:
                 if len(parts) != 1:
                     raise RemoteProtocolError("a message of several parts")
@@ -275,6 +308,8 @@ class ReplayServer:
                 if isinstance(request, GetFrameRequest):
                     await self._request_frame(identity, client, request)
                 else:
+                    if isinstance(request, GetStatusRequest):
+                        await self._beat()
                     await self._send(identity, self._answer(client, request))
             except CatoptraError as error:
                 await self._send(identity, Error(request.id, str(error)))
@@ -293,16 +328,22 @@ class ReplayServer:
                 )
             case GetStartPosesRequest(id_):
                 return replace(self._starts, id=id_)
-            case GetLandmarksRequest(id_, None, None):
+            case GetLandmarksRequest(id_, robot, camera):
+                if robot is not None or camera is not None:
+                    raise _RejectedError("project landmarks into a camera")
                 return replace(self._landmarks, id=id_)
-            case GetStateRequest(id_, "" | self._name):
-                return replace(state, id=id_)
             case GetStateRequest(id_, name):
+                if self._is_own(name):
+                    return replace(state, id=id_)
                 if any(one.name == name for one in state.robots):
                     raise _RejectedError(f"tell the readings of {name!r}: it has {self._name!r}")
                 return replace(state, id=id_, robot="", reports=(), notes=())
             case SpawnRequest():
-                moved_to = self._spawn(request.class_name, request.location_m, request.start)
+                if client.has_robot:
+                    raise CatoptraError("this client has its robot: reset first")
+                place = request.location_m, request.rotation_rad or (0.0, 0.0, 0.0)
+                init = Init(request.class_name, request.name, *place, request.start)
+                moved_to = self._spawn(init)
                 client.has_robot = True
                 return SensorReports(request.id, state.reports, moved_to, self._name)
             case ResetRequest(id_):
@@ -322,7 +363,7 @@ class ReplayServer:
         if self._frame is None:
             raise _RejectedError("show a camera: none was recorded, or its frames come later")
         header = self._frame.header
-        if robot not in ("", header.robot) or camera.lower() not in ("", header.camera.lower()):
+        if not self._is_own(robot) or camera.lower() not in ("", header.camera.lower()):
             raise _RejectedError(
                 f"show camera {camera!r} of {robot!r}: it has {header.camera!r} of {header.robot!r}"
             )
@@ -405,18 +446,25 @@ class ReplayServer:
         await self._send(identity, reply, image, *channels)
 
     async def _send(self, identity: bytes, reply: Reply, *parts: bytes) -> None:
-        with suppress(zmq.Again):
-            # What a client does not read is dropped: it does not hold up the others.
-            await self._socket.send_multipart(
-                [identity, bytes_from_message(reply), *parts], zmq.NOBLOCK
-            )
+        try:
+            data = bytes_from_message(reply)
+            await self._socket.send_multipart([identity, data, *parts], zmq.NOBLOCK)
+        except zmq.Again:
+            pass  # What a client does not read is dropped: it does not hold up the others.
+        except zmq.ZMQError:
+            self._clients.pop(identity, None)
 
     async def _send_heartbeats(self) -> None:
         while True:
+            await self._beat()
             await asyncio.sleep(_HEARTBEAT_S)
-            for identity, client in list(self._clients.items()):
-                if client.pending is not None:
-                    await self._socket.send_multipart([identity, _HEARTBEAT])
+
+    async def _beat(self) -> None:
+        """Send a heartbeat to each client, and forget those that are gone."""
+        for identity, client in list(self._clients.items()):
+            client.idle_heartbeats += client.pending is None
+            if client.idle_heartbeats <= _MAX_IDLE_HEARTBEATS:
+                await self._send(identity, Heartbeat(SCHEMA_VERSION))
 
     # --- the ports of USARSim ---
 
@@ -426,7 +474,7 @@ class ReplayServer:
         self._started.set()
         protocol = ControlServer()
         try:
-            writer.write(protocol.send(Greeting("BotDeathMatch", self._status.world)))
+            writer.write(protocol.send(Greeting("Recording", self._status.world)))
             while data := await reader.read(_READ_BYTES):
                 for command in protocol.receive(data):
                     self._execute(command, writer)
@@ -443,7 +491,7 @@ class ReplayServer:
         match command:
             case Init() if not has_robot:
                 try:
-                    moved_to = self._spawn(command.class_name, command.location_m, command.start)
+                    moved_to = self._spawn(command)
                 except CatoptraError as error:
                     writer.write(line_from_report(InitResult(time_s, failure=str(error))))
                     return
@@ -487,8 +535,11 @@ class ReplayServer:
             return line_from_report(Geometry("Camera", (item,)))
         pairs = tuple(header.camera_model.items())
         if "Projection" in header.camera_model:
+            # The model of an ordinary camera; that of another one has these fields.
             fov = f"{math.degrees(float(header.camera_model['HorizontalFov'])):.4f}"
             pairs = tuple((f"Camera{name}Fov", fov) for name in ("Def", "Min", "Max", ""))
+        if header.error_bound_px is not None:
+            pairs = (*pairs, ("ErrorBoundPx", format_fixed_point(header.error_bound_px, 6)))
         return format_line(word, (("Type", "Camera"), ("Name", header.camera), *pairs))
 
     async def _serve_images(

@@ -59,6 +59,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
@@ -365,6 +366,17 @@ class StreamClient:
             CatoptraError: This client has no robot.
         """
         return _parse_reports(self._call(GetReadingsRequest, SensorReports))
+
+    def get_parts(self, class_name: str) -> list[Report]:
+        """Configuration of a robot class, then configuration and geometry of each of its sensors.
+
+        Args:
+            class_name: As in `get_status().class_names`, or of a robot of `get_state`.
+
+        Raises:
+            CatoptraError: There is no such class.
+        """
+        return _parse_reports(self._call(GetPartsRequest, SensorReports, class_name))
 
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.
