@@ -59,7 +59,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 $(TOOLS): $(INSTALLED)
 	@echo "Installing the tools of development into $(VENV), once"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt "$(COMPILER)" \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
+	  foxglove-sdk hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]

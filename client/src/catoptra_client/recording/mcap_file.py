@@ -85,6 +85,14 @@ _LATCHED = (
 )
 
 
+@cache
+def cdr_encoder(type_name: str) -> Callable[[RosMessage], bytes]:
+    """Encoder of messages of a type, `package/Name`, as CDR."""
+    name = type_name.replace("/", "/msg/")
+    encoder: Callable[[RosMessage], bytes] = serialize_dynamic(name, schema_text(type_name))[name]
+    return encoder
+
+
 class RecordingWriter:
     """An MCAP file of ROS 2 messages that is open for writing; also a context manager.
 
@@ -118,7 +126,6 @@ class RecordingWriter:
         self._path, self._name, self._clock = path, name or path.name, clock
         self._reserve: IO[bytes] | None = None
         self._writer = Writer(self, chunk_size=2**20)
-        self._encoders: dict[str, Callable[[RosMessage], bytes]] = {}
         self._schemas: dict[str, int] = {}
         # Of each topic: its channel, type, number of messages, and whether it is latched.
         self._topics: dict[str, tuple[int, str, bool]] = {}
@@ -179,7 +186,7 @@ class RecordingWriter:
             publish_ns: Time of day.
             is_latched: Whether late subscribers get the last message.
         """
-        data = self._find_encoder(type_name)(message)
+        data = cdr_encoder(type_name)(message)
         self.add_cdr(
             topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
         )
@@ -196,7 +203,10 @@ class RecordingWriter:
     ) -> None:
         """Write a message that is CDR already; the rest as in `add_message`."""
         if topic not in self._topics:
-            self._find_encoder(type_name)
+            if type_name not in self._schemas:
+                name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
+                schema = self._writer.register_schema(name, "ros2msg", text.encode())
+                self._schemas[type_name] = schema
             metadata = {"offered_qos_profiles": _LATCHED if is_latched else ""}
             schema = self._schemas[type_name]
             channel = self._writer.register_channel(topic, "cdr", schema, metadata)
@@ -246,14 +256,6 @@ class RecordingWriter:
 
     def __exit__(self, *_error: object) -> None:
         self.close()
-
-    def _find_encoder(self, type_name: str) -> Callable[[RosMessage], bytes]:
-        """Encoder of a type, whose definition is in the file then."""
-        if type_name not in self._encoders:
-            name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
-            self._encoders[type_name] = serialize_dynamic(name, text)[name]
-            self._schemas[type_name] = self._writer.register_schema(name, "ros2msg", text.encode())
-        return self._encoders[type_name]
 
     def _describe_bag(self) -> str:
         """Text of metadata.yaml, version 9; JSON is YAML."""

@@ -19,7 +19,7 @@ from typing import Any
 
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.recording import ros2_messages as ros
-from catoptra_client.recording.recorder import MessageSource, RecordingProgress
+from catoptra_client.recording.recorder import MessageSink, MessageSource, RecordingProgress
 from catoptra_protocol.errors import CatoptraError
 
 HALT_AFTER_S = 0.3
@@ -60,10 +60,11 @@ def run_node(
         return source.publish(node, duration_s, on_progress)
 
 
-class _Node:
-    """A node with a publisher for each topic: a `MessageSink`; also a context manager."""
+class _Node(MessageSink):
+    """A node with a publisher for each topic; also a context manager."""
 
     is_full = False
+    num_messages = 0
 
     def __init__(self, drive: Callable[[float, float], None]) -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -82,7 +83,6 @@ class _Node:
                 "/opt/ros/humble/setup.bash`, or install the unofficial wheels of PyPI, "
                 "pip install 'catoptra-client[ros2]'"
             ) from error
-        self.num_messages = 0
         self._drive = drive
         self._publishers: dict[str, Any] = {}
         self._qos = {
@@ -131,12 +131,6 @@ class _Node:
         if publisher is not None:
             publisher.publish(fill_message(publisher.msg_type(), message))
             self.num_messages += 1
-
-    def add_attachment(self, name: str, data: bytes) -> None:
-        """Nothing: topics have no attachments."""
-
-    def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Nothing: topics have no metadata."""
 
     def _make_publisher(self, topic: str, type_name: str, is_latched: bool) -> Any:
         """Publisher of a topic; None of one that is left out."""
