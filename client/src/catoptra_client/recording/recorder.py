@@ -151,7 +151,7 @@ class RecordingProgress:
 
 
 class MessageSink(Protocol):
-    """Where messages go."""
+    """Where messages go; a base class too, of sinks without attachments and metadata."""
 
     is_full: bool
     """Whether nothing more is written."""
@@ -174,9 +174,11 @@ class MessageSink(Protocol):
 
     def add_attachment(self, name: str, data: bytes) -> None:
         """Attach a file."""
+        return
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a table of texts."""
+        return
 
 
 class MessageSource:
