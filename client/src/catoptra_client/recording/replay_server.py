@@ -244,7 +244,8 @@ class ReplayServer:
         # Lines without a time are as new as the others of their cycle.
         lines = [line for line in state.reports if line not in before or "{Time " not in line]
         for writer in self._controllers:
-            if writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES:
+            is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
+            if is_reading and not writer.is_closing():
                 _write_lines(writer, lines)
 
     def _find_robot(self) -> RobotState:
@@ -477,6 +478,8 @@ class ReplayServer:
             writer.write(protocol.send(Greeting("Recording", self._status.world)))
             while data := await reader.read(_READ_BYTES):
                 for command in protocol.receive(data):
+                    if writer.is_closing():
+                        return
                     self._execute(command, writer)
                 await writer.drain()
         except OSError:
@@ -555,7 +558,10 @@ class ReplayServer:
                             await self._changed.wait()
                     number = self._number
                     assert self._frame is not None
-                    writer.write(await asyncio.to_thread(_encode_reply, self._frame, request))
+                    reply = await asyncio.to_thread(_encode_reply, self._frame, request)
+                    if writer.is_closing():
+                        return
+                    writer.write(reply)
                     await writer.drain()
         except (OSError, RemoteProtocolError) as error:
             log.warning("an image connection ended: %s", error)
