@@ -113,7 +113,7 @@ def test_summary_names_robot_world_rates_and_what_was_dropped(drive: Path) -> No
     command = [*CLIENT, "replay", str(drive)]
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert re.search(r"robot OmniP2AT, world DM-spqrSoccer2006_250, Catoptra \S+, clock", text)
-    assert re.search(r"\n[45]\.\d s from \S+ s on, \d+ messages\n", text)
+    assert re.search(r"\n\d\.\d s from \S+ s on, \d+ messages\n", text)
     assert re.search(r"/catoptra/frame  std_msgs/String: \d+, [23]\d\.\d a second\n", text)
     assert "\ndropped: none\n" in text
 
