@@ -142,6 +142,8 @@ class MessageSource:
         self._static_transforms: dict[str, ros.RosMessage] = {}
         self._robot = self._camera = ""
         self._described: dict[str, str] | None = None
+        self._last_command = 0
+        self._begin_s = 0.0
 
     def stop(self) -> None:
         """End the messages."""
@@ -231,14 +233,16 @@ class MessageSource:
             self._error = self._error or error
             self.stop()
 
-    def _put(self, kind: str, write: Callable[[], None]) -> None:
+    def _put(self, kind: str, write: Callable[[], None]) -> bool:
+        """Queue a message if there is room."""
         with self._changed:
             now_s = self._clock()
             if self._queue and now_s - self._queue[0][0] > _QUEUE_S:
                 self._dropped[kind] += 1
-                return
+                return False
             self._queue.append((now_s, write, kind))
             self._changed.notify()
+            return True
 
     def _pull_frames(self, client: StreamClient) -> None:
         plan = self._plan
@@ -270,9 +274,11 @@ class MessageSource:
     def _poll_states(self, client: StreamClient) -> None:
         next_s = self._clock()
         while not self._ended.is_set():
-            state = client.get_state(self._robot)
+            state = client.get_state(self._robot, commands_after=self._last_command)
             wall_ns = time.time_ns()
-            self._put("states", partial(self._write_state, state, wall_ns))
+            # What found no room is asked for again.
+            if self._put("states", partial(self._write_state, state, wall_ns)) and state.commands:
+                self._last_command = state.commands[-1].number
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
@@ -287,7 +293,11 @@ class MessageSource:
         state, status = client.get_state(self._robot), client.get_status()
         facts = {"server": status.server, "world": status.world, "clock": status.clock}
         self._sink.add_metadata("catoptra", {"robot": state.robot, **facts})
-        for name, data in self._plan.attachments.items():
+        setup = client.get_setup()
+        self._sink.add_metadata("catoptra_setup", setup.options)
+        self._sink.add_metadata("catoptra_digests", setup.digests)
+        files = {name: text.encode() for name, text in setup.files.items()}
+        for name, data in {**files, **self._plan.attachments}.items():
             self._sink.add_attachment(name, data)
         landmarks = client.get_landmarks()
         records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
@@ -297,6 +307,7 @@ class MessageSource:
         }
         self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
+        self._begin_s = time_s
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
         table = ros.string_message([dataclasses.asdict(one) for one in landmarks])
@@ -333,6 +344,11 @@ class MessageSource:
 
     def _write_state(self, state: StateReply, wall_ns: int) -> None:
         time_s = state.time_s
+        for command in state.commands:
+            # Those before the recording would be a pause at its begin.
+            text = ros.string_message(dataclasses.asdict(command))
+            command_s = max(command.time_s, self._begin_s)
+            self._write("/catoptra/commands", "std_msgs/String", text, command_s, wall_ns)
         # Where nothing has moved the same state comes again.
         if ros.nanoseconds_from_s(time_s) <= self._last_ns.get("/ground_truth", -1):
             return
