@@ -147,11 +147,7 @@ class ReplayServer:
         self._status = recording.get_reply(StatusReply)
         self._starts = recording.get_reply(StartPosesReply)
         self._landmarks = recording.get_reply(LandmarksReply)
-        self._events = (
-            event
-            for event in recording.iter_events()
-            if isinstance(event, RecordedFrame | RecordedState)
-        )
+        self._events = recording.iter_events()
         self._frame: RecordedFrame | None = None
         self._number = 0
         has_frames, state = FRAME_TOPIC in recording.topics, None
