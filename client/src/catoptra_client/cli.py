@@ -54,6 +54,7 @@ from catoptra_protocol.stream.requests import ImageEncoding
 
 if TYPE_CHECKING:
     from catoptra_client.recording.recorder import RecordingProgress
+    from catoptra_client.recording.recording import Recording
 
 _CLASSIFIER = Path("out/classifier.npz")
 _STREAM_PORT = 5005
@@ -302,7 +303,16 @@ def _replay(words: Sequence[str]) -> int:
     )
     add = parser.add_argument
     add("file", metavar="FILE", help="MCAP file of catoptra-client record")
-    add("--serve", action="store_true", help="serve it on a server's ports until Ctrl-C")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
+        "--serve", action="store_true", help="serve it on a server's ports until Ctrl-C"
+    )
+    mode.add_argument(
+        "--resimulate", action="store_true", help="simulate its commands, and compare each byte"
+    )
+    add("--files", type=Path, metavar="DIR",
+        help="folder of the recorded robot and world files and of what they refer to, of "
+        "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
     add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
         default=1.0, metavar="X", help="simulated seconds a second, of --serve")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to serve on")
@@ -317,6 +327,8 @@ def _replay(words: Sequence[str]) -> int:
     from catoptra_client.recording.recording import Recording
 
     recording = Recording(Path(parsed.file))
+    if parsed.resimulate:
+        return _resimulate(recording, parsed.files)
     if not parsed.serve:
         print(recording.describe())
         return 0
@@ -326,6 +338,26 @@ def _replay(words: Sequence[str]) -> int:
     server = ReplayServer(recording, speed=parsed.speed)
     asyncio.run(server.run(ports, _print_address))
     return 0
+
+
+def _resimulate(recording: Recording, files: Path | None) -> int:
+    """Simulate a recording again; 1 at a difference."""
+    from catoptra_client.recording.resimulation import resimulate
+
+    found = resimulate(recording, files=files, on_progress=_show_time)
+    if found.difference:
+        print(f"first difference: {found.difference}")
+        return 1
+    print(
+        f"{found.span_s:.1f} s simulated again: {found.num_states} states and "
+        f"{found.num_frames} frames are the same, byte for byte"
+    )
+    return 0
+
+
+def _show_time(time_s: float) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{time_s:.1f} s", end="\r", file=sys.stderr, flush=True)
 
 
 def _print_address(address: ServerAddress) -> None:

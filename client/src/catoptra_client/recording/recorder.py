@@ -346,9 +346,9 @@ class MessageSource:
         time_s = state.time_s
         for command in state.commands:
             # Those before the recording would be a pause at its begin.
-            text = ros.string_message(dataclasses.asdict(command))
+            fields = ros.string_message(dataclasses.asdict(command))
             command_s = max(command.time_s, self._begin_s)
-            self._write("/catoptra/commands", "std_msgs/String", text, command_s, wall_ns)
+            self._write("/catoptra/commands", "std_msgs/String", fields, command_s, wall_ns)
         # Where nothing has moved the same state comes again.
         if ros.nanoseconds_from_s(time_s) <= self._last_ns.get("/ground_truth", -1):
             return

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import hashlib
 import heapq
+import importlib.util
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -39,6 +40,8 @@ _TIMEOUT_S = 60.0
 _MAX_UNMATCHED = 64
 _OPTIONS = ("seed", "renderer", "dialect", "max-error-px", "budget-ms")
 _Observation = RecordedFrame | RecordedState
+# What is due, and when in ns.
+_Item = tuple[int, _Observation | CommandRecord]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +68,8 @@ def run_recorded_server(
 
     Args:
         recording: Recording.
-        files: Folder with the recorded files and what these refer to; files of other contents
-            there are an error. Without it those in the recording are taken.
+        files: Folder with the recorded files and what these refer to. Without it they are those
+            of the server, where these are the same, or of the recording.
         robot_files: Other robots than the recorded ones.
         options: Options of catoptra-server that take the place of the recorded ones.
 
@@ -91,22 +94,23 @@ def run_recorded_server(
 
 
 def _find_file(recording: Recording, name: str, folder: Path, files: Path | None) -> Path:
-    """Recorded file, from the folder of the user or written into another one."""
-    digest = recording.tables.get("catoptra_digests", {}).get(name)
-    if files is None:
-        # Names of attachments have no folders.
-        if name not in recording.files:
-            raise recording.error(f"without the file {name[:60]!r}: --files names its folder")
-        path = folder / name
-        path.write_bytes(recording.files[name])
-        return path
-    path = files / Path(name).name
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CatoptraError(f"{path}: {error.strerror}") from error
-    if hashlib.sha256(data).hexdigest() != digest:
-        raise CatoptraError(f"{path} is another file than the recorded one")
+    """Recorded file: the user's, the same one of the server's, or written into a folder."""
+    digest = recording.tables.get("catoptra_digests", {}).get(name, "")
+    # Found, not imported: a client never loads the server's code.
+    server = importlib.util.find_spec("catoptra_server")
+    bundled = [Path(one, "configs") for one in (server and server.submodule_search_locations) or ()]
+    folders = [files] if files else [one / kind for one in bundled for kind in ("robots", "worlds")]
+    for path in (one / Path(name).name for one in folders):
+        with suppress(OSError):
+            if hashlib.sha256(path.read_bytes()).hexdigest() == digest:
+                return path
+    if files is not None or name not in recording.files:
+        raise recording.error(
+            f"the recorded file {name[:60]!r} is not there as it was: --files names its folder"
+        )
+    # Names of attachments have no folders.
+    path = folder / name
+    path.write_bytes(recording.files[name])
     return path
 
 
@@ -151,7 +155,7 @@ def resimulate(
         )
 
 
-def _merge(recording: Recording) -> Iterator[tuple[int, _Observation | CommandRecord]]:
+def _merge(recording: Recording) -> Iterator[_Item]:
     """Frames, states and commands by the tick at which they were; frames first.
 
     Each kind is in order in the file; of all together a frame may follow a newer state.
@@ -163,14 +167,22 @@ def _merge(recording: Recording) -> Iterator[tuple[int, _Observation | CommandRe
         # A picture between two ticks is taken after the second one.
         return -(-time_ns // _TICK_NS) * _TICK_NS if is_realtime else time_ns
 
-    frames = (one for one in recording.iter_events() if isinstance(one, RecordedFrame))
-    states = (one for one in recording.iter_events() if isinstance(one, RecordedState))
-    yield from heapq.merge(
-        ((frame_ns(one), one) for one in frames),
-        ((round(one.time_s * NS_PER_S), one) for one in states),
-        ((round(one.time_s * NS_PER_S), one) for one in recording.iter_commands()),
-        key=lambda item: item[0],
-    )
+    def list_frames() -> Iterator[_Item]:
+        for one in recording.iter_events():
+            if isinstance(one, RecordedFrame):
+                yield frame_ns(one), one
+
+    def list_states() -> Iterator[_Item]:
+        for one in recording.iter_events():
+            if isinstance(one, RecordedState):
+                yield round(one.time_s * NS_PER_S), one
+
+    def list_commands() -> Iterator[_Item]:
+        for one in recording.iter_commands():
+            yield round(one.time_s * NS_PER_S), one
+
+    kinds = list_frames(), list_states(), list_commands()
+    yield from heapq.merge(*kinds, key=lambda item: item[0])
 
 
 @dataclass(slots=True, eq=False)
@@ -212,7 +224,8 @@ class _Run:
         is_first = self.num_commands == 1
         if record.number != self.num_commands or isinstance(command, Init) is not is_first:
             raise self.recording.error(
-                f"command {record.number} in place of {self.num_commands}: it lacks those from INIT on"
+                f"command {record.number} follows {self.num_commands - 1}: those from INIT on "
+                "are not all there"
             )
         if command is None:
             raise self.recording.error(f"command {record.number} is none: {record.line[:60]!r}")
@@ -248,7 +261,7 @@ class _Run:
         before, state = recorded.state, self.clock.get_state(self.recording.robot)
         if len(before.robots) != 1:
             raise self.recording.error(
-                f"{len(before.robots)} robots, of which one was recorded: others cannot be simulated"
+                f"{len(before.robots)} robots, of which one was recorded: it was not alone"
             )
         poses = [robot.world_from_robot for one in (before, state) for robot in one.robots]
         if len(poses) != 2 or poses[0] != poses[1]:
