@@ -310,6 +310,14 @@ def _replay(words: Sequence[str]) -> int:
     mode.add_argument(
         "--resimulate", action="store_true", help="simulate its commands, and compare each byte"
     )
+    mode.add_argument(
+        "--rerender", action="store_true", help="draw it by another camera into a new file, --out"
+    )
+    add("--robot-file", type=Path, metavar="FILE", help="robot with the camera of --rerender")
+    add("--camera", default="", metavar="NAME", help="name of that camera (default: the first)")
+    add("--max-error-px", type=partial(parse_float_within, name="a tolerance", unit=" px"),
+        metavar="PX", help="accuracy target of --rerender (default: the robot file's)")  # fmt: skip
+    add("--out", type=Path, metavar="FILE", help="MCAP file of --rerender to write")
     add("--files", type=Path, metavar="DIR",
         help="folder of the recorded robot and world files and of what they refer to, of "
         "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
@@ -321,6 +329,8 @@ def _replay(words: Sequence[str]) -> int:
     add("--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT",
         help="ZeroMQ stream; a port 0 is any free one")  # fmt: skip
     parsed = parser.parse_args(words)
+    if parsed.rerender and not (parsed.robot_file and parsed.out):
+        parser.error("--rerender needs --robot-file and --out")
     if not parsed.speed > 0.0:
         parser.error("--speed must be above 0")
     # The extra packages of recordings are loaded by its commands alone.
@@ -329,6 +339,20 @@ def _replay(words: Sequence[str]) -> int:
     recording = Recording(Path(parsed.file))
     if parsed.resimulate:
         return _resimulate(recording, parsed.files)
+    if parsed.rerender:
+        from catoptra_client.recording.rerendering import rerender
+
+        num_frames = rerender(
+            recording,
+            parsed.out,
+            robot_file=parsed.robot_file,
+            max_error_px=parsed.max_error_px,
+            camera=parsed.camera,
+            files=parsed.files,
+            on_progress=_show_time,
+        )
+        print(f"{parsed.out}: {num_frames} frames from the recorded poses")
+        return 0
     if not parsed.serve:
         print(recording.describe())
         return 0

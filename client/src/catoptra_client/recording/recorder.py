@@ -178,7 +178,7 @@ class MessageSource:
         on_progress: Callable[[RecordingProgress], None],
     ) -> RecordingProgress:
         start_s, self._sink = self._clock(), sink
-        self._write_head(client)
+        self._write_state(self._write_head(client), time.time_ns())
         threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
         if self._plan.camera is not None:
             threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
@@ -282,7 +282,8 @@ class MessageSource:
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
-    def _write_head(self, client: StreamClient) -> None:
+    def _write_head(self, client: StreamClient) -> StateReply:
+        """Write what never changes; the state before the first messages."""
         self._robot = client.get_state(self._plan.robot).robot
         if not self._robot:
             raise CatoptraError("nothing to record: there is no such robot; --robot names one")
@@ -312,7 +313,7 @@ class MessageSource:
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
         table = ros.string_message([dataclasses.asdict(one) for one in landmarks])
         self._write("/landmarks/json", "std_msgs/String", table, time_s, now_ns, True)
-        self._write_state(state, now_ns)
+        return state
 
     def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
         time_s, name = header.time_s, header.camera
