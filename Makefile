@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format pythons bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -113,11 +113,23 @@ lint: $(READY) $(TOOLS) ## Check format, style, types and import contracts
 	$(BIN)/ruff format --check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/mypy $(SOURCES) server/build_kernel.py
+	$(BIN)/mypy --python-version 3.10 --disable-error-code no-any-return protocol/src client/src
 	$(BIN)/lint-imports --no-cache
 
 format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff check --fix $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
+
+# Where ROS lives: Humble has 3.10, Jazzy 3.12. The server stays on the Python of .venv.
+PYTHONS ?= 3.10 3.12 3.13 3.14
+pythons: $(READY) $(TOOLS) ## Run the tests of protocol and client on each other Python that is here, 2 minutes each, with a server of this one; writes out/pythons: [PYTHONS="3.10 3.12"]
+	@mkdir -p out/pythons; for version in $(PYTHONS); do \
+	  for python in python$$version $$HOME/.pyenv/versions/$$version.*/bin/python; do $$python -c "" 2>/dev/null && break; done; \
+	  $$python -m venv out/pythons/$$version 2>/dev/null || { echo "Python $$version is not here"; continue; }; \
+	  out/pythons/$$version/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	    --editable 'protocol[calibration]' --editable '$(CLIENT)' hypothesis mpmath pytest rosbags && \
+	  CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) out/pythons/$$version/bin/python -m pytest -q tests/protocol tests/client || exit 1; \
+	done
 
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)

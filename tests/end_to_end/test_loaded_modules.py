@@ -69,7 +69,7 @@ COMMANDS = {
 }
 # Those that `call_all_requests` sends.
 STREAM_REQUESTS = {
-    *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera"),
+    *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera", "get_parts"),
     *("get_landmarks", "get_start_poses", "get_status", "set_accuracy"),
     *("get_state", "get_setup", "get_pixel", "publish", "share_control"),
 }

@@ -35,6 +35,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
     GetSetupRequest,
@@ -85,7 +86,16 @@ HEADER_WITH_DIFFERENCE = dataclasses.replace(
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 ROBOT_STATE = RobotState(
-    *("Mine", "USARBot.OmniP2AT", UPRIGHT_TRANSFORM, UPRIGHT_TRANSFORM, (1.5, -1.5), True)
+    *(
+        "Mine",
+        "USARBot.OmniP2AT",
+        UPRIGHT_TRANSFORM,
+        UPRIGHT_TRANSFORM,
+        (1.5, -1.5),
+        True,
+        0.13,
+        0.47,
+    )
 )
 
 SAMPLE_REQUESTS: list[Request] = [
@@ -104,6 +114,7 @@ SAMPLE_REQUESTS: list[Request] = [
     ResetRequest(5),
     GetReadingsRequest(6),
     GetCameraRequest(7, "Omni"),
+    GetPartsRequest(17, "USARBot.P2AT"),
     GetLandmarksRequest(8),
     GetStartPosesRequest(9),
     GetStatusRequest(10),

@@ -8,7 +8,7 @@ import math
 import secrets
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from itertools import count, islice
@@ -53,7 +53,11 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
 if TYPE_CHECKING:
-    from catoptra_client.recording.recorder import RecordingProgress
+    from catoptra_client.recording.recorder import (
+        MessageSource,
+        RecordingPlan,
+        RecordingProgress,
+    )
     from catoptra_client.recording.recording import Recording
 
 _CLASSIFIER = Path("out/classifier.npz")
@@ -84,7 +88,10 @@ def _save_snapshot(words: Sequence[str]) -> int:
     if parsed.out is None:
         parser.error("--out is missing: the name of a PNG or JPEG file")
     with ExitStack() as stack:
-        robot = _spawn_for_snapshot(parsed, stack) if parsed.spawn else parsed.robot
+        robot = parsed.robot
+        if parsed.spawn:
+            address = parsed.host, parsed.stream_port
+            robot = _spawn_robot(parsed, stack.enter_context(StreamClient.connect(*address)))
         source = open_frame_source(
             _stream_url(parsed),
             robot=robot,
@@ -104,11 +111,10 @@ def _save_snapshot(words: Sequence[str]) -> int:
     return 0
 
 
-def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
-    """Spawn a robot for as long as a stack is open; its name."""
-    client = stack.enter_context(StreamClient.connect(parsed.host, parsed.stream_port))
+def _spawn_robot(parsed: argparse.Namespace, client: StreamClient) -> str:
+    """Spawn the robot of --spawn and --start for as long as a client is connected; its name."""
     # The stream selects cameras by the robot's name, so that name is chosen here.
-    name = f"snapshot_{secrets.token_hex(4)}"
+    name = f"client_{secrets.token_hex(4)}"
     starts = client.get_start_poses()
     start = parsed.start or (starts[0].name if starts else None)
     location_m = None if start else (0.0, 0.0, 0.0)
@@ -243,56 +249,105 @@ def _record(words: Sequence[str]) -> int:
     add("--out", metavar="FILE", help="MCAP file to write, which is not there yet")
     add("out", nargs="?", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     add("--repair", metavar="FILE", help="give the file of a killed recorder its index, and end")
+    _add_message_options(parser)
+    parsed = parser.parse_args(words)
+    # The extra packages of recordings are loaded by its command alone.
+    from catoptra_client.recording.mcap_file import repair_recording
+    from catoptra_client.recording.recorder import Recorder
+
+    if parsed.repair is not None:
+        num_messages, damages = repair_recording(Path(parsed.repair))
+        for reason, num_times in damages.items():
+            print(f"left out ({num_times} times): {reason}", file=sys.stderr)
+        print(f"{parsed.repair}: {num_messages} messages")
+        return 0
+    if parsed.out is None:
+        parser.error("--out is missing: the name of an MCAP file")
+    plan = _make_recording_plan(parser, parsed)
+    recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
+    progress = _run_until_interrupt(recorder, partial(recorder.record, parsed.duration))
+    print(f"{parsed.out}: {_describe_recording(progress)}")
+    return 0
+
+
+def _publish_topics(words: Sequence[str]) -> int:
+    """Publish a robot's messages as topics of ROS 2, and drive it by /cmd_vel."""
+    parser = CommandParser(
+        "catoptra-client ros2",
+        "Publish a robot's messages as topics of ROS 2, and drive it by /cmd_vel, until Ctrl-C; "
+        "on this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.",
+    )
+    add = parser.add_argument
+    add("--spawn", metavar="CLASS", help="spawn a robot of a class; one of others must be shared")
+    add("--start", metavar="TAG", help="start pose of that robot (default: the world's first one)")
+    _add_message_options(parser)
+    parsed = parser.parse_args(words)
+    from catoptra_client.recording.recorder import MessageSource
+    from catoptra_client.recording.ros2_node import run_node
+
+    with StreamClient.connect(parsed.host, parsed.stream_port) as driver:
+        if parsed.spawn:
+            parsed.robot = _spawn_robot(parsed, driver)
+        parsed.robot = driver.get_state(parsed.robot or "").robot
+        plan = _make_recording_plan(parser, parsed)
+        source = MessageSource(plan, host=parsed.host, stream_port=parsed.stream_port)
+        run = partial(run_node, source, driver, parsed.robot, parsed.duration)
+        print(_describe_recording(_run_until_interrupt(source, run)))
+    return 0
+
+
+def _add_message_options(parser: CommandParser) -> None:
+    """Add the options of `_make_recording_plan`, and --duration."""
+    add = parser.add_argument
     add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
     add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
     add("--channels", default="", metavar="NAMES", help="of range, ids: ground truth of each pixel")
+    add("--panorama", action="store_true", help="an unrolled picture, too")
+    add("--views", default="", metavar="NAMES",
+        help="of front, right, back, left: exact pinhole pictures, too")  # fmt: skip
     add("--duration", type=partial(parse_float_within, name="a duration", unit=" s"), metavar="S",
-        help="seconds to record (default: until Ctrl-C)")  # fmt: skip
+        help="seconds until the end (default: until Ctrl-C)")  # fmt: skip
     add("--hz", type=partial(parse_float_within, name="a rate"), default=30.0, metavar="RATE",
         help="most frames a second")  # fmt: skip
     add("--picture", choices=[picture.value for picture in Picture], default="flipped",
         help="hand of the pictures")  # fmt: skip
     _add_stream_address(parser)
-    parsed = parser.parse_args(words)
-    # The extra packages of recordings are loaded by its command alone.
-    from catoptra_client.recording.mcap_file import repair_recording
-    from catoptra_client.recording.recorder import (
-        CHANNEL_ENCODINGS,
-        Recorder,
-        RecordingPlan,
-    )
 
-    if parsed.repair is not None:
-        print(f"{parsed.repair}: {repair_recording(Path(parsed.repair))} messages")
-        return 0
-    if parsed.out is None:
-        parser.error("--out is missing: the name of an MCAP file")
-    channels = tuple(filter(None, parsed.channels.split(",")))
-    if unknown := set(channels) - set(CHANNEL_ENCODINGS):
-        parser.error(f"--channels {unknown.pop()!r}: known are {', '.join(CHANNEL_ENCODINGS)}")
+
+def _make_recording_plan(parser: CommandParser, parsed: argparse.Namespace) -> RecordingPlan:
+    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, VIEWS, RecordingPlan
+
+    names = {}
+    for option, known in (("channels", CHANNEL_ENCODINGS), ("views", VIEWS)):
+        names[option] = tuple(filter(None, getattr(parsed, option).split(",")))
+        if unknown := set(names[option]) - set(known):
+            parser.error(f"--{option} {unknown.pop()!r}: known are {', '.join(known)}")
     if not parsed.hz > 0.0:
         parser.error("--hz must be above 0")
-    plan = RecordingPlan(
+    return RecordingPlan(
         robot=parsed.robot or "",
         camera=parsed.camera or "",
         picture=Picture(parsed.picture),
-        channels=channels,
+        channels=names["channels"],
+        views=(*names["views"], *(("panorama",) if parsed.panorama else ())),
         hz=parsed.hz,
     )
 
+
+def _run_until_interrupt(
+    source: MessageSource,
+    run: Callable[[Callable[[RecordingProgress], None]], RecordingProgress],
+) -> RecordingProgress:
     def show(progress: RecordingProgress) -> None:
         if sys.stderr.isatty():
             print(f"\r{_describe_recording(progress)}", end="", file=sys.stderr, flush=True)
 
-    recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
     # An interrupt in the middle of a message would leave half of it.
-    before = signal.signal(signal.SIGINT, lambda *_: recorder.stop())
+    before = signal.signal(signal.SIGINT, lambda *_: source.stop())
     try:
-        progress = recorder.record(parsed.duration, show)
+        return run(show)
     finally:
         signal.signal(signal.SIGINT, before)
-    print(f"{parsed.out}: {_describe_recording(progress)}")
-    return 0
 
 
 def _replay(words: Sequence[str]) -> int:
@@ -453,5 +508,6 @@ COMMANDS: Mapping[str, Command] = {
     "train": _train,
     "bearings": _print_bearings,
     "record": _record,
+    "ros2": _publish_topics,
     "replay": _replay,
 }

@@ -7,7 +7,7 @@ import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -149,7 +149,7 @@ class FrameSource(Protocol):
     def close(self) -> None:
         """Close the connection."""
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> FrameSource:
         """Enter a context that closes the source on exit."""
 
     def __exit__(
@@ -203,7 +203,7 @@ def image_bytes_from_rgb(rgb: Pixels, suffix: str) -> bytes:
 
 def _check_png_size(data: bytes) -> None:
     size = data[len(_PNG_HEADER) : len(_PNG_HEADER) + 8]
-    width, height = int.from_bytes(size[:4]), int.from_bytes(size[4:])
+    width, height = int.from_bytes(size[:4], "big"), int.from_bytes(size[4:], "big")
     if width * height > MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(
             f"PNG frame of {width} x {height} px: the limit is {MAX_IMAGE_PIXELS} pixels"

@@ -15,7 +15,7 @@ import pytest
 
 from catoptra_client.recording.recorder import Recorder, RecordingPlan
 from catoptra_protocol.stream.requests import ImageEncoding
-from helpers.bags import read_bag
+from helpers.bags import matrix_of, read_bag
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
 
@@ -31,19 +31,6 @@ def topics(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[int
     return read_bag(Path(folder, "a.mcap"))
 
 
-def matrix(transform: Any) -> Any:
-    q, place = transform.rotation, transform.translation
-    x, y, z, w = q.x, q.y, q.z, q.w
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), place.x],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), place.y],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), place.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-
-
 def measure_median_px(topics: dict[str, Any], *, frames_late: int, is_turned: bool) -> float:
     """Median distance of the centroids of drawn and of projected beacons; 9 where none is drawn."""
     (prefix,) = (topic[: -len("/calibration")] for topic in topics if "/calibration" in topic)
@@ -51,10 +38,13 @@ def measure_median_px(topics: dict[str, Any], *, frames_late: int, is_turned: bo
     flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
     model = cv2.FileStorage(exports["opencv_omnidir"]["text"], flags)
     k, d, xi = model.getNode("K").mat(), model.getNode("D").mat(), model.getNode("xi").real()
-    fixed = {t.child_frame_id: matrix(t.transform) for _, m in topics["/tf_static"]
+    fixed = {t.child_frame_id: matrix_of(t.transform) for _, m in topics["/tf_static"]
         for t in m.transforms}  # fmt: skip
     base_from_camera = fixed[f"{prefix[1:]}_optical_frame"]
-    bases = {stamp: message.transforms[0].transform for stamp, message in topics["/tf"]}
+    bases = {}
+    for stamp, message in topics["/tf"]:
+        links = {t.child_frame_id: matrix_of(t.transform) for t in message.transforms}
+        bases[stamp] = links["odom"] @ links["base_link"]
     beacons: dict[str, list[Any]] = {}
     for marker in topics["/landmarks"][0][1].markers:
         if marker.type == 3:
@@ -63,8 +53,8 @@ def measure_median_px(topics: dict[str, Any], *, frames_late: int, is_turned: bo
     for number in range(1, len(images), 4):
         bgr = cv2.imdecode(images[number][1].data, cv2.IMREAD_COLOR).astype(float)
         colour = np.ptp(bgr[:, ::-1] if is_turned else bgr, axis=2)
-        base = matrix(bases[images[number - frames_late][0]])
-        camera_from_map = np.linalg.inv(fixed["odom"] @ base @ base_from_camera)
+        base = bases[images[number - frames_late][0]]
+        camera_from_map = np.linalg.inv(base @ base_from_camera)
         for low, high in beacons.values():
             angle = np.linspace(0.0, 2 * np.pi, 72)
             bottom_m = low.pose.position.z - low.scale.z / 2

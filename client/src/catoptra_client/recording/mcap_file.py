@@ -15,6 +15,8 @@ import os
 import struct
 import tempfile
 import time
+import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from io import BytesIO
@@ -52,6 +54,9 @@ _RECORDS = {
     Opcode.ATTACHMENT: records.Attachment,
     Opcode.METADATA: records.Metadata,
 }
+# Wrong bytes inside a record show up in each of these ways.
+_DAMAGES = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
+_MAX_DAMAGES = 16
 # Hashes of the types' descriptions in ROS 2 Humble and later (REP 2011), for metadata.yaml.
 _TYPE_HASHES = {
     "geometry_msgs/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
@@ -200,7 +205,10 @@ class RecordingWriter:
         self._writer.add_message(channel, log_ns, data, publish_ns, self._counts[topic])
         self._counts[topic] += 1
         self._first_ns, self._last_ns = min(self._first_ns, log_ns), max(self._last_ns, log_ns)
-        if self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S:
+        # A chunk that declares a topic ends with its first message: damage to a later one does not
+        # cost the topic.
+        is_due = self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S
+        if self._counts[topic] == 1 or is_due:
             self._writer.flush()
             self._flushed_s = self._clock()
 
@@ -283,18 +291,21 @@ class RecordingWriter:
         return json.dumps({"rosbag2_bagfile_information": information}, indent=1)
 
 
-def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
+def read_records(
+    path: Path, *, on_damage: Callable[[CatoptraError], None] | None = None
+) -> Iterator[Any]:
     """Schemas, channels, messages, attachments and metadata of a file, checked, in its order.
 
     Args:
         path: MCAP file.
-        is_cut: Whether to end in silence where the file does.
+        on_damage: Receives what is wrong with a chunk or a message that is left out then, and where
+            the file ends too early; None: the first damage is an error.
 
     Raises:
         CatoptraError: No such file, or no recording: cut, of another format or type, or with
             lengths beyond the file or the limits.
     """
-    checker = _RecordChecker(path)
+    checker = _RecordChecker(path, on_damage)
     try:
         opened = path.open("rb")
     except OSError as error:
@@ -310,19 +321,17 @@ def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
                 (head[0], int.from_bytes(head[1:], "little")) if len(head) == 9 else (0, end)
             )
             if file.tell() + length > end:
-                if is_cut:
-                    return
-                raise CatoptraError(
+                checker.report_damage(
                     f"{path} ends within a record: catoptra-client record --repair {path}"
                 )
+                return
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             limit = MAX_CHUNK_BYTES if opcode == Opcode.CHUNK else _MAX_RECORD_BYTES
             if length > limit:
                 raise CatoptraError(f"{path}: a record of {length} bytes; the limit is {limit}")
             yield from checker.parse(opcode, file.read(length))
-        if not is_cut:
-            raise CatoptraError(f"{path} has no end: catoptra-client record --repair {path}")
+        checker.report_damage(f"{path} has no end: catoptra-client record --repair {path}")
 
 
 class RecordedMessage(NamedTuple):
@@ -356,12 +365,12 @@ class RecordedTable(NamedTuple):
 
 
 def read_entries(
-    path: Path, *, is_cut: bool = False
+    path: Path, *, on_damage: Callable[[CatoptraError], None] | None = None
 ) -> Iterator[RecordedMessage | RecordedFile | RecordedTable]:
     """Messages, attachments and metadata of a file; arguments and errors of `read_records`."""
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str, bool]] = {}
-    for record in read_records(path, is_cut=is_cut):
+    for record in read_records(path, on_damage=on_damage):
         match record:
             case records.Schema():
                 schemas[record.id] = record.name.replace("/msg/", "/")
@@ -399,18 +408,27 @@ def decode_message(message: RecordedMessage) -> Any:
         ) from error
 
 
-def repair_recording(path: Path) -> int:
-    """Give the file of a killed writer its index; the number of messages that it has then.
+def repair_recording(path: Path) -> tuple[int, Counter[str]]:
+    """Give the file of a killed writer its index, without damaged chunks and topics they declare.
 
     The file stays as it is until its successor is complete.
 
+    Returns:
+        The number of messages that it has then, and how often what was damaged.
+
     Raises:
-        CatoptraError: No recording, or no room beside it.
+        CatoptraError: No recording, no message in it is whole, or there is no room beside it.
     """
+    damages: Counter[str] = Counter()
+
+    def count_damage(error: CatoptraError) -> None:
+        text = str(error)
+        damages[text if text in damages or len(damages) < _MAX_DAMAGES else "more damage"] += 1
+
     repaired = path.with_name(f"{path.name}.repaired")
     writer = RecordingWriter(repaired, name=path.name)
     try:
-        for entry in read_entries(path, is_cut=True):
+        for entry in read_entries(path, on_damage=count_damage):
             match entry:
                 case RecordedMessage(topic, type_name, data, log_ns, publish_ns, is_latched):
                     times = {"log_ns": log_ns, "publish_ns": publish_ns}
@@ -419,6 +437,8 @@ def repair_recording(path: Path) -> int:
                     writer.add_attachment(name, data)
                 case RecordedTable(name, values):
                     writer.add_metadata(name, values)
+        if damages and not writer.num_messages:
+            raise CatoptraError(next(iter(damages)))
         if writer.is_full:
             raise CatoptraError(f"{path}: the disk is full; the file is as it was")
     except BaseException:
@@ -426,44 +446,47 @@ def repair_recording(path: Path) -> int:
         raise
     writer.close()
     repaired.replace(path)
-    return writer.num_messages
+    return writer.num_messages, damages
 
 
 class _RecordChecker:
     """What a file has declared so far, by which its next records are judged."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, on_damage: Callable[[CatoptraError], None] | None) -> None:
+        self._path, self._on_damage = path, on_damage
         self._schemas: set[int] = set()
         self._channels: set[int] = set()
 
+    def report_damage(self, reason: str) -> None:
+        """Report what a killed writer or a faulty disk leaves; an error unless it is repaired."""
+        if self._on_damage is None:
+            raise CatoptraError(reason)
+        self._on_damage(CatoptraError(reason))
+
     def parse(self, opcode: int, body: bytes) -> Iterator[Any]:
         """Records of one record's body: itself, those of a chunk, or none of an unknown kind."""
-        # Wrong lengths inside a record show up in each of these ways.
+        if opcode != Opcode.CHUNK:
+            yield from self._parse_plain(opcode, body)
+            return
         try:
-            if opcode == Opcode.CHUNK:
-                chunk = records.Chunk.read(ReadDataStream(BytesIO(body)))
-                yield from self._parse_chunk(chunk)
-                return
-            stream = ReadDataStream(BytesIO(body))
-            if opcode == Opcode.MESSAGE:
-                record: Any = records.Message.read(stream, len(body))
-            elif opcode in _RECORDS:
-                record = _RECORDS[Opcode(opcode)].read(stream)
-            else:
-                return
-        except (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
-            raise self._error(f"a damaged record: {error}") from error
-        self._check(record)
-        yield record
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(body)))
+            data = self._unpack(chunk)
+            if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+                raise ValueError("the checksum of a chunk is another one")
+            inner = list(_split(data))
+        except _DAMAGES as error:
+            self.report_damage(f"{self._path}: a damaged chunk: {error}")
+            return
+        for inner_opcode, inner_body in inner:
+            yield from self._parse_plain(inner_opcode, inner_body)
 
-    def _parse_chunk(self, chunk: Any) -> Iterator[Any]:
+    def _unpack(self, chunk: Any) -> bytes:
         size = chunk.uncompressed_size
         if size > MAX_CHUNK_BYTES:
             raise self._error(f"a chunk unpacks to {size} bytes; the limit is {MAX_CHUNK_BYTES}")
         match chunk.compression:
             case "":
-                data = chunk.data
+                data: bytes = chunk.data
             case "zstd":
                 decompressor = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES)
                 data = decompressor.stream_reader(chunk.data).read(size + 1)
@@ -472,38 +495,59 @@ class _RecordChecker:
             case other:
                 raise self._error(f"a chunk is packed by {other[:20]!r}, which is unknown here")
         if len(data) != size:
-            raise self._error(f"a chunk does not unpack to the {size} bytes that it states")
-        place = 0
-        while place < size:
-            length = int.from_bytes(data[place + 1 : place + 9], "little")
-            if place + 9 + length > size:
-                raise self._error("a record in a chunk is longer than the chunk")
-            yield from self.parse_plain(data[place], data[place + 9 : place + 9 + length])
-            place += 9 + length
+            raise ValueError(f"a chunk does not unpack to the {size} bytes that it states")
+        return data
 
-    def parse_plain(self, opcode: int, body: bytes) -> Iterator[Any]:
-        """Records of a body in a chunk, where no other chunk may be."""
-        if opcode == Opcode.CHUNK:
-            raise self._error("a chunk is in a chunk")
-        return self.parse(opcode, body)
+    def _parse_plain(self, opcode: int, body: bytes) -> Iterator[Any]:
+        """Record of a body that is no chunk; none of an unknown kind."""
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            if opcode == Opcode.CHUNK:
+                raise self._error("a chunk is in a chunk")
+            if opcode == Opcode.MESSAGE:
+                record: Any = records.Message.read(stream, len(body))
+            elif opcode in _RECORDS:
+                record = _RECORDS[Opcode(opcode)].read(stream)
+            else:
+                return
+        except _DAMAGES as error:
+            raise self._error(f"a damaged record: {error}") from error
+        if self._is_known(record):
+            yield record
 
-    def _check(self, record: Any) -> None:
+    def _is_known(self, record: Any) -> bool:
+        """Whether what a record refers to is in the file; damaged chunks may have had that."""
+        reason = ""
         match record:
             case records.Schema():
                 name = record.name.replace("/msg/", "/")
                 if name not in _TYPE_HASHES or record.data != schema_text(name).encode():
                     raise self._error(f"its type {record.name[:60]!r} is none of Catoptra's")
                 self._schemas.add(record.id)
+            case records.Channel() if record.schema_id not in self._schemas:
+                reason = f"topic {record.topic[:60]!r} has no type"
             case records.Channel():
-                if record.schema_id not in self._schemas:
-                    raise self._error(f"topic {record.topic[:60]!r} has no type")
                 self._channels.add(record.id)
-            case records.Message():
-                if record.channel_id not in self._channels:
-                    raise self._error("a message has no topic")
+            case records.Message() if record.channel_id not in self._channels:
+                reason = "a message has no topic"
             case records.Attachment():
                 if Path(record.name).name != record.name or "\\" in record.name:
                     raise self._error(f"an attachment names a path: {record.name[:60]!r}")
+        if reason:
+            self.report_damage(f"{self._path}: {reason}")
+        return not reason
 
     def _error(self, reason: str) -> CatoptraError:
         return CatoptraError(f"{self._path}: {reason}")
+
+
+def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcodes and bodies of the records of a chunk."""
+    place = 0
+    while place < len(data):
+        body = place + 9
+        end = body + int.from_bytes(data[place + 1 : body], "little")
+        if end > len(data):
+            raise ValueError("a record in a chunk is longer than the chunk")
+        yield data[place], data[body:end]
+        place = end

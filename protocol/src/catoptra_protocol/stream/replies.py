@@ -198,6 +198,10 @@ class RobotState:
     """Commanded speeds of the left and the right wheels."""
     shares_control: bool
     """Whether other clients may drive it."""
+    # Defaults: servers of an earlier release do not send these.
+    wheel_radius_m: float = 0.0
+    wheel_separation_m: float = 0.0
+    """Of GETGEO, by which a speed and a turn become speeds of wheels; 0: unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -230,6 +230,17 @@ class GetCameraRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class GetPartsRequest:
+    """Request wheels and sensors of a robot class: limits, ranges, and poses on the robot."""
+
+    KIND: ClassVar[str] = "get_parts"
+
+    id: int
+    class_name: str
+    """One of those of the status, or of a robot in the state."""
+
+
+@dataclass(frozen=True, slots=True)
 class GetLandmarksRequest:
     """Request the true landmarks of the world, or their projections into one camera.
 
@@ -351,6 +362,7 @@ Request = (
     | ResetRequest
     | GetReadingsRequest
     | GetCameraRequest
+    | GetPartsRequest
     | GetLandmarksRequest
     | GetStartPosesRequest
     | GetStatusRequest

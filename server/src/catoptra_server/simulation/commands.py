@@ -95,7 +95,7 @@ def execute_get_conf(
         error_bound_of: Error bound of a camera; None before the first frame.
     """
     if _is_robot(command.type):
-        return [_vehicle_configuration(robot.description)]
+        return [vehicle_configuration(robot.description)]
     # An empty reply rather than none: clients wait for a line of the requested type.
     parts = _find_named_parts(robot, command.type, command.name)
     empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
@@ -304,7 +304,8 @@ def _configuration(part: Part, error_bound_of: ErrorBoundLookup) -> Report:
     return dataclasses.replace(configuration, extra_pairs=(*configuration.extra_pairs, *pairs))
 
 
-def _vehicle_configuration(description: RobotDescription) -> VehicleConfiguration:
+def vehicle_configuration(description: RobotDescription) -> VehicleConfiguration:
+    """CONF of a robot itself."""
     drive = description.drive
     return VehicleConfiguration(
         name=description.model_name,

@@ -352,6 +352,8 @@ class RobotSnapshot:
     wheel_speeds_rad_s: tuple[float, float]
     """Commanded speeds of the left and the right wheels."""
     shares_control: bool
+    wheel_radius_m: float
+    wheel_separation_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -382,6 +384,8 @@ def collect_fleet_state(
             robot.world_from_start,
             robot.wheel_speeds_rad_s,
             robot.shares_control,
+            robot.description.drive.wheel_radius_m,
+            robot.description.drive.wheel_separation_m,
         )
         for robot in robots
     )

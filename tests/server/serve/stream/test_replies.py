@@ -317,7 +317,7 @@ async def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> No
 POSE = Pose.from_rpy((1.0, 2.0, -0.2), (0.0, 0.0, 0.5))
 START = Pose.from_rpy((0.0, 0.0, -0.2))
 STATE = FleetState(
-    (RobotSnapshot("A", "USARBot.P2AT", POSE, START, (1.0, -1.0), True),),
+    (RobotSnapshot("A", "USARBot.P2AT", POSE, START, (1.0, -1.0), True, 0.13, 0.47),),
     "A",
     (OdometryReading("Odometry", 1.0, 2.0, 0.5),),
     ((Note("ekf", '{"pose":[1.0,2.0,0.5]}'), 1.25),),
@@ -342,6 +342,7 @@ async def test_state_has_robots_lines_and_notes() -> None:
     assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
     assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
     assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
+    assert (robot.wheel_radius_m, robot.wheel_separation_m) == (0.13, 0.47)
     assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
     assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
 
@@ -352,7 +353,8 @@ async def test_state_when_the_simulation_failed_is_an_error() -> None:
 
 async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
     robots = tuple(
-        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
+        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True, 0.1, 0.5)
+        for _ in range(64)
     )
     scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
     text = '{"x":"' + 8184 * "\\" + '"}'

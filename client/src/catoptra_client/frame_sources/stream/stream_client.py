@@ -15,7 +15,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Concatenate, ParamSpec, Self, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import (
@@ -60,6 +60,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
     GetSetupRequest,
@@ -162,7 +163,9 @@ class StreamClient:
         self._camera_cache = CameraModelCache()
 
     @classmethod
-    def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
+    def connect(
+        cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0
+    ) -> StreamClient:
         """Connect and wait for the first reply of the server; nothing is spawned.
 
         Args:
@@ -196,7 +199,7 @@ class StreamClient:
         """
         self._socket.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> StreamClient:
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -371,6 +374,17 @@ class StreamClient:
             CatoptraError: This client has no robot.
         """
         return _parse_reports(self._call(GetReadingsRequest, SensorReports))
+
+    def get_parts(self, class_name: str) -> list[Report]:
+        """Configuration of a robot class, then configuration and geometry of each of its sensors.
+
+        Args:
+            class_name: As in `get_status().class_names`, or of a robot of `get_state`.
+
+        Raises:
+            CatoptraError: There is no such class.
+        """
+        return _parse_reports(self._call(GetPartsRequest, SensorReports, class_name))
 
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.

@@ -42,6 +42,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
     GetSetupRequest,
@@ -65,6 +66,7 @@ from catoptra_server.serve.stream.replies import (
     StreamContext,
     camera_reply,
     landmarks_reply,
+    parts_reply,
     request_pixel,
     request_plan,
     request_projections,
@@ -240,6 +242,8 @@ class StreamPeer:
             case GetCameraRequest(id_, camera):
                 info = self._context.server_info
                 self.send_reply(camera_reply(id_, camera, info, self.robot))
+            case GetPartsRequest(id_, class_name):
+                self.send_reply(parts_reply(id_, class_name, self._context.server_info))
             case GetStartPosesRequest(id_):
                 start_poses = self._context.server_info.start_poses
                 self.send_reply(StartPosesReply(id_, start_poses))

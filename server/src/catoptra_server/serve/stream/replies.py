@@ -35,6 +35,7 @@ from catoptra_protocol.stream.replies import (
     PlanReply,
     Reply,
     RobotState,
+    SensorReports,
     SetupReply,
     StartPoseRecord,
     StateReply,
@@ -47,6 +48,7 @@ from catoptra_protocol.stream.requests import (
     SetAccuracyRequest,
     Transform,
 )
+from catoptra_protocol.usarsim.reports import Geometry, GeometryItem, Report
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import CameraChannel, ViewRequest
@@ -56,7 +58,15 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.renderer import AccuracyTarget
-from catoptra_server.serve.stream.session import PendingRequest, Post, ReportLines, RobotSession
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.serve.stream.session import (
+    PendingRequest,
+    Post,
+    ReportLines,
+    RobotSession,
+    lines_from_reports,
+)
+from catoptra_server.simulation.commands import vehicle_configuration
 from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
@@ -66,9 +76,10 @@ from catoptra_server.simulation.events import (
 )
 from catoptra_server.simulation.robot import FleetState, RobotSnapshot
 from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import build_sensors
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
-from catoptra_server.simulation.spawning import find_class
+from catoptra_server.simulation.spawning import SpawnError, find_class
 from catoptra_server.world.world_description import World
 
 # Class of the robot, name of the camera.
@@ -242,6 +253,24 @@ def camera_reply(
     mount = transform_from_pose(camera_info.robot_from_mirror)
     model = dict(camera_info.camera_model)
     return CameraReply(id_, class_name, name, model, mount, camera_info.plan)
+
+
+def parts_reply(id_: int, class_name: str, info: ServerInfo) -> SensorReports | Error:
+    """Reply with CONF of a robot class, and with CONF and GEO of each of its sensors."""
+    try:
+        robot = find_class(info.robots, class_name)
+    except SpawnError as error:
+        return Error(id_, str(error))
+    sensors = build_sensors(
+        robot.sensors, robot.drive, lambda part: RandomSource.from_names(0, part)
+    )
+    parts = [part for sensor in sensors for part in sensor.parts]
+    reports: list[Report] = [vehicle_configuration(robot)]
+    for part in parts:
+        geometry = part.geometry()
+        assert isinstance(geometry, GeometryItem), "a sensor has no links"
+        reports += [part.configuration(), Geometry(part.type, (geometry,))]
+    return SensorReports(id_, lines_from_reports(reports))
 
 
 def landmarks_reply(id_: int, landmarks: Sequence[Landmark]) -> LandmarksReply:
@@ -436,6 +465,8 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
         world_from_start=transform_from_pose(snapshot.world_from_start),
         wheel_speeds_rad_s=snapshot.wheel_speeds_rad_s,
         shares_control=snapshot.shares_control,
+        wheel_radius_m=snapshot.wheel_radius_m,
+        wheel_separation_m=snapshot.wheel_separation_m,
     )
 
 
