@@ -20,7 +20,10 @@ from catoptra_client.server_process import connect_stream
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.stream.replies import SensorReports
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest
+from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.reports import report_from_message
 
 _TIMEOUT_S = 60.0
 
@@ -86,6 +89,10 @@ class _Rewriter(MessageSource):
         time_s, num_frames = self._write_head(client).time_s, 0
         self._is_omni = isinstance(self._find_camera(client), OmniCamera)
         self._begin_s = recording.span_s[0]
+        # Readings are of the recorded robot's sensors.
+        lines = recording.get_reply(SensorReports).reports
+        reports = (report_from_message(parse_message(line)) for line in lines)
+        self._describe_robot([one for one in reports if one is not None], self._begin_s)
         writer.add_metadata("catoptra_rerendered", {"from": recording.path.name})
         commands = recording.iter_commands()
         command = next(commands, None)
