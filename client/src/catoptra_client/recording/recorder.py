@@ -57,6 +57,7 @@ from catoptra_protocol.stream.replies import (
     LandmarkRecord,
     LandmarksReply,
     RobotState,
+    SensorReports,
     StartPosesReply,
     StateReply,
 )
@@ -69,7 +70,12 @@ from catoptra_protocol.stream.requests import (
 from catoptra_protocol.usarsim.commands import Drive, command_from_message
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.readings import OdometryReading
-from catoptra_protocol.usarsim.reports import Configuration, Report, report_from_message
+from catoptra_protocol.usarsim.reports import (
+    Configuration,
+    Report,
+    line_from_report,
+    report_from_message,
+)
 
 _QUEUE_S = 2.0
 _PROGRESS_INTERVAL_S = 0.5
@@ -252,7 +258,7 @@ class MessageSource:
         on_progress: Callable[[RecordingProgress], None],
     ) -> RecordingProgress:
         start_s, self._sink = self._clock(), sink
-        self._write_head(client)
+        self._write_state(self._write_head(client), time.time_ns())
         threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
         if self._plan.camera is not None:
             threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
@@ -361,7 +367,8 @@ class MessageSource:
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
-    def _write_head(self, client: StreamClient) -> None:
+    def _write_head(self, client: StreamClient) -> StateReply:
+        """Write what never changes; the state before the first messages."""
         self._robot = client.get_state(self._plan.robot).robot
         if not self._robot:
             raise CatoptraError("nothing to record: there is no such robot; --robot names one")
@@ -383,19 +390,20 @@ class MessageSource:
         landmarks = client.get_landmarks()
         records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
         starts = StartPosesReply(0, client.get_start_poses())
-        replies = {
-            one.KIND: json_from_message(one) for one in (status, starts, LandmarksReply(0, records))
-        }
+        parts = client.get_parts(self._find_robot(state).class_name)
+        lines = b"".join(map(line_from_report, parts)).decode("latin-1").splitlines()
+        fixed = status, starts, LandmarksReply(0, records), SensorReports(0, tuple(lines))
+        replies = {one.KIND: json_from_message(one) for one in fixed}
         self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
         self._begin_s = time_s
         self._is_lockstep = status.clock == "lockstep"
-        self._describe_robot(client, state)
+        self._describe_robot(parts, state.time_s)
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
         table = ros.string_message([dataclasses.asdict(one) for one in landmarks])
         self._write("/landmarks/json", "std_msgs/String", table, time_s, now_ns, True)
-        self._write_state(state, now_ns)
+        return state
 
     def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
         time_s, name = header.time_s, header.camera
@@ -504,9 +512,8 @@ class MessageSource:
             if self._is_new(f"note {note.name}", text):
                 self._write_note(note.name, note.text, time_s, wall_ns)
 
-    def _describe_robot(self, client: StreamClient, state: StateReply) -> None:
+    def _describe_robot(self, parts: Sequence[Report], time_s: float) -> None:
         """Learn of wheels and sensors, and write the frames of those on the chassis."""
-        parts = client.get_parts(self._find_robot(state).class_name)
         self._sensors = ros.sensors_by_name(parts)
         confs = [one for one in parts if isinstance(one, Configuration)]
         self._has_odometry = any(one.type == "Odometry" for one in confs)
@@ -516,7 +523,7 @@ class MessageSource:
             for name, sensor in self._sensors.items()
             if sensor.base_from_sensor is not None and name not in _FRAMES
         }
-        self._write_fixed("base_link", frames, state.time_s, time.time_ns())
+        self._write_fixed("base_link", frames, time_s, time.time_ns())
 
     def _find_robot(self, state: StateReply) -> RobotState:
         robot = next((one for one in state.robots if one.name == state.robot), None)

@@ -270,6 +270,8 @@ class Fleet:
         if robot is None:
             return []
         try:
+            # It draws random numbers, as no other reading at this time would.
+            robot.commands.add(StepCommand(0.0), time_s)
             # A function for the environment: computed only if a sensor is due.
             return robot.read_all(time_s, partial(self.sense, robot))
         except Exception:
