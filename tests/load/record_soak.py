@@ -90,10 +90,10 @@ def _view_frames(port: int, duration_s: float) -> int:
     return count
 
 
-def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str, Any]:
-    """Record for a time; the figures of the recording."""
+def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict[str, Any]:
+    """Record for a time, and view for another; the figures."""
     path = folder / "soak.mcap"
-    robot = write_robot(folder, size_px)
+    robot = write_robot(folder, 640)
     with start_server(folder, "--threads", "2", robot=robot) as server:
         pid, port = server.process.pid, server.stream_port
         with server.connect_stream() as client:
@@ -114,7 +114,6 @@ def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str
                         samples.append((resident_mb(recorder.pid), resident_mb(pid)))
                     time.sleep(min(1.0, duration_s / 20.0))
                 assert recorder.returncode == 0
-            viewed_s = min(duration_s, 60.0)
             viewer_before = processor_time_s(pid)
             num_viewed = _view_frames(port, viewed_s)
             server_of_viewer = (processor_time_s(pid) - viewer_before) / viewed_s
