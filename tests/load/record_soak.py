@@ -121,13 +121,13 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
         reader = make_reader(file)
         counts: Counter[str] = Counter()
         stamps: dict[str, list[int]] = {}
-        sequences = []
+        headers = []
         for _, channel, message in reader.iter_messages(log_time_order=False):
             counts[channel.topic] += 1
             stamps.setdefault(channel.topic, []).append(message.log_time)
             if channel.topic == "/catoptra/frame":
                 text = message.data[8:].rstrip(b"\0")
-                sequences.append(json.loads(text)["sequence"])
+                headers.append(json.loads(text))
         dropped = next(one.metadata for one in reader.iter_metadata()
             if one.name == "catoptra_dropped")  # fmt: skip
     span_s = (stamps["/ground_truth"][-1] - stamps["/ground_truth"][0]) / 1e9
@@ -140,9 +140,10 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
         "seconds": duration_s,
         "messages": sum(counts.values()),
         "dropped": {name: count for name, count in dropped.items() if count != "0"},
-        "frames": len(sequences),
-        "frames_lost": sequences[-1] - sequences[0] + 1 - len(sequences),
-        "frames_per_s": len(sequences) / span_s,
+        "frames": len(headers),
+        "frames_lost": headers[-1]["dropped_frames"],
+        "frames_superseded": headers[-1]["sequence"] - headers[0]["sequence"] + 1 - len(headers),
+        "frames_per_s": len(headers) / span_s,
         "ticks_recorded": (counts["/ground_truth"] - 1) / (span_s / _TICK_S),
         "readings_per_s": {
             topic: round(counts[topic] / span_s, 1)
