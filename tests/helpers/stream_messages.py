@@ -7,6 +7,7 @@ import dataclasses
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    CommandRecord,
     DifferenceRecord,
     EffectRecord,
     Error,
@@ -22,6 +23,7 @@ from catoptra_protocol.stream.replies import (
     Reply,
     RobotState,
     SensorReports,
+    SetupReply,
     StartPoseRecord,
     StartPosesReply,
     StateReply,
@@ -36,6 +38,7 @@ from catoptra_protocol.stream.requests import (
     GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -116,7 +119,8 @@ SAMPLE_REQUESTS: list[Request] = [
     GetStartPosesRequest(9),
     GetStatusRequest(10),
     SetAccuracyRequest(11, "", 0.5, None),
-    GetStateRequest(12, "Mine"),
+    GetStateRequest(12, "Mine", 3),
+    GetSetupRequest(16),
     GetPixelRequest(13, "Mine", "Omni", 320.5, 240.5),
     PublishRequest(14, "ekf", '{"pose":[1.0,2.0,0.5]}'),
     ShareControlRequest(15, True),
@@ -138,6 +142,8 @@ SAMPLE_REPLIES: list[Reply] = [
     StateReply(
         *(9, 1.25, (ROBOT_STATE,), "Mine", ("SEN {Time 1.0}",)),
         (NoteRecord("ekf", 1.0, '{"pose":[1.0,2.0,0.5]}'),),
+        (CommandRecord(4, 1.125, "DRIVE {Left 1.5}"),),
     ),
+    SetupReply(11, {"a.ini": "[A]"}, {"a.ini": "5e88", "b.glb": "9f86"}, {"seed": "3"}),
     PixelReply(10, 1.25, 1.5, -0.5, None, "", 0.375),
 ]

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         RecordingPlan,
         RecordingProgress,
     )
+    from catoptra_client.recording.recording import Recording
 
 _CLASSIFIER = Path("out/classifier.npz")
 _STREAM_PORT = 5005
@@ -301,6 +302,9 @@ def _add_message_options(parser: CommandParser) -> None:
     add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
     add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
     add("--channels", default="", metavar="NAMES", help="of range, ids: ground truth of each pixel")
+    add("--panorama", action="store_true", help="an unrolled picture, too")
+    add("--views", default="", metavar="NAMES",
+        help="of front, right, back, left: exact pinhole pictures, too")  # fmt: skip
     add("--duration", type=partial(parse_float_within, name="a duration", unit=" s"), metavar="S",
         help="seconds until the end (default: until Ctrl-C)")  # fmt: skip
     add("--hz", type=partial(parse_float_within, name="a rate"), default=30.0, metavar="RATE",
@@ -311,18 +315,21 @@ def _add_message_options(parser: CommandParser) -> None:
 
 
 def _make_recording_plan(parser: CommandParser, parsed: argparse.Namespace) -> RecordingPlan:
-    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, RecordingPlan
+    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, VIEWS, RecordingPlan
 
-    channels = tuple(filter(None, parsed.channels.split(",")))
-    if unknown := set(channels) - set(CHANNEL_ENCODINGS):
-        parser.error(f"--channels {unknown.pop()!r}: known are {', '.join(CHANNEL_ENCODINGS)}")
+    names = {}
+    for option, known in (("channels", CHANNEL_ENCODINGS), ("views", VIEWS)):
+        names[option] = tuple(filter(None, getattr(parsed, option).split(",")))
+        if unknown := set(names[option]) - set(known):
+            parser.error(f"--{option} {unknown.pop()!r}: known are {', '.join(known)}")
     if not parsed.hz > 0.0:
         parser.error("--hz must be above 0")
     return RecordingPlan(
         robot=parsed.robot or "",
         camera=parsed.camera or "",
         picture=Picture(parsed.picture),
-        channels=channels,
+        channels=names["channels"],
+        views=(*names["views"], *(("panorama",) if parsed.panorama else ())),
         hz=parsed.hz,
     )
 
@@ -351,7 +358,24 @@ def _replay(words: Sequence[str]) -> int:
     )
     add = parser.add_argument
     add("file", metavar="FILE", help="MCAP file of catoptra-client record")
-    add("--serve", action="store_true", help="serve it on a server's ports until Ctrl-C")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
+        "--serve", action="store_true", help="serve it on a server's ports until Ctrl-C"
+    )
+    mode.add_argument(
+        "--resimulate", action="store_true", help="simulate its commands, and compare each byte"
+    )
+    mode.add_argument(
+        "--rerender", action="store_true", help="draw it by another camera into a new file, --out"
+    )
+    add("--robot-file", type=Path, metavar="FILE", help="robot with the camera of --rerender")
+    add("--camera", default="", metavar="NAME", help="name of that camera (default: the first)")
+    add("--max-error-px", type=partial(parse_float_within, name="a tolerance", unit=" px"),
+        metavar="PX", help="accuracy target of --rerender (default: the robot file's)")  # fmt: skip
+    add("--out", type=Path, metavar="FILE", help="MCAP file of --rerender to write")
+    add("--files", type=Path, metavar="DIR",
+        help="folder of the recorded robot and world files and of what they refer to, of "
+        "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
     add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
         default=1.0, metavar="X", help="simulated seconds a second, of --serve")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to serve on")
@@ -360,12 +384,30 @@ def _replay(words: Sequence[str]) -> int:
     add("--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT",
         help="ZeroMQ stream; a port 0 is any free one")  # fmt: skip
     parsed = parser.parse_args(words)
+    if parsed.rerender and not (parsed.robot_file and parsed.out):
+        parser.error("--rerender needs --robot-file and --out")
     if not parsed.speed > 0.0:
         parser.error("--speed must be above 0")
     # The extra packages of recordings are loaded by its commands alone.
     from catoptra_client.recording.recording import Recording
 
     recording = Recording(Path(parsed.file))
+    if parsed.resimulate:
+        return _resimulate(recording, parsed.files)
+    if parsed.rerender:
+        from catoptra_client.recording.rerendering import rerender
+
+        num_frames = rerender(
+            recording,
+            parsed.out,
+            robot_file=parsed.robot_file,
+            max_error_px=parsed.max_error_px,
+            camera=parsed.camera,
+            files=parsed.files,
+            on_progress=_show_time,
+        )
+        print(f"{parsed.out}: {num_frames} frames from the recorded poses")
+        return 0
     if not parsed.serve:
         print(recording.describe())
         return 0
@@ -375,6 +417,26 @@ def _replay(words: Sequence[str]) -> int:
     server = ReplayServer(recording, speed=parsed.speed)
     asyncio.run(server.run(ports, _print_address))
     return 0
+
+
+def _resimulate(recording: Recording, files: Path | None) -> int:
+    """Simulate a recording again; 1 at a difference."""
+    from catoptra_client.recording.resimulation import resimulate
+
+    found = resimulate(recording, files=files, on_progress=_show_time)
+    if found.difference:
+        print(f"first difference: {found.difference}")
+        return 1
+    print(
+        f"{found.span_s:.1f} s simulated again: {found.num_states} states and "
+        f"{found.num_frames} frames are the same, byte for byte"
+    )
+    return 0
+
+
+def _show_time(time_s: float) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{time_s:.1f} s", end="\r", file=sys.stderr, flush=True)
 
 
 def _print_address(address: ServerAddress) -> None:

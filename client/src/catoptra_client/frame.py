@@ -193,8 +193,9 @@ def image_bytes_from_rgb(rgb: Pixels, suffix: str) -> bytes:
     if not rgb.size:
         raise CatoptraError("the frame has no pixels: spawn a robot with a camera first")
     bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
-    # Of a PNG file; two thirds of the size of OpenCV's default.
-    ok, data = cv2.imencode(suffix, bgr, [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    # Two thirds of the size of OpenCV's default.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 6] if suffix == ".png" else []
+    ok, data = cv2.imencode(suffix, bgr, options)
     assert ok, "cv2 encodes every 8-bit image"
     encoded: bytes = data.tobytes()
     return encoded

@@ -13,7 +13,8 @@ from catoptra_client.recording.mcap_file import MAGIC, read_records, repair_reco
 from catoptra_client.recording.recorder import Recorder, RecordingPlan
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.requests import ImageEncoding
-from helpers.bags import read_bag
+from helpers.bags import matrix_of, read_bag
+from helpers.configs import ROBOTS
 from helpers.server_process import start_server
 
 
@@ -23,10 +24,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     path = folder / "bag" / "drive.mcap"
     path.parent.mkdir()
-    with start_server(folder) as server, server.connect_stream() as client:
+    robot = ROBOTS / "p2at_omni_full.ini"
+    with start_server(folder, robot=robot) as server, server.connect_stream() as client:
         client.spawn("USARBot.OmniP2AT", start_pose=client.get_start_poses()[0].name)
         client.drive(1.0, 2.0)
-        plan = RecordingPlan(channels=("range", "ids"), encoding=ImageEncoding.PNG)
+        plan = RecordingPlan(channels=("range", "ids"), encoding=ImageEncoding.PNG, hz=10.0)
         progress = Recorder(path, plan, stream_port=server.stream_port).record(2.0)
     assert progress.num_dropped == 0
     return path
@@ -56,10 +58,52 @@ def test_transforms_are_a_tree_from_map_to_the_camera(recording: Path) -> None:
     parents = dict(edges)
     assert len(parents) == len(edges)
     (camera,) = (child for child in parents if child.endswith("_optical_frame"))
-    assert [parents[camera], parents["base_link"], parents["odom"]] == ["base_link", "odom", "map"]
+    assert (parents.pop("base_link"), parents.pop("odom")) == ("odom", "map")
     # Who comes late is given the newest one alone.
     newest = topics["/tf_static"][-1][1].transforms
-    assert {transform.child_frame_id for transform in newest} == {camera, "odom"}
+    assert {transform.child_frame_id for transform in newest} == set(parents)
+    assert {camera, "Scanner1", "F1", "INS"} <= set(parents)
+    assert set(parents.values()) == {"base_link"}
+    # Sonar F1 looks to the left, where y is positive in REP 103.
+    (sonar,) = (one.transform for one in newest if one.child_frame_id == "F1")
+    assert sonar.translation.y > 0.1 < sonar.rotation.z
+
+
+def test_drift_is_between_map_and_odom_and_the_sum_is_the_true_pose(recording: Path) -> None:
+    topics = read_bag(recording)
+    headers = {stamp: json.loads(message.data) for stamp, message in topics["/catoptra/frame"]}
+    odometry = [(stamp, one.pose.pose.position) for stamp, one in topics["/odom"]]
+    stamps = np.array([stamp for stamp, _ in odometry])
+    assert len(topics["/tf"]) > 10
+    drifts = set()
+    for stamp, message in topics["/tf"]:
+        links = {one.child_frame_id: matrix_of(one.transform) for one in message.transforms}
+        place = (links["odom"] @ links["base_link"])[:3, 3]
+        drifts.add(tuple(links["odom"][:2, 3]))
+        x, y, z = headers[stamp]["world_from_robot"]["position_m"]
+        assert np.allclose(place, (x, -y, -z), atol=1e-12)
+        # A reading is at most a fifth of a second away, in which it moves by 4 cm.
+        near = odometry[int(np.argmin(np.abs(stamps - stamp)))][1]
+        assert np.hypot(*(links["base_link"][:2, 3] - (near.x, near.y))) < 0.045
+    assert len(drifts) > 3
+
+
+def test_ranges_without_echo_are_infinite_and_limits_those_of_the_sensor(recording: Path) -> None:
+    topics = read_bag(recording)
+    scan, sonar = topics["/scan/Scanner1"][0][1], topics["/range/F1"][0][1]
+    assert (scan.range_min, scan.range_max, sonar.max_range) == pytest.approx((0.1, 20.0, 5.0))
+    ranges_m = np.concatenate([one.ranges for _, one in topics["/scan/Scanner1"]])
+    assert ranges_m[np.isfinite(ranges_m)].max() < 20.0
+
+
+def test_commands_are_recorded_as_lines_and_as_a_speed(recording: Path) -> None:
+    topics = read_bag(recording)
+    lines = [json.loads(message.data)["line"] for _, message in topics["/catoptra/commands"]]
+    assert [line.split()[0] for line in lines] == ["INIT", "DRIVE"]
+    ((_, twist),) = topics["/cmd_vel"]
+    # Wheels of 0.13 m at 1 and 2 rad/s; the faster right ones turn it to the left.
+    assert twist.linear.x == pytest.approx(1.5 * 0.13, rel=0.05)
+    assert twist.angular.z > 0.2
 
 
 def test_mirror_has_no_false_camera_info_and_its_ranges_are_metres(recording: Path) -> None:

@@ -21,8 +21,11 @@ from catoptra_client.recording.mcap_file import (
     read_entries,
 )
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
+from catoptra_protocol.json_object import json_object_from_text
+from catoptra_protocol.limits import MAX_REQUEST_BYTES
+from catoptra_protocol.stream.codec import dataclass_from_fields
 from catoptra_protocol.stream.messages import reply_from_json
-from catoptra_protocol.stream.replies import FrameHeader, Reply, StateReply
+from catoptra_protocol.stream.replies import CommandRecord, FrameHeader, Reply, StateReply
 
 _MAX_TOPICS = 4096
 _MAX_ATTACHED_BYTES = 2**26
@@ -78,13 +81,6 @@ class RecordedState:
     def time_s(self) -> float:
         """Simulation time."""
         return self.state.time_s
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedCommand:
-    """A command to a robot, or a step of the clock."""
-
-    text: str
 
 
 @dataclass(slots=True, eq=False)
@@ -147,8 +143,22 @@ class Recording:
         text = self.tables.get("catoptra_replies", {}).get(reply_type.KIND, "")
         return self._parse(text, reply_type)
 
-    def iter_events(self) -> Iterator[RecordedFrame | RecordedState | RecordedCommand]:
-        """Frames, states and commands in the order in which they were recorded.
+    def iter_commands(self) -> Iterator[CommandRecord]:
+        """Commands to the robot, from INIT on, in their order.
+
+        Raises:
+            CatoptraError: A message is damaged.
+        """
+        for entry in read_entries(self.path):
+            if isinstance(entry, RecordedMessage) and entry.topic == COMMAND_TOPIC:
+                try:
+                    fields = json_object_from_text(self._read_text(entry), MAX_REQUEST_BYTES)
+                    yield dataclass_from_fields(CommandRecord, fields)
+                except RemoteProtocolError as error:
+                    raise self.error(f"a damaged command: {error}") from error
+
+    def iter_events(self) -> Iterator[RecordedFrame | RecordedState]:
+        """Frames and states in the order in which they were recorded.
 
         Raises:
             CatoptraError: A message is damaged, or a frame has no image.
@@ -164,8 +174,6 @@ class Recording:
             elif entry.topic == STATE_TOPIC:
                 state = self._parse(self._read_text(entry), StateReply)
                 yield RecordedState(state, entry.publish_ns)
-            elif entry.topic == COMMAND_TOPIC:
-                yield RecordedCommand(self._read_text(entry))
             elif entry.type_name.startswith("sensor_msgs/") and "Image" in entry.type_name:
                 images[entry.topic] = entry
 

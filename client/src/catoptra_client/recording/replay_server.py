@@ -77,7 +77,7 @@ from catoptra_protocol.usarsim.commands import (
 )
 from catoptra_protocol.usarsim.configurations import Geometry, GeometryItem
 from catoptra_protocol.usarsim.control_connection import ControlServer
-from catoptra_protocol.usarsim.grammar import format_line
+from catoptra_protocol.usarsim.grammar import Dialect, Message, format_line, parse_message
 from catoptra_protocol.usarsim.image_port import (
     FullFrameRequest,
     ImageRequest,
@@ -104,6 +104,8 @@ _TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
 _SAME_PLACE_M = 0.01
+# The stream does not tell their links.
+_MOVING_PARTS = ("mispkg",)
 # As many unread ones fit into a client's queue.
 _MAX_IDLE_HEARTBEATS = 16
 
@@ -147,11 +149,8 @@ class ReplayServer:
         self._status = recording.get_reply(StatusReply)
         self._starts = recording.get_reply(StartPosesReply)
         self._landmarks = recording.get_reply(LandmarksReply)
-        self._events = (
-            event
-            for event in recording.iter_events()
-            if isinstance(event, RecordedFrame | RecordedState)
-        )
+        self._parts = [parse_message(one) for one in recording.get_reply(SensorReports).reports]
+        self._events = recording.iter_events()
         self._frame: RecordedFrame | None = None
         self._number = 0
         has_frames, state = FRAME_TOPIC in recording.topics, None
@@ -244,7 +243,8 @@ class ReplayServer:
         # Lines without a time are as new as the others of their cycle.
         lines = [line for line in state.reports if line not in before or "{Time " not in line]
         for writer in self._controllers:
-            if writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES:
+            is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
+            if is_reading and not writer.is_closing():
                 _write_lines(writer, lines)
 
     def _find_robot(self) -> RobotState:
@@ -477,6 +477,8 @@ class ReplayServer:
             writer.write(protocol.send(Greeting("Recording", self._status.world)))
             while data := await reader.read(_READ_BYTES):
                 for command in protocol.receive(data):
+                    if writer.is_closing():
+                        return
                     self._execute(command, writer)
                 await writer.drain()
         except OSError:
@@ -506,33 +508,48 @@ class ReplayServer:
                 writer.write(line_from_report(StartPoses(tuple(starts))))
             case Init() | Stepper():
                 pass
-            case GetConf() | GetGeo() if has_robot and command.type.lower() == "camera":
+            case GetConf() | GetGeo() if has_robot and command.type.lower() not in _MOVING_PARTS:
                 writer.write(self._describe_part(command))
             case _ if has_robot:
-                word = command.WORD.lower()
                 reason = f"a recording cannot execute {command.WORD}"
                 if isinstance(command, GetConf | GetGeo):
-                    reason = f"a recording cannot tell {word} of {command.type}"
+                    reason = f"a recording cannot tell {command.WORD[3:]} of {command.type}"
                 head = (("Time", f"{time_s:.2f}"), ("Type", command.WORD), ("Status", "Failed"))
                 writer.write(format_line("RES", (*head, ("Reason", reason))))
             case _:
                 pass  # commands to a robot that is not there
 
     def _describe_part(self, command: GetConf | GetGeo) -> bytes:
-        """Line of the recorded camera; the empty one of another name."""
-        word = "CONF" if isinstance(command, GetConf) else "GEO"
-        try:
-            header = self._require_frame("", command.name or "")
-        except CatoptraError:
-            names = (("Name", command.name),) if command.name else ()
+        """Lines of the recorded parts of a type and name; the empty line without any."""
+        word, type_ = command.WORD[3:], command.type.lower()
+        name = None if type_ == "robot" else command.name
+        wanted = "groundvehicle" if type_ == "robot" else type_
+        found = [
+            part
+            for part in (*self._parts, *self._describe_camera_lines())
+            if part.word == word
+            and (part.get("Type") or "").lower() == wanted
+            and (name is None or name.lower() == (part.get("Name") or "").partition(" ")[0].lower())
+        ]
+        if not found:
+            names = (("Name", name),) if name else ()
             return format_line(word, (("Type", command.type), *names))
+        if word == "GEO":
+            # One line with all of a type.
+            pairs = [pair for part in found for pair in part.pairs if pair[0] != "Type"]
+            return format_line(word, (found[0].pairs[0], *pairs))
+        return b"".join(format_line(word, part.pairs) for part in found)
+
+    def _describe_camera_lines(self) -> list[Message]:
+        """CONF and GEO of the recorded camera."""
+        if self._frame is None:
+            return []
+        header = self._frame.header
         assert header.camera_model is not None
         assert header.robot_from_mirror is not None
-        if word == "GEO":
-            pose = pose_from_transform(header.robot_from_mirror)
-            x, y, z = map(float, pose.translation)
-            item = GeometryItem(header.camera, (x, y, z), pose.to_rpy())
-            return line_from_report(Geometry("Camera", (item,)))
+        pose = pose_from_transform(header.robot_from_mirror)
+        x, y, z = map(float, pose.translation)
+        item = GeometryItem(header.camera, (x, y, z), pose.to_rpy())
         pairs = tuple(header.camera_model.items())
         if "Projection" in header.camera_model:
             # The model of an ordinary camera; that of another one has these fields.
@@ -540,7 +557,9 @@ class ReplayServer:
             pairs = tuple((f"Camera{name}Fov", fov) for name in ("Def", "Min", "Max", ""))
         if header.error_bound_px is not None:
             pairs = (*pairs, ("ErrorBoundPx", format_fixed_point(header.error_bound_px, 6)))
-        return format_line(word, (("Type", "Camera"), ("Name", header.camera), *pairs))
+        head = ("Type", "Camera"), ("Name", header.camera)
+        geometry = Geometry("Camera", (item,)).to_messages(Dialect.UT2004)
+        return [Message("CONF", (*head, *pairs)), *geometry]
 
     async def _serve_images(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -555,7 +574,10 @@ class ReplayServer:
                             await self._changed.wait()
                     number = self._number
                     assert self._frame is not None
-                    writer.write(await asyncio.to_thread(_encode_reply, self._frame, request))
+                    reply = await asyncio.to_thread(_encode_reply, self._frame, request)
+                    if writer.is_closing():
+                        return
+                    writer.write(reply)
                     await writer.drain()
         except (OSError, RemoteProtocolError) as error:
             log.warning("an image connection ended: %s", error)

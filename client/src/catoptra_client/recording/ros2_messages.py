@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -27,12 +28,15 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_protocol.usarsim.readings import (
     GroundTruthReading,
     InsReading,
     OdometryReading,
     RangeScanReading,
+    SonarReadings,
 )
+from catoptra_protocol.usarsim.reports import Configuration, Geometry, Report
 
 RosMessage = dict[str, Any]
 
@@ -45,6 +49,41 @@ _PINHOLE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0
 _UNKNOWN_3X3 = [-1.0] + [0.0] * 8
 _UNKNOWN_6X6 = [-1.0] + [0.0] * 35
 _COLOURS = {"cyan": (0.0, 1.0, 1.0), "magenta": (1.0, 0.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MountedSensor:
+    """What CONF and GEO say of a sensor."""
+
+    base_from_sensor: Pose | None = None
+    """Between frames of REP 103; None on a part that moves."""
+    min_range_m: float = 0.0
+    max_range_m: float = math.inf
+    """Range that is stated where there is no echo."""
+    beam_angle_rad: float = 0.0
+
+
+Sensors = Mapping[str, MountedSensor]
+_UNKNOWN_SENSOR = MountedSensor()
+
+
+def sensors_by_name(reports: Iterable[Report]) -> dict[str, MountedSensor]:
+    """Sensors of the reports of a robot class, as `StreamClient.get_parts` has them."""
+    found: dict[str, MountedSensor] = {}
+    limits: dict[str, tuple[float, float, float]] = {}
+    for report in reports:
+        match report:
+            case Configuration():
+                keys = (("MinRange", "0"), ("MaxRange", "inf"), ("BeamAngle", "0"))
+                low, high, angle = (float(report.get(key) or default) for key, default in keys)
+                limits[report.get("Name") or ""] = low, high, angle
+            case Geometry(_, (item, *_)):
+                pose = flu_pose(Pose.from_rpy(item.location_m, item.rotation_rad))
+                is_fixed = item.mount == CHASSIS_MOUNT
+                found[item.name] = MountedSensor(
+                    pose if is_fixed else None, *limits.get(item.name, ())
+                )
+    return found
 
 
 @cache
@@ -104,6 +143,13 @@ def wheel_speeds(
     return (forward_m_s - swing_m_s) / wheel_radius_m, (forward_m_s + swing_m_s) / wheel_radius_m
 
 
+def velocity_message(left_m_s: float, right_m_s: float, wheel_separation_m: float) -> RosMessage:
+    """geometry_msgs/Twist of the rims of the wheels; a positive turn is to the left."""
+    turn_rad_s = (right_m_s - left_m_s) / wheel_separation_m
+    forward = np.array([0.5 * (left_m_s + right_m_s), 0.0, 0.0])
+    return {"linear": _vector(forward), "angular": _vector(np.array([0.0, 0.0, turn_rad_s]))}
+
+
 def clock_message(time_s: float) -> RosMessage:
     """rosgraph_msgs/Clock."""
     return {"clock": _stamp(time_s)}
@@ -116,13 +162,12 @@ def string_message(value: object) -> RosMessage:
 
 
 def transform_message(time_s: float, parent: str, child: str, pose: Pose) -> RosMessage:
-    """tf2_msgs/TFMessage of one transform parent_from_child, between frames of REP 103."""
+    """geometry_msgs/TransformStamped of parent_from_child, between frames of REP 103."""
     transform = {
         "translation": _vector(pose.translation),
         "rotation": _quaternion(pose),
     }
-    header = _header(time_s, parent)
-    return {"transforms": [{"header": header, "child_frame_id": child, "transform": transform}]}
+    return {"header": _header(time_s, parent), "child_frame_id": child, "transform": transform}
 
 
 def compressed_image_message(
@@ -233,48 +278,35 @@ def filter_message(time_s: float, note: dict[str, Any]) -> RosMessage | None:
     return message
 
 
-def reading_message(
-    reading: object, time_s: float, max_range_m: float = math.inf
-) -> tuple[str, str, RosMessage] | None:
-    """Topic, type and message of a sensor's reading; None of a sensor that ROS has no type for."""
+def reading_messages(
+    reading: object, time_s: float, sensors: Sensors
+) -> list[tuple[str, str, RosMessage]]:
+    """Topic, type and message of each of a line's readings; none where ROS has no type."""
     match reading:
         case RangeScanReading():
-            return f"/scan/{reading.name}", "sensor_msgs/LaserScan", _scan(reading, max_range_m)
+            scan = _scan(reading, sensors.get(reading.name, _UNKNOWN_SENSOR))
+            return [(f"/scan/{reading.name}", "sensor_msgs/LaserScan", scan)]
+        case SonarReadings():
+            return [
+                (
+                    f"/range/{name}",
+                    "sensor_msgs/Range",
+                    _range(name, range_m, reading.time_s, sensors.get(name, _UNKNOWN_SENSOR)),
+                )
+                for name, range_m in reading.items
+            ]
         case OdometryReading():
             pose = Pose.from_rpy((reading.x_m, reading.y_m, 0.0), (0.0, 0.0, reading.yaw_rad))
             message = pose_odometry_message(time_s, "odom", flu_pose(pose))
-            return "/odom", "nav_msgs/Odometry", message
+            return [("/odom", "nav_msgs/Odometry", message)]
         case GroundTruthReading():
             pose = Pose.from_rpy(reading.location_m, reading.rotation_rad)
             message = pose_odometry_message(reading.time_s, "map", flu_pose(pose))
-            return f"/reading/{reading.name}", "nav_msgs/Odometry", message
+            return [(f"/reading/{reading.name}", "nav_msgs/Odometry", message)]
         case InsReading():
             pose = flu_pose(Pose.from_rpy(reading.location_m, reading.rotation_rad))
-            return f"/imu/{reading.name}", "sensor_msgs/Imu", _imu(time_s, pose)
-    return None
-
-
-def range_messages(
-    items: Sequence[tuple[str, float]], time_s: float, max_range_m: float
-) -> list[tuple[str, str, RosMessage]]:
-    """Topic, type and message of each sonar."""
-    return [
-        (
-            f"/range/{name}",
-            "sensor_msgs/Range",
-            {
-                "header": _header(time_s, name),
-                "radiation_type": 0,
-                "field_of_view": 0.0,
-                "min_range": 0.0,
-                "max_range": max_range_m,
-                "range": math.inf if range_m >= max_range_m else range_m,
-                # Of Jazzy and later, whose readers need it; older ones skip what follows the range.
-                "variance": 0.0,
-            },
-        )
-        for name, range_m in items
-    ]
+            return [(f"/imu/{reading.name}", "sensor_msgs/Imu", _imu(time_s, pose))]
+    return []
 
 
 def landmarks_message(landmarks: Sequence[Landmark]) -> RosMessage:
@@ -323,8 +355,22 @@ def _marker(
     }
 
 
-def _scan(reading: RangeScanReading, max_range_m: float) -> RosMessage:
+def _range(name: str, range_m: float, time_s: float, sensor: MountedSensor) -> RosMessage:
+    return {
+        "header": _header(time_s, name),
+        "radiation_type": 0,
+        "field_of_view": sensor.beam_angle_rad,
+        "min_range": sensor.min_range_m,
+        "max_range": sensor.max_range_m,
+        "range": math.inf if range_m >= sensor.max_range_m else range_m,
+        # Of Jazzy and later, whose readers need it; older ones skip what follows the range.
+        "variance": 0.0,
+    }
+
+
+def _scan(reading: RangeScanReading, sensor: MountedSensor) -> RosMessage:
     # The first range is on the right, as in ROS; no echo is infinite there.
+    max_range_m = sensor.max_range_m
     ranges = [math.inf if one >= max_range_m else one for one in reading.ranges_m]
     return {
         "header": _header(reading.time_s, reading.name),
@@ -333,7 +379,7 @@ def _scan(reading: RangeScanReading, max_range_m: float) -> RosMessage:
         "angle_increment": reading.resolution_rad,
         "time_increment": 0.0,
         "scan_time": 0.0,
-        "range_min": 0.0,
+        "range_min": sensor.min_range_m,
         "range_max": max_range_m,
         "ranges": ranges,
         "intensities": [],

@@ -300,6 +300,18 @@ class GetStateRequest:
     id: int
     robot: str
     """Exact name of the robot; empty for the one that the image port displays."""
+    commands_after: int | None = None
+    """Number of the last command to the robot that the client knows, 0 before the first; None for
+    no commands."""
+
+
+@dataclass(frozen=True, slots=True)
+class GetSetupRequest:
+    """Request what it takes to build the same simulation again."""
+
+    KIND: ClassVar[str] = "get_setup"
+
+    id: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,6 +368,7 @@ Request = (
     | GetStatusRequest
     | SetAccuracyRequest
     | GetStateRequest
+    | GetSetupRequest
     | GetPixelRequest
     | PublishRequest
     | ShareControlRequest

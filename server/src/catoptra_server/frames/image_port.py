@@ -240,16 +240,16 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     (view,) = composition.views
     if view is not None:
         view = replace(view, label_channels=variant.channels)
-    if variant.channels and not variant.changes_picture:
-        return replace(composition, views=(view,))
-    if view is None or not isinstance(view.camera, OmniCameraSpec):
-        raise DomainError("only omnidirectional cameras have variants")
     metadata = composition.metadata
-    if variant.world_from_robot is not None:
+    if view is not None and variant.world_from_robot is not None:
         place, rows = variant.world_from_robot.position_m, variant.world_from_robot.rotation
         pose = Pose(np.array(rows).reshape(3, 3), np.array(place))
         view = _move_view(view, pose)
         metadata = replace(metadata, world_from_robot=pose)
+    if variant != CameraVariant() and not variant.changes_settings:
+        return replace(composition, views=(view,), metadata=metadata)
+    if view is None or not isinstance(view.camera, OmniCameraSpec):
+        raise DomainError("only omnidirectional cameras have variants of their settings")
     reference = variant.make_reference(view.camera)
     own = view.camera.camera
     shown = own if variant.picture is None else own.with_picture(variant.picture)

@@ -62,6 +62,8 @@ def execute_control(
     Args:
         sense: Environment of the robot, computed only for commands that read sensors.
     """
+    if not isinstance(command, Drive):  # which others may send, too
+        robot.commands.add(command, time_s)
     match command:
         case Drive():
             robot.drive_wheels(command, time_s)

@@ -47,6 +47,7 @@ from catoptra_protocol.stream.replies import (
     PlanReply,
     Reply,
     SensorReports,
+    SetupReply,
     StartPoseRecord,
     StartPosesReply,
     StateReply,
@@ -62,6 +63,7 @@ from catoptra_protocol.stream.requests import (
     GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -313,16 +315,22 @@ class StreamClient:
         """
         self._call(PublishRequest, Ok, name, text_from_note(name, note))
 
-    def get_state(self, robot: str = "") -> StateReply:
-        """Poses of all robots, and the newest readings and notes of one.
+    def get_state(self, robot: str = "", *, commands_after: int | None = None) -> StateReply:
+        """Poses of all robots, and the newest readings, notes and commands of one.
 
         For viewers: it needs no robot. The readings of this client's own robot, parsed, are those
         of `get_readings`.
 
         Args:
             robot: Exact name; empty = the robot that the image port displays.
+            commands_after: Number of the last command that is known, 0 before the first; None for
+                no commands.
         """
-        return self._call(GetStateRequest, StateReply, robot)
+        return self._call(GetStateRequest, StateReply, robot, commands_after)
+
+    def get_setup(self) -> SetupReply:
+        """What it takes to build the same simulation again."""
+        return self._call(GetSetupRequest, SetupReply)
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the full cycle of readings and the result.

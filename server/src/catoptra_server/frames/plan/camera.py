@@ -156,9 +156,9 @@ class CameraVariant:
         )
 
     @property
-    def changes_picture(self) -> bool:
-        """Whether the picture may differ from the camera's own."""
-        return replace(self, channels=()) != CameraVariant()
+    def changes_settings(self) -> bool:
+        """Whether the picture may differ from the camera's own at its pose."""
+        return replace(self, channels=(), world_from_robot=None) != CameraVariant()
 
     def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
         """Camera with the changes.

@@ -45,6 +45,7 @@ from catoptra_protocol.stream.requests import (
     GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -70,6 +71,7 @@ from catoptra_server.serve.stream.replies import (
     request_plan,
     request_projections,
     request_state,
+    setup_reply,
     status_reply,
 )
 from catoptra_server.serve.stream.router import Outbox, RouterSocket, SendResult
@@ -245,6 +247,8 @@ class StreamPeer:
             case GetStartPosesRequest(id_):
                 start_poses = self._context.server_info.start_poses
                 self.send_reply(StartPosesReply(id_, start_poses))
+            case GetSetupRequest(id_):
+                self.send_reply(setup_reply(id_, self._context.server_info))
             case GetStatusRequest(id_):
                 num_sent = self.frame_sender.num_sent
                 self.send_reply(status_reply(id_, self._context, self.robot, num_sent=num_sent))

@@ -24,6 +24,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    CommandRecord,
     EffectRecord,
     Error,
     LandmarkRecord,
@@ -35,6 +36,7 @@ from catoptra_protocol.stream.replies import (
     Reply,
     RobotState,
     SensorReports,
+    SetupReply,
     StartPoseRecord,
     StateReply,
     StatusReply,
@@ -84,6 +86,7 @@ from catoptra_server.world.world_description import World
 _CameraKey = tuple[str, str]
 # Client, camera, and the callback with the camera's plan, called by any thread.
 _QueryPlan = Callable[[Hashable, ViewRequest, PlanCallback], None]
+_NO_SETUP = SetupReply(0, {}, {}, {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +124,7 @@ class ServerInfo:
     first."""
     landmarks: tuple[Landmark, ...]
     start_poses: tuple[StartPoseRecord, ...]
+    setup: SetupReply = _NO_SETUP
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -163,7 +167,12 @@ class CameraInfo:
 
 
 def build_server_info(
-    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[_CameraKey, str]
+    robots: Sequence[RobotDescription],
+    world: World,
+    *,
+    clock: str,
+    plans: Mapping[_CameraKey, str],
+    setup: SetupReply = _NO_SETUP,
 ) -> ServerInfo:
     """Collect the information about a server.
 
@@ -172,6 +181,7 @@ def build_server_info(
         world: World.
         clock: `realtime` or `lockstep`.
         plans: Description of the rendering plan by camera.
+        setup: Files and options of the server.
     """
     cameras: dict[_CameraKey, CameraInfo] = {}
     # Cameras of classes and not of robots, so that clients can read a model before any robot
@@ -188,6 +198,7 @@ def build_server_info(
         start_poses=tuple(
             StartPoseRecord(s.name, s.location_m, s.rotation_rad) for s in world.starts
         ),
+        setup=setup,
     )
 
 
@@ -206,6 +217,11 @@ def _cameras_of_class(
         info = CameraInfo(camera.camera_model(), camera.robot_from_camera({}))
         cameras[robot.class_name, camera.name] = info
     return cameras
+
+
+def setup_reply(id_: int, info: ServerInfo) -> SetupReply:
+    """Reply with files and options of the server."""
+    return dataclasses.replace(info.setup, id=id_)
 
 
 def status_reply(
@@ -422,7 +438,7 @@ def request_state(
     def reply(time_s: float, state: FleetState | Fault) -> None:
         pending.reply_from_thread(partial(_state_reply, request.id, time_s, state, report_lines))
 
-    session.post(StateRequested(session, request.robot, reply))
+    session.post(StateRequested(session, request.robot, request.commands_after, reply))
 
 
 def _state_reply(
@@ -437,6 +453,7 @@ def _state_reply(
         robot=state.robot,
         reports=report_lines.get(state.reports),
         notes=tuple(NoteRecord(note.name, time_s, note.text) for note, time_s in state.notes),
+        commands=tuple(CommandRecord(*one) for one in state.commands),
     )
 
 
