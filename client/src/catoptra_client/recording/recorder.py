@@ -260,8 +260,10 @@ class MessageSource:
         duration_s: float | None,
         on_progress: Callable[[RecordingProgress], None],
     ) -> RecordingProgress:
-        start_s, self._sink = self._clock(), sink
+        self._sink = sink
         self._write_state(self._write_head(client), time.time_ns())
+        # The head can take seconds, of which none is the drive's.
+        start_s = self._clock()
         threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
         if self._plan.camera is not None:
             threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
