@@ -123,6 +123,11 @@ class Recording:
         return self.tables.get("catoptra", {}).get("robot", "")
 
     @property
+    def is_realtime(self) -> bool:
+        """Whether the server's clock was real time."""
+        return self.tables.get("catoptra", {}).get("clock") == "realtime"
+
+    @property
     def span_s(self) -> tuple[float, float]:
         """Simulation times of the first and the last message that are no latched ones."""
         spans = [one for name, one in self.topics.items() if name in (STATE_TOPIC, FRAME_TOPIC)]

@@ -104,8 +104,6 @@ _TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
 _SAME_PLACE_M = 0.01
-# The stream does not tell their links.
-_MOVING_PARTS = ("mispkg",)
 # As many unread ones fit into a client's queue.
 _MAX_IDLE_HEARTBEATS = 16
 
@@ -261,6 +259,10 @@ class ReplayServer:
         own, wanted = (
             name.rpartition(".")[2].lower() for name in (robot.class_name, init.class_name)
         )
+        known = [name.rpartition(".")[2].lower() for name in self._status.class_names]
+        if wanted not in known:
+            names = ", ".join(self._status.class_names)
+            raise CatoptraError(f"there is no class {init.class_name!r}: there are {names}")
         if own != wanted:
             raise _RejectedError(
                 f"spawn a {init.class_name}: it has the {robot.class_name} {self._name!r} alone"
@@ -508,7 +510,7 @@ class ReplayServer:
                 writer.write(line_from_report(StartPoses(tuple(starts))))
             case Init() | Stepper():
                 pass
-            case GetConf() | GetGeo() if has_robot and command.type.lower() not in _MOVING_PARTS:
+            case GetConf() | GetGeo() if has_robot and not self._is_package(command.type):
                 writer.write(self._describe_part(command))
             case _ if has_robot:
                 reason = f"a recording cannot execute {command.WORD}"
@@ -518,6 +520,11 @@ class ReplayServer:
                 writer.write(format_line("RES", (*head, ("Reason", reason))))
             case _:
                 pass  # commands to a robot that is not there
+
+    def _is_package(self, type_: str) -> bool:
+        """Whether parts of a type are mission packages, whose links the stream does not tell."""
+        has_any = any(line.startswith("MISSTA") for line in self._state.reports)
+        return has_any and type_.lower() == "mispkg"
 
     def _describe_part(self, command: GetConf | GetGeo) -> bytes:
         """Lines of the recorded parts of a type and name; the empty line without any."""

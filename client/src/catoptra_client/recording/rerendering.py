@@ -88,7 +88,7 @@ class _Rewriter(MessageSource):
         self._sink = writer
         time_s, num_frames = self._write_head(client).time_s, 0
         self._is_omni = isinstance(self._find_camera(client), OmniCamera)
-        self._begin_s = recording.span_s[0]
+        self._begin_s, self._is_lockstep = recording.span_s[0], not recording.is_realtime
         # Readings are of the recorded robot's sensors.
         lines = recording.get_reply(SensorReports).reports
         reports = (report_from_message(parse_message(line)) for line in lines)

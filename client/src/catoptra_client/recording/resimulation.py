@@ -160,7 +160,7 @@ def _merge(recording: Recording) -> Iterator[_Item]:
 
     Each kind is in order in the file; of all together a frame may follow a newer state.
     """
-    is_realtime = recording.tables.get("catoptra", {}).get("clock") == "realtime"
+    is_realtime = recording.is_realtime
 
     def frame_ns(frame: RecordedFrame) -> int:
         time_ns = round(frame.time_s * NS_PER_S)
