@@ -16,6 +16,7 @@ import dataclasses
 import logging
 import math
 import zlib
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -58,7 +59,9 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -103,6 +106,9 @@ _HEARTBEAT_S = 0.5
 _TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
+# Messages that wait for a client, each a frame at worst.
+_MAX_UNREAD = 64
+_MAX_COMMANDS = 512
 _SAME_PLACE_M = 0.01
 # As many unread ones fit into a client's queue.
 _MAX_IDLE_HEARTBEATS = 16
@@ -145,9 +151,12 @@ class ReplayServer:
         """
         self._speed = speed
         self._status = recording.get_reply(StatusReply)
+        self._greeting = Greeting("Recording", self._status.world)
+        ControlServer().send(self._greeting)  # raises for a name that no line can carry
         self._starts = recording.get_reply(StartPosesReply)
         self._landmarks = recording.get_reply(LandmarksReply)
-        self._parts = [parse_message(one) for one in recording.get_reply(SensorReports).reports]
+        self._parts = recording.get_reply(SensorReports)
+        self._setup = recording.setup
         self._events = recording.iter_events()
         self._frame: RecordedFrame | None = None
         self._number = 0
@@ -164,6 +173,7 @@ class ReplayServer:
         if all(one.name != state.robot for one in state.robots):
             raise recording.error(f"its state does not list its robot {state.robot[:60]!r}")
         self._state, self._name, self._begin_s = state, state.robot, state.time_s
+        self._commands = deque(state.commands, _MAX_COMMANDS)
         self._aliases: set[str] = set()
         self._clients: dict[bytes, _Client] = {}
         self._controllers: set[asyncio.StreamWriter] = set()
@@ -185,6 +195,7 @@ class ReplayServer:
         # A message to a client that is gone is an error, by which it is noticed.
         self._socket.set(zmq.ROUTER_MANDATORY, 1)
         self._socket.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+        self._socket.set(zmq.SNDHWM, _MAX_UNREAD)
         self._socket.set(zmq.IPV6, 1)
         host, servers = address.host, list[asyncio.Server]()
         try:
@@ -236,6 +247,7 @@ class ReplayServer:
 
     def _show_state(self, state: StateReply) -> None:
         before, self._state = set(self._state.reports), state
+        self._commands.extend(state.commands)
         if all(line in before for line in state.reports):
             return
         # Lines without a time are as new as the others of their cycle.
@@ -249,24 +261,27 @@ class ReplayServer:
         """State of the recorded robot."""
         return next(one for one in self._state.robots if one.name == self._name)
 
+    def _check_class(self, class_name: str) -> RobotState:
+        """The recorded robot, if it is of a class. Raises CatoptraError for another one."""
+        robot = self._find_robot()
+        names = robot.class_name, class_name, *self._status.class_names
+        own, wanted, *known = (name.rpartition(".")[2].lower() for name in names)
+        if wanted not in known:
+            classes = ", ".join(self._status.class_names)
+            raise CatoptraError(f"there is no class {class_name!r}: there are {classes}")
+        if own != wanted:
+            raise _RejectedError(
+                f"show a {class_name}: it has the {robot.class_name} {self._name!r} alone"
+            )
+        return robot
+
     def _spawn(self, init: Init) -> Vector3 | None:
         """Where the robot is by now, unless that is the place of INIT.
 
         Raises:
             CatoptraError: There is no such class or start; or the robot started elsewhere.
         """
-        robot = self._find_robot()
-        own, wanted = (
-            name.rpartition(".")[2].lower() for name in (robot.class_name, init.class_name)
-        )
-        known = [name.rpartition(".")[2].lower() for name in self._status.class_names]
-        if wanted not in known:
-            names = ", ".join(self._status.class_names)
-            raise CatoptraError(f"there is no class {init.class_name!r}: there are {names}")
-        if own != wanted:
-            raise _RejectedError(
-                f"spawn a {init.class_name}: it has the {robot.class_name} {self._name!r} alone"
-            )
+        robot = self._check_class(init.class_name)
         place = init.location_m
         if place is None:
             starts = {one.name.lower(): one.location_m for one in self._starts.start_poses}
@@ -334,12 +349,19 @@ class ReplayServer:
                 if robot is not None or camera is not None:
                     raise _RejectedError("project landmarks into a camera")
                 return replace(self._landmarks, id=id_)
-            case GetStateRequest(id_, name):
+            case GetStateRequest(id_, name, after):
                 if self._is_own(name):
-                    return replace(state, id=id_)
+                    newer = [one for one in self._commands if one.number > (after or 0)]
+                    commands = () if after is None else tuple(newer)
+                    return replace(state, id=id_, commands=commands)
                 if any(one.name == name for one in state.robots):
                     raise _RejectedError(f"tell the readings of {name!r}: it has {self._name!r}")
-                return replace(state, id=id_, robot="", reports=(), notes=())
+                return replace(state, id=id_, robot="", reports=(), notes=(), commands=())
+            case GetPartsRequest(id_, class_name):
+                self._check_class(class_name)
+                return replace(self._parts, id=id_)
+            case GetSetupRequest(id_):
+                return replace(self._setup, id=id_)
             case SpawnRequest():
                 if client.has_robot:
                     raise CatoptraError("this client has its robot: reset first")
@@ -476,15 +498,15 @@ class ReplayServer:
         self._started.set()
         protocol = ControlServer()
         try:
-            writer.write(protocol.send(Greeting("Recording", self._status.world)))
+            writer.write(protocol.send(self._greeting))
             while data := await reader.read(_READ_BYTES):
                 for command in protocol.receive(data):
                     if writer.is_closing():
                         return
                     self._execute(command, writer)
                 await writer.drain()
-        except OSError:
-            pass  # a client that is gone
+        except (OSError, CatoptraError) as error:
+            log.warning("a control connection ended: %s", error)
         finally:
             self._controllers.discard(writer)
             writer.close()
@@ -533,7 +555,7 @@ class ReplayServer:
         wanted = "groundvehicle" if type_ == "robot" else type_
         found = [
             part
-            for part in (*self._parts, *self._describe_camera_lines())
+            for part in (*map(parse_message, self._parts.reports), *self._describe_camera_lines())
             if part.word == word
             and (part.get("Type") or "").lower() == wanted
             and (name is None or name.lower() == (part.get("Name") or "").partition(" ")[0].lower())
