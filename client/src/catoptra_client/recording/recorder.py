@@ -79,6 +79,8 @@ from catoptra_protocol.usarsim.reports import (
 
 _QUEUE_S = 2.0
 _PROGRESS_INTERVAL_S = 0.5
+# In intervals of states.
+_STATE_WAIT, _EARLY_WAIT = 0.93, 0.12
 _TICK_S, _LANDMARKS_INTERVAL_S = 0.02, 0.2
 # A reading without a time that stays the same is written again after this time.
 _REPEAT_S = 0.2
@@ -157,7 +159,7 @@ class RecordingProgress:
 
 
 class MessageSink(Protocol):
-    """Where messages go."""
+    """Where messages go; a base class too, of sinks without attachments and metadata."""
 
     is_full: bool
     """Whether nothing more is written."""
@@ -180,9 +182,11 @@ class MessageSink(Protocol):
 
     def add_attachment(self, name: str, data: bytes) -> None:
         """Attach a file."""
+        return
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a table of texts."""
+        return
 
 
 class MessageSource:
@@ -350,6 +354,7 @@ class MessageSource:
         return any_camera_from_pairs(tuple(header.camera_model.items()))
 
     def _poll_states(self, client: StreamClient) -> None:
+        interval_s, newest_s = 1.0 / self._plan.state_hz, -1.0
         next_s = landmarks_s = self._clock()
         while not self._ended.is_set():
             if self._plan.camera is not None and self._clock() >= landmarks_s:
@@ -362,7 +367,11 @@ class MessageSource:
             # What found no room is asked for again.
             if self._put("states", partial(self._write_state, state, wall_ns)) and state.commands:
                 self._last_command = state.commands[-1].number
-            next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
+            # Requests at the rate of the ticks would drift past them, and miss some: each comes a
+            # little before the tick, and again soon where it came too early.
+            is_early, newest_s = state.time_s == newest_s, state.time_s
+            wait_s = interval_s * (_EARLY_WAIT if is_early else _STATE_WAIT)
+            next_s = max(next_s + wait_s, self._clock())
             self._ended.wait(next_s - self._clock())
 
     def _write_head(self, client: StreamClient) -> StateReply:

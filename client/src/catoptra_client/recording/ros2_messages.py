@@ -363,6 +363,8 @@ def _range(name: str, range_m: float, time_s: float, sensor: MountedSensor) -> R
         "min_range": sensor.min_range_m,
         "max_range": sensor.max_range_m,
         "range": math.inf if range_m >= sensor.max_range_m else range_m,
+        # Of Jazzy and later, whose readers need it; older ones skip what follows the range.
+        "variance": 0.0,
     }
 
 

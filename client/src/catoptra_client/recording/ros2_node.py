@@ -19,7 +19,7 @@ from typing import Any
 
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.recording import ros2_messages as ros
-from catoptra_client.recording.recorder import MessageSource, RecordingProgress
+from catoptra_client.recording.recorder import MessageSink, MessageSource, RecordingProgress
 from catoptra_protocol.errors import CatoptraError
 
 HALT_AFTER_S = 0.3
@@ -60,10 +60,11 @@ def run_node(
         return source.publish(node, duration_s, on_progress)
 
 
-class _Node:
-    """A node with a publisher for each topic: a `MessageSink`; also a context manager."""
+class _Node(MessageSink):
+    """A node with a publisher for each topic; also a context manager."""
 
     is_full = False
+    num_messages = 0
 
     def __init__(self, drive: Callable[[float, float], None]) -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -82,7 +83,6 @@ class _Node:
                 "/opt/ros/humble/setup.bash`, or install the unofficial wheels of PyPI, "
                 "pip install 'catoptra-client[ros2]'"
             ) from error
-        self.num_messages = 0
         self._drive = drive
         self._publishers: dict[str, Any] = {}
         self._qos = {
@@ -132,12 +132,6 @@ class _Node:
             publisher.publish(fill_message(publisher.msg_type(), message))
             self.num_messages += 1
 
-    def add_attachment(self, name: str, data: bytes) -> None:
-        """Nothing: topics have no attachments."""
-
-    def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Nothing: topics have no metadata."""
-
     def _make_publisher(self, topic: str, type_name: str, is_latched: bool) -> Any:
         """Publisher of a topic; None of one that is left out."""
         if topic == _CMD_VEL:
@@ -163,8 +157,11 @@ def find_message_type(type_name: str) -> Any:
 
 
 def fill_message(message: Any, values: ros.RosMessage) -> Any:
-    """Set the fields of a message from a dictionary; newer fields of its type stay as they are."""
+    """Set the fields of a message from a dictionary, but those that its release of ROS lacks."""
+    kinds = message.get_fields_and_field_types()
     for name, value in values.items():
+        if name not in kinds:
+            continue
         if isinstance(value, dict):
             fill_message(getattr(message, name), value)
             continue
@@ -172,8 +169,7 @@ def fill_message(message: Any, values: ros.RosMessage) -> Any:
             # Other sequences are checked byte by byte.
             value = array.array("B", value)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            kind = message.get_fields_and_field_types()[name]
-            part = find_message_type(kind.removeprefix("sequence<").removesuffix(">"))
+            part = find_message_type(kinds[name].removeprefix("sequence<").removesuffix(">"))
             value = [fill_message(part(), one) for one in value]
         setattr(message, name, value)
     return message
