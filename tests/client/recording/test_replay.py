@@ -42,13 +42,13 @@ CLASS = "USARBot.OmniP2AT"
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded drive of five seconds in real time."""
+    """A recorded drive of nine seconds in real time."""
     folder = tmp_path_factory.mktemp("drive")
     with start_server(folder) as server, server.connect_stream() as client:
         client.spawn(CLASS, start_pose="Centre")
         client.drive(0.5, 1.5)
         plan = RecordingPlan(channels=("range", "ids"))
-        Recorder(folder / "drive.mcap", plan, stream_port=server.stream_port).record(5.0)
+        Recorder(folder / "drive.mcap", plan, stream_port=server.stream_port).record(9.0)
     return folder / "drive.mcap"
 
 
