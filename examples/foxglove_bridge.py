@@ -9,9 +9,8 @@ import sys
 
 import foxglove
 
-from catoptra_client.recording.mcap_file import cdr_encoder
 from catoptra_client.recording.recorder import MessageSink, MessageSource
-from catoptra_client.recording.ros2_messages import schema_text
+from catoptra_client.recording.ros2_messages import encode_cdr, schema_text
 
 
 class Viewer(MessageSink, foxglove.websocket.ServerListener):
@@ -22,7 +21,7 @@ class Viewer(MessageSink, foxglove.websocket.ServerListener):
             name, text = type_name.replace("/", "/msg/"), schema_text(type_name).encode()
             schema = foxglove.Schema(name=name, encoding="ros2msg", data=text)
             self.channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="cdr")
-        data = cdr_encoder(type_name)(message)
+        data = encode_cdr(type_name, message)
         self.channels[topic].log(data, log_time=log_ns)
         self.num_messages += 1
         if is_latched:

@@ -4,32 +4,38 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap_ros2._dynamic import serialize_dynamic
 
 from catoptra_client.recording.mcap_file import MAGIC, read_records, repair_recording
 from catoptra_client.recording.recorder import Recorder, RecordingPlan
+from catoptra_client.recording.ros2_messages import encode_cdr, read_definitions, schema_text
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.stream.requests import ImageEncoding
 from helpers.bags import matrix_of, read_bag
-from helpers.configs import ROBOTS
+from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
 from helpers.server_process import start_server
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded drive of two seconds."""
+    """A recorded drive of three seconds."""
     folder = tmp_path_factory.mktemp("recording")
     path = folder / "bag" / "drive.mcap"
     path.parent.mkdir()
-    robot = ROBOTS / "p2at_omni_full.ini"
+    # Small pictures, of which a loaded machine draws enough.
+    sizes = (Edit(f"Resolution{side}=360", f"Resolution{side}=120") for side in "XY")
+    write_edited_copy(OMNI_ROBOT, folder, *sizes)
+    robot = write_edited_copy(ROBOTS / "p2at_omni_full.ini", folder)
     with start_server(folder, robot=robot) as server, server.connect_stream() as client:
         client.spawn("USARBot.OmniP2AT", start_pose=client.get_start_poses()[0].name)
         client.drive(1.0, 2.0)
         plan = RecordingPlan(channels=("range", "ids"), encoding=ImageEncoding.PNG, hz=10.0)
-        progress = Recorder(path, plan, stream_port=server.stream_port).record(2.0)
+        progress = Recorder(path, plan, stream_port=server.stream_port).record(3.0)
     assert progress.num_dropped == 0
     return path
 
@@ -183,3 +189,27 @@ def test_hostile_file_is_rejected_with_its_reason(reason: str, tmp_path: Path) -
         with pytest.raises(CatoptraError, match=reason):
             repair_recording(path)
         assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("type_name", sorted(read_definitions()))
+def test_encoded_message_is_that_of_another_encoder(type_name: str) -> None:
+    message, name = make_message(type_name), type_name.replace("/", "/msg/")
+    expected = serialize_dynamic(name, schema_text(type_name))[name](message)
+    assert encode_cdr(type_name, message) == expected
+
+
+def make_message(type_name: str) -> dict[str, Any]:
+    """A message of a type; its arrays have three values, then none."""
+    message: dict[str, Any] = {}
+    for line in read_definitions()[type_name].splitlines():
+        kind, *names = line.split()[:2] or [""]
+        if not names or "=" in line:
+            continue
+        kind, _, size = kind.partition("[")
+        if kind in read_definitions():
+            value: Any = make_message(kind)
+        else:
+            value = {"string": "abcd", "bool": True}.get(kind, len(message) + 1)
+        count = int(size[:-1] or 3 * (len(message) % 2)) if size else 0
+        message[names[0]] = [value] * count if size else value
+    return message

@@ -23,7 +23,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from catoptra_client.recording.ros2_messages import RosMessage, schema_text
+from catoptra_client.recording.ros2_messages import RosMessage, encode_cdr, schema_text
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 
 try:
@@ -36,7 +36,7 @@ try:
     from mcap.writer import Writer
 
     # The public writer hides channels and flushing.
-    from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
+    from mcap_ros2._dynamic import generate_dynamic
 except ImportError as error:
     raise CatoptraError(
         "recordings need two more packages: pip install 'catoptra-client[record]'"
@@ -83,14 +83,6 @@ _LATCHED = (
     f"deadline: {_FOREVER}, lifespan: {_FOREVER}, liveliness_lease_duration: {_FOREVER}, "
     "avoid_ros_namespace_conventions: false}"
 )
-
-
-@cache
-def cdr_encoder(type_name: str) -> Callable[[RosMessage], bytes]:
-    """Encoder of messages of a type, `package/Name`, as CDR."""
-    name = type_name.replace("/", "/msg/")
-    encoder: Callable[[RosMessage], bytes] = serialize_dynamic(name, schema_text(type_name))[name]
-    return encoder
 
 
 class RecordingWriter:
@@ -186,7 +178,7 @@ class RecordingWriter:
             publish_ns: Time of day.
             is_latched: Whether late subscribers get the last message.
         """
-        data = cdr_encoder(type_name)(message)
+        data = encode_cdr(type_name, message)
         self.add_cdr(
             topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
         )

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -105,6 +107,103 @@ def schema_text(type_name: str) -> str:
                 found.append(part)
     parts = "".join(f"{_SEPARATOR}MSG: {name}\n{definitions[name]}" for name in found[1:])
     return definitions[type_name] + parts
+
+
+# Of CDR: format of `struct`, by the type of a field.
+_FORMATS = {
+    **{"bool": "?", "byte": "B", "char": "B", "float32": "f", "float64": "d", "int8": "b"},
+    **{"int16": "h", "int32": "i", "int64": "q", "uint8": "B", "uint16": "H", "uint32": "I"},
+    "uint64": "Q",
+}
+
+
+class _Field(NamedTuple):
+    """A field of a type: a number, a text, or a message; or an array of these."""
+
+    name: str
+    format: str
+    """Of a number; empty for the others."""
+    parts: tuple[_Field, ...] | None
+    """Fields of a message; None for the others."""
+    numbers: Callable[[RosMessage], tuple[float, ...]] | None
+    """Values of a message whose fields are all numbers of one size; None of others."""
+    length: int | None
+    """Length of an array; -1 if it is not fixed; None without one."""
+
+
+@cache
+def _fields_of(type_name: str) -> tuple[_Field, ...]:
+    fields = []
+    for line in read_definitions()[type_name].splitlines():
+        kind, *names = line.partition("#")[0].split()[:2] or [""]
+        if not names or "=" in line:
+            continue  # a constant
+        kind, _, size = kind.partition("[")
+        length = int(size[:-1] or -1) if size else None
+        format_, parts, numbers = _FORMATS.get(kind, ""), None, None
+        if kind in read_definitions():
+            parts = _fields_of(kind)
+            is_flat = all(part.format and part.parts is None is part.length for part in parts)
+            if is_flat and len({struct.calcsize(part.format) for part in parts}) == 1 < len(parts):
+                format_ = "".join(part.format for part in parts)
+                numbers = itemgetter(*(part.name for part in parts))
+        fields.append(_Field(names[0], format_, parts, numbers, length))
+    return tuple(fields)
+
+
+def encode_cdr(type_name: str, message: RosMessage) -> bytes:
+    """Message as little-endian CDR (XCDR1).
+
+    A third of the time of the package mcap-ros2-support, which looks at each number on its own: a
+    scan has 181.
+    """
+    data = bytearray()
+    _encode_fields(_fields_of(type_name), message, data)
+    return b"\0\1\0\0" + bytes(data)
+
+
+def _encode_fields(fields: tuple[_Field, ...], message: RosMessage, data: bytearray) -> None:
+    for field in fields:
+        value = message[field.name]
+        if field.length is None:
+            _encode_value(field, value, data)
+            continue
+        if field.length < 0:
+            _encode_numbers("I", (len(value),), data)
+        if isinstance(value, bytes):
+            data += value
+        elif field.format and field.parts is None:
+            # Without values there is nothing to align.
+            if value:
+                _encode_numbers(f"{len(value)}{field.format}", value, data)
+        else:
+            for one in value:
+                _encode_value(field, one, data)
+
+
+def _encode_value(field: _Field, value: Any, data: bytearray) -> None:
+    if field.numbers is not None:
+        _encode_numbers(field.format, field.numbers(value), data)
+    elif field.parts is not None:
+        _encode_fields(field.parts, value, data)
+    elif field.format:
+        _encode_numbers(field.format, (value,), data)
+    else:
+        text = value.encode() + b"\0"
+        _encode_numbers("I", (len(text),), data)
+        data += text
+
+
+def _encode_numbers(format_: str, values: Sequence[float], data: bytearray) -> None:
+    """Append numbers of one size, the first of them aligned to it."""
+    size = _find_size(format_[-1])
+    data += bytes(-len(data) % size)
+    data += struct.pack(f"<{format_}", *values)
+
+
+@cache
+def _find_size(format_: str) -> int:
+    return struct.calcsize(f"<{format_}")
 
 
 def nanoseconds_from_s(time_s: float) -> int:
