@@ -139,7 +139,7 @@ def resimulate(
         )
         owner = ControlConnection(connection, timeout_s=_TIMEOUT_S, clock=time.monotonic)
         stack.callback(owner.close)
-        run = _Run(recording, clock, owner)
+        run = _Repetition(recording, clock, owner)
         for time_ns, event in _merge(recording):
             run.advance(time_ns)
             if isinstance(event, CommandRecord):
@@ -187,8 +187,8 @@ def _merge(recording: Recording) -> Iterator[_Item]:
 
 
 @dataclass(slots=True, eq=False)
-class _Run:
-    """A simulation in progress."""
+class _Repetition:
+    """A drive that is simulated again."""
 
     recording: Recording
     clock: StreamClient
