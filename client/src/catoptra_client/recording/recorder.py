@@ -124,7 +124,7 @@ class RecordingPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class UnwarpedView:
     """A picture that is unwarped from that of an omnidirectional camera."""
 
     name: str
@@ -136,18 +136,18 @@ class View:
     unwarp_map: UnwarpMap
 
 
-def make_view(name: str, camera: OmniCamera, robot_from_mirror: Pose) -> View:
+def make_view(name: str, camera: OmniCamera, robot_from_mirror: Pose) -> UnwarpedView:
     """View of a name in `VIEWS`, around the viewpoint of a camera."""
     mount, turn_rad = robot_from_mirror.rotation, VIEWS[name]
     axes = Pose.from_rpy(robot_from_mirror.translation, (0.0, 0.0, turn_rad))
     if name == "panorama":
         cylinder = choose_cylinder(camera, _PANORAMA_COLUMNS, robot_from_mirror=mount)
         unwarp_map = make_unwarp_map(camera, cylinder, robot_from_mirror=mount)
-        return View(name, cylinder, None, ros.flu_pose(axes), unwarp_map)
+        return UnwarpedView(name, cylinder, None, ros.flu_pose(axes), unwarp_map)
     pinhole = PerspectiveCamera(*_VIEW_SIZE_PX, _VIEW_FOV_RAD)
     geometry = PerspectiveGeometry(*_VIEW_SIZE_PX, _VIEW_FOV_RAD, turn_rad)
     unwarp_map = make_unwarp_map(camera, geometry, robot_from_mirror=mount)
-    return View(name, geometry, pinhole, ros.optical_pose(axes, pinhole), unwarp_map)
+    return UnwarpedView(name, geometry, pinhole, ros.optical_pose(axes, pinhole), unwarp_map)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,7 @@ class MessageSource:
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
         self._described: dict[str, str] | None = None
-        self._views: list[View] = []
+        self._views: list[UnwarpedView] = []
         # Width of pictures whose hand is not that of the camera; else 0.
         self._turned_width_px = 0
         self._last_command = 0
@@ -437,7 +437,7 @@ class MessageSource:
                     place = f"{topic}/{view.name}/geometry"
                     self._write(place, "std_msgs/String", shape, time_s, wall_ns, True)
                 poses[f"{name}_{view.name}"] = view.base_from_view
-            self._write_fixed("base_link", poses, time_s, wall_ns)
+            self._write_static_transforms("base_link", poses, time_s, wall_ns)
         self._write_clock(time_s, wall_ns)
         self._write_base(header.world_from_robot, time_s, wall_ns)
         image = ros.compressed_image_message(time_s, frame_id, header.encoding.value, parts[0])
@@ -498,7 +498,7 @@ class MessageSource:
             self._world_from_start = robot.world_from_start
             self._map_from_odom = ros.flu_pose(pose_from_transform(robot.world_from_start))
             if not self._has_odometry:
-                self._write_fixed("map", {"odom": self._map_from_odom}, time_s, wall_ns)
+                self._write_static_transforms("map", {"odom": self._map_from_odom}, time_s, wall_ns)
         pose = ros.flu_pose(pose_from_transform(robot.world_from_robot))
         message = ros.pose_odometry_message(time_s, "map", pose)
         self._write("/ground_truth", "nav_msgs/Odometry", message, time_s, wall_ns)
@@ -535,7 +535,7 @@ class MessageSource:
             for name, sensor in self._sensors.items()
             if sensor.base_from_sensor is not None and name not in _FRAMES
         }
-        self._write_fixed("base_link", frames, time_s, time.time_ns())
+        self._write_static_transforms("base_link", frames, time_s, time.time_ns())
 
     def _find_robot(self, state: StateReply) -> RobotState:
         robot = next((one for one in state.robots if one.name == state.robot), None)
@@ -600,7 +600,7 @@ class MessageSource:
         message = {"transforms": transforms}
         self._write("/tf", "tf2_msgs/TFMessage", message, time_s, wall_ns)
 
-    def _write_fixed(
+    def _write_static_transforms(
         self, parent: str, poses: Mapping[str, Pose], time_s: float, wall_ns: int
     ) -> None:
         """Write static transforms parent_from_child by child, with all earlier ones."""
