@@ -222,6 +222,7 @@ class MessageSource:
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
         self._described: dict[str, str] | None = None
+        self._model: OmniCamera | PerspectiveCamera
         self._views: list[UnwarpedView] = []
         # Width of pictures whose hand is not that of the camera; else 0.
         self._turned_width_px = 0
@@ -417,33 +418,38 @@ class MessageSource:
         self._write("/landmarks/json", "std_msgs/String", described, time_s, now_ns, True)
         return state
 
-    def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
+    def _describe_camera(self, header: FrameHeader, wall_ns: int) -> None:
+        """Write the calibration of a frame's camera, and the frames of it and its views."""
         time_s, name = header.time_s, header.camera
         assert header.camera_model is not None
         assert header.robot_from_mirror is not None
-        camera = any_camera_from_pairs(tuple(header.camera_model.items()))
-        frame_id, topic = f"{name}_optical_frame", f"/{name}"
+        self._described = header.camera_model
+        self._model = camera = any_camera_from_pairs(tuple(header.camera_model.items()))
+        message = ros.calibration_message(name, camera, header.camera_model, self._plan.picture)
+        self._write(f"/{name}/calibration", "std_msgs/String", message, time_s, wall_ns, True)
+        mount = pose_from_transform(header.robot_from_mirror)
+        poses = {f"{name}_optical_frame": ros.optical_pose(mount, camera)}
+        if isinstance(camera, OmniCamera):
+            self._views = [make_view(one, camera, mount) for one in self._plan.views]
+        for view in self._views:
+            if view.camera is None:
+                shape = ros.string_message(dataclasses.asdict(view.geometry))
+                place = f"/{name}/{view.name}/geometry"
+                self._write(place, "std_msgs/String", shape, time_s, wall_ns, True)
+            poses[f"{name}_{view.name}"] = view.base_from_view
+        self._write_static_transforms("base_link", poses, time_s, wall_ns)
+
+    def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
+        time_s, name = header.time_s, header.camera
         if header.camera_model != self._described:
-            self._described = header.camera_model
-            message = ros.calibration_message(name, camera, header.camera_model, self._plan.picture)
-            self._write(f"{topic}/calibration", "std_msgs/String", message, time_s, wall_ns, True)
-            mount = pose_from_transform(header.robot_from_mirror)
-            poses = {frame_id: ros.optical_pose(mount, camera)}
-            if isinstance(camera, OmniCamera):
-                self._views = [make_view(one, camera, mount) for one in self._plan.views]
-            for view in self._views:
-                if view.camera is None:
-                    shape = ros.string_message(dataclasses.asdict(view.geometry))
-                    place = f"{topic}/{view.name}/geometry"
-                    self._write(place, "std_msgs/String", shape, time_s, wall_ns, True)
-                poses[f"{name}_{view.name}"] = view.base_from_view
-            self._write_static_transforms("base_link", poses, time_s, wall_ns)
+            self._describe_camera(header, wall_ns)
+        frame_id, topic = f"{name}_optical_frame", f"/{name}"
         self._write_clock(time_s, wall_ns)
         self._write_base(header.world_from_robot, time_s, wall_ns)
         image = ros.compressed_image_message(time_s, frame_id, header.encoding.value, parts[0])
         type_name = "sensor_msgs/CompressedImage"
         self._write(f"{topic}/image/compressed", type_name, image, time_s, wall_ns)
-        info = ros.camera_info_message(time_s, frame_id, camera)
+        info = ros.camera_info_message(time_s, frame_id, self._model)
         self._write(f"{topic}/camera_info", "sensor_msgs/CameraInfo", info, time_s, wall_ns)
         if self._views:
             self._write_views(header, parts[0], wall_ns)
