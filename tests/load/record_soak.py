@@ -116,7 +116,12 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
                 assert recorder.returncode == 0
             viewer_before = processor_time_s(pid)
             num_viewed = _view_frames(port, viewed_s)
-            server_of_viewer = (processor_time_s(pid) - viewer_before) / viewed_s
+            idle_before = processor_time_s(pid)
+            server_of_viewer = (idle_before - viewer_before) / viewed_s
+            # The robot and its sensors alone.
+            time.sleep(0.5 * viewed_s)
+            server_idle = (processor_time_s(pid) - idle_before) / (0.5 * viewed_s)
+            viewer_frame_s = (server_of_viewer - server_idle) / max(num_viewed / viewed_s, 1e-9)
     with path.open("rb") as file:
         reader = make_reader(file)
         counts: Counter[str] = Counter()
@@ -136,6 +141,8 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
     def mean(part: list[tuple[float, float]], which: int) -> float:
         return sum(one[which] for one in part) / len(part)
 
+    server_share, frames_per_s = (spent[1] - before[1]) / wall_s, len(headers) / span_s
+    server_of_same_frames = server_idle + viewer_frame_s * frames_per_s
     return {
         "seconds": duration_s,
         "messages": sum(counts.values()),
@@ -143,7 +150,7 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
         "frames": len(headers),
         "frames_lost": headers[-1]["dropped_frames"],
         "frames_superseded": headers[-1]["sequence"] - headers[0]["sequence"] + 1 - len(headers),
-        "frames_per_s": len(headers) / span_s,
+        "frames_per_s": frames_per_s,
         "ticks_recorded": (counts["/ground_truth"] - 1) / (span_s / _TICK_S),
         "readings_per_s": {
             topic: round(counts[topic] / span_s, 1)
@@ -151,9 +158,11 @@ def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict
             if topic.startswith(("/scan", "/range", "/imu", "/odom", "/reading"))
         },
         "recorder_share": (spent[0] - before[0]) / wall_s,
-        "server_share": (spent[1] - before[1]) / wall_s,
+        "server_share": server_share,
         "server_share_of_a_viewer": server_of_viewer,
+        "server_share_alone": server_idle,
         "frames_per_s_of_the_viewer": num_viewed / viewed_s,
+        "server_extra_of_a_core": server_share - server_of_same_frames,
         "recorder_mb": [mean(samples[:num_quarter], 0), mean(samples[-num_quarter:], 0)],
         "server_mb": [mean(samples[:num_quarter], 1), mean(samples[-num_quarter:], 1)],
         "load": os.getloadavg(),
