@@ -378,7 +378,8 @@ def _replay(words: Sequence[str]) -> int:
         help="folder of the recorded robot and world files and of what they refer to, of "
         "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
     add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
-        default=1.0, metavar="X", help="simulated seconds a second, of --serve")  # fmt: skip
+        default=1.0, metavar="X",
+        help="simulated seconds a second while it is served (default: 1)")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to serve on")
     add("--control-port", type=parse_port, default=3000, metavar="PORT", help="control port")
     add("--image-port", type=parse_port, default=5003, metavar="PORT", help="image port")

@@ -7,7 +7,7 @@ state, and the head: attachments and the replies that never change.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,10 +25,21 @@ from catoptra_protocol.json_object import json_object_from_text
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
 from catoptra_protocol.stream.codec import dataclass_from_fields
 from catoptra_protocol.stream.messages import reply_from_json
-from catoptra_protocol.stream.replies import CommandRecord, FrameHeader, Reply, StateReply
+from catoptra_protocol.stream.replies import (
+    CommandRecord,
+    FrameHeader,
+    Reply,
+    SetupReply,
+    StateReply,
+)
 
 _MAX_TOPICS = 4096
 _MAX_ATTACHED_BYTES = 2**26
+# Image, labels and views of one frame.
+_MAX_FRAME_BYTES = 2**28
+_MAX_COMMANDS = 2**16
+# As of stamps; NaN and infinity are no JSON here.
+_MAX_TIME_S = 2.0**31
 _NS_PER_S = 1e9
 FRAME_TOPIC, STATE_TOPIC = "/catoptra/frame", "/catoptra/state"
 COMMAND_TOPIC = "/catoptra/commands"
@@ -123,12 +134,28 @@ class Recording:
         return self.tables.get("catoptra", {}).get("robot", "")
 
     @property
+    def is_realtime(self) -> bool:
+        """Whether the server's clock was real time."""
+        return self.tables.get("catoptra", {}).get("clock") == "realtime"
+
+    @property
     def span_s(self) -> tuple[float, float]:
         """Simulation times of the first and the last message that are no latched ones."""
         spans = [one for name, one in self.topics.items() if name in (STATE_TOPIC, FRAME_TOPIC)]
         if not spans:
             raise self.error("no states and no frames: it is of an earlier release, or empty")
         return min(one.first_s for one in spans), max(one.last_s for one in spans)
+
+    @property
+    def setup(self) -> SetupReply:
+        """Files and options of the server."""
+        digests = self.tables.get("catoptra_digests", {})
+        files = {
+            name: data.decode(errors="replace")
+            for name, data in self.files.items()
+            if name in digests
+        }
+        return SetupReply(0, files, digests, self.tables.get("catoptra_setup", {}))
 
     def error(self, reason: str) -> CatoptraError:
         """Error about the file."""
@@ -151,31 +178,39 @@ class Recording:
         """
         for entry in read_entries(self.path):
             if isinstance(entry, RecordedMessage) and entry.topic == COMMAND_TOPIC:
-                try:
-                    fields = json_object_from_text(self._read_text(entry), MAX_REQUEST_BYTES)
-                    yield dataclass_from_fields(CommandRecord, fields)
-                except RemoteProtocolError as error:
-                    raise self.error(f"a damaged command: {error}") from error
+                yield self._parse_command(entry)
 
     def iter_events(self) -> Iterator[RecordedFrame | RecordedState]:
-        """Frames and states in the order in which they were recorded.
+        """Frames and states in their order; each state has the commands since the one before.
 
         Raises:
             CatoptraError: A message is damaged, or a frame has no image.
         """
         # Newest message of each topic of images; the frame's own message follows them.
         images: dict[str, RecordedMessage] = {}
+        # Those of states that were not recorded, since their robots had not moved, are here too.
+        commands: list[CommandRecord] = []
         for entry in read_entries(self.path):
             if not isinstance(entry, RecordedMessage):
                 continue
             if entry.topic == FRAME_TOPIC:
                 header = self._parse(self._read_text(entry), FrameHeader)
+                self._check_time(header.time_s)
                 yield RecordedFrame(header, self._find_parts(header, images), entry.publish_ns)
             elif entry.topic == STATE_TOPIC:
                 state = self._parse(self._read_text(entry), StateReply)
+                self._check_time(state.time_s)
+                state = replace(state, commands=tuple(commands))
+                commands.clear()
                 yield RecordedState(state, entry.publish_ns)
+            elif entry.topic == COMMAND_TOPIC:
+                commands.append(self._parse_command(entry))
+                if len(commands) > _MAX_COMMANDS:
+                    raise self.error(f"more than {_MAX_COMMANDS} commands at once")
             elif entry.type_name.startswith("sensor_msgs/") and "Image" in entry.type_name:
                 images[entry.topic] = entry
+                if sum(len(one.data) for one in images.values()) > _MAX_FRAME_BYTES:
+                    raise self.error(f"the images of a frame are beyond {_MAX_FRAME_BYTES} bytes")
 
     def describe(self) -> str:
         """Robot, world, duration, topics with their rates, dropped messages, files; for people."""
@@ -208,6 +243,19 @@ class Recording:
                 data = np.where(ranges == 0.0, np.float32(np.inf), ranges).tobytes()
             parts.append(data)
         return tuple(parts)
+
+    def _parse_command(self, message: RecordedMessage) -> CommandRecord:
+        try:
+            fields = json_object_from_text(self._read_text(message), MAX_REQUEST_BYTES)
+            command = dataclass_from_fields(CommandRecord, fields)
+        except RemoteProtocolError as error:
+            raise self.error(f"a damaged command: {error}") from error
+        self._check_time(command.time_s)
+        return command
+
+    def _check_time(self, time_s: float) -> None:
+        if not 0.0 <= time_s < _MAX_TIME_S:
+            raise self.error(f"a time of {time_s} s")
 
     def _read_image(self, images: dict[str, RecordedMessage], topic: str) -> bytes:
         if topic not in images:

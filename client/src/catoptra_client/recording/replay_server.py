@@ -15,7 +15,7 @@ import asyncio
 import dataclasses
 import logging
 import math
-import zlib
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -33,39 +33,11 @@ from catoptra_client.recording.recording import (
 )
 from catoptra_protocol.errors import CatoptraError, InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
+from catoptra_protocol.stream import replies, requests
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
     request_from_bytes,
-)
-from catoptra_protocol.stream.replies import (
-    CameraReply,
-    Error,
-    FrameHeader,
-    Heartbeat,
-    LandmarksReply,
-    Ok,
-    Reply,
-    RobotState,
-    SensorReports,
-    StartPosesReply,
-    StateReply,
-    StatusReply,
-)
-from catoptra_protocol.stream.requests import (
-    ChannelEncoding,
-    FrameVariant,
-    GetCameraRequest,
-    GetFrameRequest,
-    GetLandmarksRequest,
-    GetReadingsRequest,
-    GetStartPosesRequest,
-    GetStateRequest,
-    GetStatusRequest,
-    ImageEncoding,
-    Request,
-    ResetRequest,
-    SpawnRequest,
 )
 from catoptra_protocol.usarsim.commands import (
     Command,
@@ -103,11 +75,19 @@ _HEARTBEAT_S = 0.5
 _TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
+_MAX_COMMANDS = 512
 _SAME_PLACE_M = 0.01
-# The stream does not tell their links.
-_MOVING_PARTS = ("mispkg",)
 # As many unread ones fit into a client's queue.
 _MAX_IDLE_HEARTBEATS = 16
+_SOCKET_OPTIONS = {
+    zmq.LINGER: 0,
+    zmq.IPV6: 1,
+    # A message to a client that is gone is an error, by which it is noticed.
+    zmq.ROUTER_MANDATORY: 1,
+    zmq.MAXMSGSIZE: MAX_REQUEST_BYTES,
+    # Messages that wait for a client, each a frame at worst.
+    zmq.SNDHWM: 64,
+}
 
 
 class _RejectedError(CatoptraError):
@@ -122,7 +102,7 @@ class _Client:
     """A client of the stream."""
 
     has_robot: bool = False
-    pending: GetFrameRequest | None = None
+    pending: requests.GetFrameRequest | None = None
     last_id: int = 0
     idle_heartbeats: int = 0
     """Heartbeats since its last request, without one that waits."""
@@ -146,10 +126,13 @@ class ReplayServer:
             CatoptraError: The recording has no state, or none of the replies at its head.
         """
         self._speed = speed
-        self._status = recording.get_reply(StatusReply)
-        self._starts = recording.get_reply(StartPosesReply)
-        self._landmarks = recording.get_reply(LandmarksReply)
-        self._parts = [parse_message(one) for one in recording.get_reply(SensorReports).reports]
+        self._status = recording.get_reply(replies.StatusReply)
+        self._greeting = Greeting("Recording", self._status.world)
+        ControlServer().send(self._greeting)  # raises for a name that no line can carry
+        self._starts = recording.get_reply(replies.StartPosesReply)
+        self._landmarks = recording.get_reply(replies.LandmarksReply)
+        self._parts = recording.get_reply(replies.SensorReports)
+        self._setup = recording.setup
         self._events = recording.iter_events()
         self._frame: RecordedFrame | None = None
         self._number = 0
@@ -166,6 +149,7 @@ class ReplayServer:
         if all(one.name != state.robot for one in state.robots):
             raise recording.error(f"its state does not list its robot {state.robot[:60]!r}")
         self._state, self._name, self._begin_s = state, state.robot, state.time_s
+        self._commands = deque(state.commands, _MAX_COMMANDS)
         self._aliases: set[str] = set()
         self._clients: dict[bytes, _Client] = {}
         self._controllers: set[asyncio.StreamWriter] = set()
@@ -182,18 +166,9 @@ class ReplayServer:
             CatoptraError: A port is not available, or the recording is damaged.
         """
         context = zmq.asyncio.Context()
-        self._socket = context.socket(zmq.ROUTER)
-        self._socket.set(zmq.LINGER, 0)
-        # A message to a client that is gone is an error, by which it is noticed.
-        self._socket.set(zmq.ROUTER_MANDATORY, 1)
-        self._socket.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
-        self._socket.set(zmq.IPV6, 1)
         host, servers = address.host, list[asyncio.Server]()
         try:
-            name = f"[{host}]" if ":" in host else host
-            self._socket.bind(f"tcp://{name}:{address.stream_port or '*'}")
-            endpoint = str(self._socket.get_string(zmq.LAST_ENDPOINT)).rstrip("\0")
-            stream_port = int(endpoint.rpartition(":")[2])
+            stream_port = self._bind_stream(context, host, address.stream_port or 0)
             for port, handle in (
                 (address.control_port, self._serve_control),
                 (address.image_port, self._serve_images),
@@ -208,6 +183,15 @@ class ReplayServer:
             for server in servers:
                 server.close()
             context.destroy(linger=0)
+
+    def _bind_stream(self, context: zmq.asyncio.Context, host: str, port: int) -> int:
+        """Open the stream; its port."""
+        self._socket = context.socket(zmq.ROUTER)
+        for option, value in _SOCKET_OPTIONS.items():
+            self._socket.set(option, value)
+        self._socket.bind(f"tcp://{f'[{host}]' if ':' in host else host}:{port or '*'}")
+        endpoint = str(self._socket.get_string(zmq.LAST_ENDPOINT)).rstrip("\0")
+        return int(endpoint.rpartition(":")[2])
 
     async def _play(self) -> None:
         """Show each frame and state at its time."""
@@ -236,8 +220,9 @@ class ReplayServer:
             if client.pending is not None:
                 await self._send_frame(identity, client)
 
-    def _show_state(self, state: StateReply) -> None:
+    def _show_state(self, state: replies.StateReply) -> None:
         before, self._state = set(self._state.reports), state
+        self._commands.extend(state.commands)
         if all(line in before for line in state.reports):
             return
         # Lines without a time are as new as the others of their cycle.
@@ -247,9 +232,23 @@ class ReplayServer:
             if is_reading and not writer.is_closing():
                 _write_lines(writer, lines)
 
-    def _find_robot(self) -> RobotState:
+    def _find_robot(self) -> replies.RobotState:
         """State of the recorded robot."""
         return next(one for one in self._state.robots if one.name == self._name)
+
+    def _check_class(self, class_name: str) -> replies.RobotState:
+        """The recorded robot, if it is of a class. Raises CatoptraError for another one."""
+        robot = self._find_robot()
+        names = robot.class_name, class_name, *self._status.class_names
+        own, wanted, *known = (name.rpartition(".")[2].lower() for name in names)
+        if wanted not in known:
+            classes = ", ".join(self._status.class_names)
+            raise CatoptraError(f"there is no class {class_name!r}: there are {classes}")
+        if own != wanted:
+            raise _RejectedError(
+                f"show a {class_name}: it has the {robot.class_name} {self._name!r} alone"
+            )
+        return robot
 
     def _spawn(self, init: Init) -> Vector3 | None:
         """Where the robot is by now, unless that is the place of INIT.
@@ -257,14 +256,7 @@ class ReplayServer:
         Raises:
             CatoptraError: There is no such class or start; or the robot started elsewhere.
         """
-        robot = self._find_robot()
-        own, wanted = (
-            name.rpartition(".")[2].lower() for name in (robot.class_name, init.class_name)
-        )
-        if own != wanted:
-            raise _RejectedError(
-                f"spawn a {init.class_name}: it has the {robot.class_name} {self._name!r} alone"
-            )
+        robot = self._check_class(init.class_name)
         place = init.location_m
         if place is None:
             starts = {one.name.lower(): one.location_m for one in self._starts.start_poses}
@@ -299,25 +291,25 @@ class ReplayServer:
                     raise RemoteProtocolError("a message of several parts")
                 request = request_from_bytes(parts[0])
             except InvalidRequestError as error:
-                await self._send(identity, Error(error.request_id, str(error)))
+                await self._send(identity, replies.Error(error.request_id, str(error)))
                 continue
             except RemoteProtocolError as error:
-                await self._send(identity, Error(0, str(error)))
+                await self._send(identity, replies.Error(0, str(error)))
                 continue
             try:
-                if isinstance(request, GetFrameRequest):
+                if isinstance(request, requests.GetFrameRequest):
                     await self._request_frame(identity, client, request)
                 else:
-                    if isinstance(request, GetStatusRequest):
+                    if isinstance(request, requests.GetStatusRequest):
                         await self._beat()
                     await self._send(identity, self._answer(client, request))
             except CatoptraError as error:
-                await self._send(identity, Error(request.id, str(error)))
+                await self._send(identity, replies.Error(request.id, str(error)))
 
-    def _answer(self, client: _Client, request: Request) -> Reply:
+    def _answer(self, client: _Client, request: requests.Request) -> replies.Reply:
         state, replace = self._state, dataclasses.replace
         match request:
-            case GetStatusRequest(id_):
+            case requests.GetStatusRequest(id_):
                 return replace(
                     self._status,
                     id=id_,
@@ -326,39 +318,46 @@ class ReplayServer:
                     has_robot=client.has_robot,
                     sent_frames=client.num_sent,
                 )
-            case GetStartPosesRequest(id_):
+            case requests.GetStartPosesRequest(id_):
                 return replace(self._starts, id=id_)
-            case GetLandmarksRequest(id_, robot, camera):
+            case requests.GetLandmarksRequest(id_, robot, camera):
                 if robot is not None or camera is not None:
                     raise _RejectedError("project landmarks into a camera")
                 return replace(self._landmarks, id=id_)
-            case GetStateRequest(id_, name):
+            case requests.GetStateRequest(id_, name, after):
                 if self._is_own(name):
-                    return replace(state, id=id_)
+                    newer = [one for one in self._commands if one.number > (after or 0)]
+                    commands = () if after is None else tuple(newer)
+                    return replace(state, id=id_, commands=commands)
                 if any(one.name == name for one in state.robots):
                     raise _RejectedError(f"tell the readings of {name!r}: it has {self._name!r}")
-                return replace(state, id=id_, robot="", reports=(), notes=())
-            case SpawnRequest():
+                return replace(state, id=id_, robot="", reports=(), notes=(), commands=())
+            case requests.GetPartsRequest(id_, class_name):
+                self._check_class(class_name)
+                return replace(self._parts, id=id_)
+            case requests.GetSetupRequest(id_):
+                return replace(self._setup, id=id_)
+            case requests.SpawnRequest():
                 if client.has_robot:
                     raise CatoptraError("this client has its robot: reset first")
                 place = request.location_m, request.rotation_rad or (0.0, 0.0, 0.0)
                 init = Init(request.class_name, request.name, *place, request.start)
                 moved_to = self._spawn(init)
                 client.has_robot = True
-                return SensorReports(request.id, state.reports, moved_to, self._name)
-            case ResetRequest(id_):
+                return replies.SensorReports(request.id, state.reports, moved_to, self._name)
+            case requests.ResetRequest(id_):
                 client.has_robot = False
-                return Ok(id_)
-            case GetReadingsRequest(id_):
+                return replies.Ok(id_)
+            case requests.GetReadingsRequest(id_):
                 if not client.has_robot:
                     raise CatoptraError("this client has no robot")
-                return SensorReports(id_, state.reports)
-            case GetCameraRequest(id_, camera):
+                return replies.SensorReports(id_, state.reports)
+            case requests.GetCameraRequest(id_, camera):
                 return self._describe_camera(id_, camera)
             case _:
                 raise _RejectedError(f"answer {request.KIND}")
 
-    def _require_frame(self, robot: str, camera: str) -> FrameHeader:
+    def _require_frame(self, robot: str, camera: str) -> replies.FrameHeader:
         """Header of the newest frame, if robot and camera are those of the recording."""
         if self._frame is None:
             raise _RejectedError("show a camera: none was recorded, or its frames come later")
@@ -369,39 +368,44 @@ class ReplayServer:
             )
         return header
 
-    def _describe_camera(self, id_: int, camera: str) -> CameraReply:
+    def _describe_camera(self, id_: int, camera: str) -> replies.CameraReply:
         header = self._require_frame("", camera)
         assert header.camera_model is not None
         assert header.robot_from_mirror is not None
-        return CameraReply(
+        return replies.CameraReply(
             *(id_, header.class_name, header.camera, header.camera_model),
             *(header.robot_from_mirror, header.plan),
         )
 
     async def _request_frame(
-        self, identity: bytes, client: _Client, request: GetFrameRequest
+        self, identity: bytes, client: _Client, request: requests.GetFrameRequest
     ) -> None:
         if request.id == client.last_id:
             return
         client.last_id = request.id
         if client.pending is not None:
             replaced, client.pending = client.pending.id, None
-            await self._send(identity, Error(replaced, f"superseded by request {request.id}"))
+            await self._send(
+                identity, replies.Error(replaced, f"superseded by request {request.id}")
+            )
         if self._frame is not None:
             self._check_frame_request(request)
         client.pending = request
         if client.last_number < self._number:
             await self._send_frame(identity, client)
 
-    def _check_frame_request(self, request: GetFrameRequest) -> None:
+    def _check_frame_request(self, request: requests.GetFrameRequest) -> None:
         """Raise for a frame of other settings than were recorded."""
         header = self._require_frame(request.robot, request.camera)
         recorded = {one.name for one in header.labels.channels} if header.labels else set()
         if missing := [name for name in request.channels if name not in recorded]:
             known = ", ".join(sorted(recorded)) or "none"
             raise _RejectedError(f"label pixels by {missing[0][:80]!r}: it has {known}")
+        if request.channels and request.channel_encoding is not requests.ChannelEncoding.RAW:
+            raise _RejectedError("send compressed labels")
         picture = (header.camera_model or {}).get("Picture")
-        if request.variant not in (None, FrameVariant(), FrameVariant(picture=picture)):
+        own = requests.FrameVariant(), requests.FrameVariant(picture=picture)
+        if request.variant not in (None, *own):
             raise _RejectedError("draw a variant: --rerender draws a recorded drive again")
 
     async def _send_frame(self, identity: bytes, client: _Client) -> None:
@@ -412,27 +416,18 @@ class ReplayServer:
             # Again: the request may be older than the first frame.
             self._check_frame_request(request)
         except CatoptraError as error:
-            await self._send(identity, Error(request.id, str(error)))
+            await self._send(identity, replies.Error(request.id, str(error)))
             return
         header, parts = self._frame.header, self._frame.parts
         if client.last_number:
             client.num_missed += self._number - client.last_number - 1
         client.last_number, client.num_sent = self._number, client.num_sent + 1
-        labels, channels = header.labels, list[bytes]()
+        recorded = header.labels.channels if header.labels else ()
+        found = {one.name: (one, part) for one, part in zip(recorded, parts[1:], strict=True)}
+        chosen = [found[name] for name in request.channels]
+        labels = header.labels if chosen else None
         if labels is not None:
-            by_name = {
-                record.name: (record, part)
-                for record, part in zip(labels.channels, parts[1:], strict=True)
-            }
-            records = []
-            for name in request.channels:
-                record, data = by_name[name]
-                if request.channel_encoding is ChannelEncoding.ZLIB:
-                    data = zlib.compress(data, 1)
-                channels.append(data)
-                encoding = request.channel_encoding
-                records.append(dataclasses.replace(record, encoding=encoding, num_bytes=len(data)))
-            labels = dataclasses.replace(labels, channels=tuple(records)) if records else None
+            labels = dataclasses.replace(labels, channels=tuple(one for one, _ in chosen))
         reply = dataclasses.replace(
             header,
             id=request.id,
@@ -443,9 +438,9 @@ class ReplayServer:
             labels=labels,
         )
         image = _encode_image(parts[0], header.encoding, request.encoding)
-        await self._send(identity, reply, image, *channels)
+        await self._send(identity, reply, image, *(part for _, part in chosen))
 
-    async def _send(self, identity: bytes, reply: Reply, *parts: bytes) -> None:
+    async def _send(self, identity: bytes, reply: replies.Reply, *parts: bytes) -> None:
         try:
             data = bytes_from_message(reply)
             await self._socket.send_multipart([identity, data, *parts], zmq.NOBLOCK)
@@ -464,7 +459,7 @@ class ReplayServer:
         for identity, client in list(self._clients.items()):
             client.idle_heartbeats += client.pending is None
             if client.idle_heartbeats <= _MAX_IDLE_HEARTBEATS:
-                await self._send(identity, Heartbeat(SCHEMA_VERSION))
+                await self._send(identity, replies.Heartbeat(SCHEMA_VERSION))
 
     # --- the ports of USARSim ---
 
@@ -474,15 +469,15 @@ class ReplayServer:
         self._started.set()
         protocol = ControlServer()
         try:
-            writer.write(protocol.send(Greeting("Recording", self._status.world)))
+            writer.write(protocol.send(self._greeting))
             while data := await reader.read(_READ_BYTES):
                 for command in protocol.receive(data):
                     if writer.is_closing():
                         return
                     self._execute(command, writer)
                 await writer.drain()
-        except OSError:
-            pass  # a client that is gone
+        except (OSError, CatoptraError) as error:
+            log.warning("a control connection ended: %s", error)
         finally:
             self._controllers.discard(writer)
             writer.close()
@@ -508,7 +503,7 @@ class ReplayServer:
                 writer.write(line_from_report(StartPoses(tuple(starts))))
             case Init() | Stepper():
                 pass
-            case GetConf() | GetGeo() if has_robot and command.type.lower() not in _MOVING_PARTS:
+            case GetConf() | GetGeo() if has_robot and not self._is_package(command.type):
                 writer.write(self._describe_part(command))
             case _ if has_robot:
                 reason = f"a recording cannot execute {command.WORD}"
@@ -519,6 +514,11 @@ class ReplayServer:
             case _:
                 pass  # commands to a robot that is not there
 
+    def _is_package(self, type_: str) -> bool:
+        """Whether parts of a type are mission packages, whose links the stream does not tell."""
+        has_any = any(line.startswith("MISSTA") for line in self._state.reports)
+        return has_any and type_.lower() == "mispkg"
+
     def _describe_part(self, command: GetConf | GetGeo) -> bytes:
         """Lines of the recorded parts of a type and name; the empty line without any."""
         word, type_ = command.WORD[3:], command.type.lower()
@@ -526,7 +526,7 @@ class ReplayServer:
         wanted = "groundvehicle" if type_ == "robot" else type_
         found = [
             part
-            for part in (*self._parts, *self._describe_camera_lines())
+            for part in (*map(parse_message, self._parts.reports), *self._describe_camera_lines())
             if part.word == word
             and (part.get("Type") or "").lower() == wanted
             and (name is None or name.lower() == (part.get("Name") or "").partition(" ")[0].lower())
@@ -565,15 +565,16 @@ class ReplayServer:
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         self._started.set()
-        requests, number = ImageRequestReader(), 0
+        reader_, number = ImageRequestReader(), 0
         try:
             while data := await reader.read(_READ_BYTES):
-                for request in requests.receive(data):
+                for request in reader_.receive(data):
+                    if self._frame is None:
+                        return  # as a server without a picture
                     async with self._changed:
                         while self._number <= number:
                             await self._changed.wait()
                     number = self._number
-                    assert self._frame is not None
                     reply = await asyncio.to_thread(_encode_reply, self._frame, request)
                     if writer.is_closing():
                         return
@@ -589,19 +590,21 @@ def _write_lines(writer: asyncio.StreamWriter, lines: Sequence[str]) -> None:
     writer.write("".join(f"{line}\r\n" for line in lines).encode("latin-1", "replace"))
 
 
-def _encode_image(data: bytes, recorded: ImageEncoding, wanted: ImageEncoding) -> bytes:
+def _encode_image(
+    data: bytes, recorded: requests.ImageEncoding, wanted: requests.ImageEncoding
+) -> bytes:
     """Image of a frame in the encoding that a client wants."""
     if wanted is recorded:
         return data
     rgb = rgb_from_image_bytes(data)
-    if wanted is ImageEncoding.RAW:
+    if wanted is requests.ImageEncoding.RAW:
         return rgb.tobytes()
     return image_bytes_from_rgb(rgb, f".{wanted.value}")
 
 
 def _encode_reply(frame: RecordedFrame, request: ImageRequest) -> bytes:
     """Reply of the image port: a JPEG as it was recorded, or RAW; a region of it."""
-    data, is_jpeg = frame.parts[0], frame.header.encoding is ImageEncoding.JPEG
+    data, is_jpeg = frame.parts[0], frame.header.encoding is requests.ImageEncoding.JPEG
     if is_jpeg and isinstance(request, FullFrameRequest):
         return encode_frame_header(ImageType.GOOD, len(data)) + data
     rgb = rgb_from_image_bytes(data)

@@ -88,22 +88,15 @@ class _Rewriter(MessageSource):
         self._sink = writer
         time_s, num_frames = self._write_head(client).time_s, 0
         self._is_omni = isinstance(self._find_camera(client), OmniCamera)
-        self._begin_s = recording.span_s[0]
+        self._begin_s, self._is_lockstep = recording.span_s[0], not recording.is_realtime
         # Readings are of the recorded robot's sensors.
         lines = recording.get_reply(SensorReports).reports
         reports = (report_from_message(parse_message(line)) for line in lines)
         self._describe_robot([one for one in reports if one is not None], self._begin_s)
         writer.add_metadata("catoptra_rerendered", {"from": recording.path.name})
-        commands = recording.iter_commands()
-        command = next(commands, None)
         for event in recording.iter_events():
             if isinstance(event, RecordedState):
-                due = []
-                while command is not None and command.time_s <= event.time_s:
-                    due.append(command)
-                    command = next(commands, None)
-                state = replace(event.state, commands=tuple(due))
-                self._write_state(state, event.publish_ns)
+                self._write_state(event.state, event.publish_ns)
                 continue
             # For the random numbers of effects, which follow from the tick.
             while time_s < event.time_s:

@@ -35,6 +35,7 @@ NS_PER_S = 1_000_000_000
 _TICK_NS = 20_000_000
 # Whole ticks, so that a long step has the ticks of one step.
 _MAX_STEP_NS = NS_PER_S
+_MAX_GAP_NS = 86_400 * NS_PER_S
 _TIMEOUT_S = 60.0
 # Observations of one instant that no command before them explains.
 _MAX_UNMATCHED = 64
@@ -138,7 +139,7 @@ def resimulate(
         )
         owner = ControlConnection(connection, timeout_s=_TIMEOUT_S, clock=time.monotonic)
         stack.callback(owner.close)
-        run = _Run(recording, clock, owner)
+        run = _Repetition(recording, clock, owner)
         for time_ns, event in _merge(recording):
             run.advance(time_ns)
             if isinstance(event, CommandRecord):
@@ -160,7 +161,7 @@ def _merge(recording: Recording) -> Iterator[_Item]:
 
     Each kind is in order in the file; of all together a frame may follow a newer state.
     """
-    is_realtime = recording.tables.get("catoptra", {}).get("clock") == "realtime"
+    is_realtime = recording.is_realtime
 
     def frame_ns(frame: RecordedFrame) -> int:
         time_ns = round(frame.time_s * NS_PER_S)
@@ -186,8 +187,8 @@ def _merge(recording: Recording) -> Iterator[_Item]:
 
 
 @dataclass(slots=True, eq=False)
-class _Run:
-    """A simulation in progress."""
+class _Repetition:
+    """A drive that is simulated again."""
 
     recording: Recording
     clock: StreamClient
@@ -206,6 +207,8 @@ class _Run:
         if time_ns <= self.time_ns:
             return
         self.flush()
+        if time_ns - self.time_ns > _MAX_GAP_NS:
+            raise self.recording.error(f"nothing between {self.time_ns} and {time_ns} ns")
         while not self.difference and self.time_ns < time_ns:
             step_ns = min(time_ns - self.time_ns, _MAX_STEP_NS)
             self.clock.step(step_ns / NS_PER_S)

@@ -43,7 +43,7 @@ from catoptra_protocol.usarsim.reports import Configuration, Geometry, Report
 RosMessage = dict[str, Any]
 
 _SEPARATOR = "=" * 80 + "\n"
-_FLU_FROM_SAE = np.diag([1.0, -1.0, -1.0])
+_FLU_SIGNS = np.array([1.0, -1.0, -1.0])
 # Columns: the axes of the optical frame in the frame of the viewpoint.
 _MIRROR_FROM_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _PINHOLE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -219,16 +219,16 @@ def nanoseconds_from_s(time_s: float) -> int:
 
 def flu_pose(pose: Pose) -> Pose:
     """Pose between frames of REP 103, of one between SAE frames."""
-    rotation = _FLU_FROM_SAE @ pose.rotation @ _FLU_FROM_SAE
-    return Pose(rotation, _FLU_FROM_SAE @ pose.translation)
+    # Products with matrices of signs alone.
+    return Pose(_FLU_SIGNS[:, None] * pose.rotation * _FLU_SIGNS, _FLU_SIGNS * pose.translation)
 
 
 def optical_pose(robot_from_mirror: Pose, camera: OmniCamera | PerspectiveCamera | None) -> Pose:
     """Pose of the optical frame in the base's frame of REP 103, base_from_optical."""
     is_pinhole = isinstance(camera, PerspectiveCamera)
     mirror_from_optical = _PINHOLE_FROM_OPTICAL if is_pinhole else _MIRROR_FROM_OPTICAL
-    rotation = _FLU_FROM_SAE @ robot_from_mirror.rotation @ mirror_from_optical
-    return Pose(rotation, _FLU_FROM_SAE @ robot_from_mirror.translation)
+    rotation = _FLU_SIGNS[:, None] * robot_from_mirror.rotation @ mirror_from_optical
+    return Pose(rotation, _FLU_SIGNS * robot_from_mirror.translation)
 
 
 def wheel_speeds(
@@ -508,10 +508,10 @@ def _header(time_s: float, frame_id: str) -> RosMessage:
 
 
 def _vector(values: Floats) -> dict[str, float]:
-    x, y, z = map(float, values)
+    x, y, z = values.tolist()
     return {"x": x, "y": y, "z": z}
 
 
 def _quaternion(pose: Pose) -> dict[str, float]:
-    x, y, z, w = map(float, pose.quaternion)
+    x, y, z, w = pose.quaternion.tolist()
     return {"x": x, "y": y, "z": z, "w": w}

@@ -105,7 +105,7 @@ def execute_get_conf(
 def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     """Geometry of the robot, or of the parts of a type: one GEO for all, or one a package."""
     if _is_robot(command.type):
-        return [_vehicle_geometry(robot.description)]
+        return [vehicle_geometry(robot.description)]
     found = [part.geometry() for part in _find_named_parts(robot, command.type, command.name)]
     packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
     items = tuple(one for one in found if isinstance(one, GeometryItem))
@@ -315,7 +315,8 @@ def vehicle_configuration(description: RobotDescription) -> VehicleConfiguration
     )
 
 
-def _vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
+def vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
+    """GEO of a robot itself."""
     drive = description.drive
     return VehicleGeometry(
         name=description.model_name,

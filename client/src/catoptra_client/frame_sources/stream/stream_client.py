@@ -376,7 +376,7 @@ class StreamClient:
         return _parse_reports(self._call(GetReadingsRequest, SensorReports))
 
     def get_parts(self, class_name: str) -> list[Report]:
-        """Configuration of a robot class, then configuration and geometry of each of its sensors.
+        """Configuration and geometry of a robot class, then of each of its sensors.
 
         Args:
             class_name: As in `get_status().class_names`, or of a robot of `get_state`.

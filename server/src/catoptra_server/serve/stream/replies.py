@@ -66,7 +66,7 @@ from catoptra_server.serve.stream.session import (
     RobotSession,
     lines_from_reports,
 )
-from catoptra_server.simulation.commands import vehicle_configuration
+from catoptra_server.simulation.commands import vehicle_configuration, vehicle_geometry
 from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
@@ -256,7 +256,7 @@ def camera_reply(
 
 
 def parts_reply(id_: int, class_name: str, info: ServerInfo) -> SensorReports | Error:
-    """Reply with CONF of a robot class, and with CONF and GEO of each of its sensors."""
+    """Reply with CONF and GEO of a robot class, and of each of its sensors."""
     try:
         robot = find_class(info.robots, class_name)
     except SpawnError as error:
@@ -265,7 +265,7 @@ def parts_reply(id_: int, class_name: str, info: ServerInfo) -> SensorReports | 
         robot.sensors, robot.drive, lambda part: RandomSource.from_names(0, part)
     )
     parts = [part for sensor in sensors for part in sensor.parts]
-    reports: list[Report] = [vehicle_configuration(robot)]
+    reports: list[Report] = [vehicle_configuration(robot), vehicle_geometry(robot)]
     for part in parts:
         geometry = part.geometry()
         assert isinstance(geometry, GeometryItem), "a sensor has no links"
