@@ -87,7 +87,8 @@ class _Node(MessageSink):
         self._publishers: dict[str, Any] = {}
         self._qos = {
             True: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
-            False: QoSProfile(depth=10),
+            # Three seconds of pictures, for a subscriber on a busy machine.
+            False: QoSProfile(depth=100),
         }
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._shut_down = rclpy.try_shutdown
