@@ -69,8 +69,8 @@ def run_recorded_server(
 
     Args:
         recording: Recording.
-        files: Folder with the recorded files and what these refer to. Without it they are those
-            of the server, where these are the same, or of the recording.
+        files: Folder with the recorded files and what these refer to; those that are not there,
+            or of other contents, are taken from the server or from the recording.
         robot_files: Other robots than the recorded ones.
         options: Options of catoptra-server that take the place of the recorded ones.
 
@@ -100,12 +100,13 @@ def _find_file(recording: Recording, name: str, folder: Path, files: Path | None
     # Found, not imported: a client never loads the server's code.
     server = importlib.util.find_spec("catoptra_server")
     bundled = [Path(one, "configs") for one in (server and server.submodule_search_locations) or ()]
-    folders = [files] if files else [one / kind for one in bundled for kind in ("robots", "worlds")]
+    folders = [one / kind for one in bundled for kind in ("robots", "worlds")]
+    folders = [files, *folders] if files else folders
     for path in (one / Path(name).name for one in folders):
         with suppress(OSError):
             if hashlib.sha256(path.read_bytes()).hexdigest() == digest:
                 return path
-    if files is not None or name not in recording.files:
+    if name not in recording.files:
         raise recording.error(
             f"the recorded file {name[:60]!r} is not there as it was: --files names its folder"
         )
