@@ -246,6 +246,12 @@ DAMAGED = {
     "time_s: .nan.: expected": [
         ("/catoptra/state", '{"kind":"state","id":1,"time_s":"nan","robots":[]}')
     ],
+    "a time of 1e\\+300 s": [
+        (
+            "/catoptra/state",
+            '{"kind":"state","id":1,"time_s":1e300,"robots":[],"robot":"","reports":[],"notes":[]}',
+        ),
+    ],
     "it has no state": [("/catoptra/state", '{"kind":"ok","id":1}')],
     "a frame without its image": [("/catoptra/frame", json_from_message(HEADER))],
 }
