@@ -1,4 +1,4 @@
-"""Show a robot live in Foxglove's viewer: pip install foxglove-sdk 'catoptra-client[record]'.
+"""Show a robot live in Foxglove's viewer: pip install foxglove-sdk catoptra-client.
 
 Open the printed address in the viewer: all topics of a recording are there.
 

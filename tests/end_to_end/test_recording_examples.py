@@ -68,7 +68,7 @@ async def test_bridge_shows_pictures_and_latched_transforms_to_a_late_viewer(
             finally:
                 bridge.terminate()
     children = {one.child_frame_id for one in heard["/tf_static"][-1].transforms}
-    assert children == {"odom", f"{CAMERA}_optical_frame"}
+    assert f"{CAMERA}_optical_frame" in children
     pictures = heard[f"/{CAMERA}/image/compressed"]
     assert rgb_from_image_bytes(bytes(pictures[-1].data)).shape == (64, 64, 3)
 

@@ -90,10 +90,10 @@ def _view_frames(port: int, duration_s: float) -> int:
     return count
 
 
-def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str, Any]:
-    """Record for a time; the figures of the recording."""
+def run_soak(folder: Path, duration_s: float, *, viewed_s: float = 60.0) -> dict[str, Any]:
+    """Record for a time, and view for another; the figures."""
     path = folder / "soak.mcap"
-    robot = write_robot(folder, size_px)
+    robot = write_robot(folder, 640)
     with start_server(folder, "--threads", "2", robot=robot) as server:
         pid, port = server.process.pid, server.stream_port
         with server.connect_stream() as client:
@@ -114,7 +114,6 @@ def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str
                         samples.append((resident_mb(recorder.pid), resident_mb(pid)))
                     time.sleep(min(1.0, duration_s / 20.0))
                 assert recorder.returncode == 0
-            viewed_s = min(duration_s, 60.0)
             viewer_before = processor_time_s(pid)
             num_viewed = _view_frames(port, viewed_s)
             server_of_viewer = (processor_time_s(pid) - viewer_before) / viewed_s
@@ -122,13 +121,13 @@ def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str
         reader = make_reader(file)
         counts: Counter[str] = Counter()
         stamps: dict[str, list[int]] = {}
-        sequences = []
+        headers = []
         for _, channel, message in reader.iter_messages(log_time_order=False):
             counts[channel.topic] += 1
             stamps.setdefault(channel.topic, []).append(message.log_time)
             if channel.topic == "/catoptra/frame":
                 text = message.data[8:].rstrip(b"\0")
-                sequences.append(json.loads(text)["sequence"])
+                headers.append(json.loads(text))
         dropped = next(one.metadata for one in reader.iter_metadata()
             if one.name == "catoptra_dropped")  # fmt: skip
     span_s = (stamps["/ground_truth"][-1] - stamps["/ground_truth"][0]) / 1e9
@@ -141,9 +140,10 @@ def run_soak(folder: Path, duration_s: float, *, size_px: int = 640) -> dict[str
         "seconds": duration_s,
         "messages": sum(counts.values()),
         "dropped": {name: count for name, count in dropped.items() if count != "0"},
-        "frames": len(sequences),
-        "frames_lost": sequences[-1] - sequences[0] + 1 - len(sequences),
-        "frames_per_s": len(sequences) / span_s,
+        "frames": len(headers),
+        "frames_lost": headers[-1]["dropped_frames"],
+        "frames_superseded": headers[-1]["sequence"] - headers[0]["sequence"] + 1 - len(headers),
+        "frames_per_s": len(headers) / span_s,
         "ticks_recorded": (counts["/ground_truth"] - 1) / (span_s / _TICK_S),
         "readings_per_s": {
             topic: round(counts[topic] / span_s, 1)

@@ -286,9 +286,10 @@ def _publish_topics(words: Sequence[str]) -> int:
     from catoptra_client.recording.ros2_node import run_node
 
     with StreamClient.connect(parsed.host, parsed.stream_port) as driver:
-        if parsed.spawn:
-            parsed.robot = _spawn_robot(parsed, driver)
-        parsed.robot = driver.get_state(parsed.robot or "").robot
+        robot = _spawn_robot(parsed, driver) if parsed.spawn else parsed.robot or ""
+        parsed.robot = driver.get_state(robot).robot
+        if not parsed.robot:
+            raise CatoptraError("there is no such robot: --robot names one, --spawn adds one")
         plan = _make_recording_plan(parser, parsed)
         source = MessageSource(plan, host=parsed.host, stream_port=parsed.stream_port)
         run = partial(run_node, source, driver, parsed.robot, parsed.duration)

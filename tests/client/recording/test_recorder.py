@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap_ros2._dynamic import serialize_dynamic
 
@@ -166,7 +167,11 @@ def text(value: str) -> bytes:
 
 
 CHUNK_OF_10_GB = bytes(16) + (10**10).to_bytes(8, "little") + bytes(4) + text("zstd") + bytes(8)
+BOMB = bytes(16) + (1000).to_bytes(8, "little") + bytes(4) + text("zstd")
+PACKED = zstandard.compress(bytes(2**28))
 HOSTILE = {
+    "does not unpack to the 1000 bytes": MAGIC
+    + record(6, BOMB + len(PACKED).to_bytes(8, "little") + PACKED),
     "no MCAP file": b"PK\x03\x04" + bytes(99),
     "ends within a record": MAGIC + b"\x06" + (2**62).to_bytes(8, "little"),
     "unpacks to 10000000000 bytes": MAGIC + record(6, CHUNK_OF_10_GB),

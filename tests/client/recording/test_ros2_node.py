@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import statistics
 import subprocess
 import sys
@@ -45,6 +46,8 @@ def test_command_without_ros_names_both_ways_to_have_it(
     monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     with start_server(tmp_path) as server:
+        assert main([*make_command(server)[:3], "--robot", "Nobody"]) == 1
+        assert "--spawn adds one" in capsys.readouterr().err
         assert main(make_command(server)) == 1
     error = capsys.readouterr().err
     assert "source /opt/ros/" in error
@@ -67,9 +70,10 @@ def test_node_publishes_every_frame_and_drives_until_its_commands_end(
                 while time.monotonic() < end_s:
                     replies.append(listener.drive_once())
             finally:
-                node.terminate()
+                node.send_signal(signal.SIGINT)
             assert node.stderr is not None, "stderr is a pipe"
             log = node.stderr.read()
+        assert node.returncode == 0, log
     starts, stops = zip(*replies, strict=True)
     print(f"/cmd_vel to wheels: {1e3 * statistics.median(starts):.0f} ms", end=", ")
     print(f"stop after {statistics.median(stops):.3f} s, {len(listener.images)} images")

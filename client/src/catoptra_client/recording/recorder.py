@@ -46,6 +46,7 @@ from catoptra_client.unwarp import (
 from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.json_object import json_object_from_text
+from catoptra_protocol.landmarks import csv_from_landmarks
 from catoptra_protocol.limits import MAX_NOTE_BYTES
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -259,8 +260,10 @@ class MessageSource:
         duration_s: float | None,
         on_progress: Callable[[RecordingProgress], None],
     ) -> RecordingProgress:
-        start_s, self._sink = self._clock(), sink
+        self._sink = sink
         self._write_state(self._write_head(client), time.time_ns())
+        # The head can take seconds, of which none is the drive's.
+        start_s = self._clock()
         threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
         if self._plan.camera is not None:
             threads.append(threading.Thread(target=self._produce, args=(self._pull_frames,)))
@@ -391,10 +394,12 @@ class MessageSource:
         setup = client.get_setup()
         self._sink.add_metadata("catoptra_setup", setup.options)
         self._sink.add_metadata("catoptra_digests", setup.digests)
+        landmarks = client.get_landmarks()
+        table = csv_from_landmarks(landmarks)
         files = {name: text.encode() for name, text in setup.files.items()}
+        files |= {"landmarks.csv": table.encode()} if landmarks else {}
         for name, data in {**files, **self._plan.attachments}.items():
             self._sink.add_attachment(name, data)
-        landmarks = client.get_landmarks()
         records = tuple(LandmarkRecord(**dataclasses.asdict(one)) for one in landmarks)
         starts = StartPosesReply(0, client.get_start_poses())
         parts = client.get_parts(self._find_robot(state).class_name)
@@ -408,8 +413,8 @@ class MessageSource:
         self._describe_robot(parts, state.time_s)
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
-        table = ros.string_message([dataclasses.asdict(one) for one in landmarks])
-        self._write("/landmarks/json", "std_msgs/String", table, time_s, now_ns, True)
+        described = ros.string_message([dataclasses.asdict(one) for one in landmarks])
+        self._write("/landmarks/json", "std_msgs/String", described, time_s, now_ns, True)
         return state
 
     def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:

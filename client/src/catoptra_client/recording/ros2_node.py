@@ -39,16 +39,16 @@ def run_node(
     Args:
         source: Messages of the robot.
         driver: Client that drives the robot: its own, or one that is shared.
-        robot: Name of the robot.
+        robot: Name of the robot, which is there.
         duration_s: Seconds of the time of day; None: until the source is stopped.
         on_progress: Receives the progress twice a second.
 
     Raises:
         CatoptraError: No ROS 2, server, robot or camera.
     """
-    state = next((one for one in driver.get_state(robot).robots if one.name == robot), None)
-    if state is None or not state.wheel_radius_m:
-        raise CatoptraError(f"there is no robot {robot!r}, or its server does not state its wheels")
+    state = next(one for one in driver.get_state(robot).robots if one.name == robot)
+    if not state.wheel_radius_m:
+        raise CatoptraError("a server of an earlier release, which does not state the wheels")
 
     def drive(forward_m_s: float, turn_rad_s: float) -> None:
         wheels = state.wheel_radius_m, state.wheel_separation_m

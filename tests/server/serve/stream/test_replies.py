@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +28,7 @@ from catoptra_protocol.stream.replies import (
     PixelReply,
     PlanReply,
     Reply,
+    SensorReports,
     StateReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -52,6 +54,7 @@ from catoptra_server.serve.stream.replies import (
     camera_not_found,
     camera_reply,
     landmarks_reply,
+    parts_reply,
     records_from_decisions,
     request_pixel,
     request_plan,
@@ -381,6 +384,19 @@ async def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_k
     assert (found.class_name, found.camera, found.plan) == ("USARBot.OmniP2AT", "Omni", "traced")
     reason = "there is no camera 'Rear': this server's robots have Omni"
     assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
+
+
+def test_parts_are_the_configuration_of_a_class_and_mounts_of_its_sensors() -> None:
+    info = dataclasses.replace(SERVER_INFO, robots=(read_robot(ROBOTS / "p2at.ini")[0],))
+    reply = parts_reply(1, "p2at", info)
+    assert isinstance(reply, SensorReports)
+    wheels, *sensors = reply.reports
+    assert "{MaxSpeed 5.3850}" in wheels
+    place = sensors.index(
+        "CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}"
+    )
+    assert sensors[place + 1].startswith("GEO {Type Sonar} {Name F1 Location 0.1450,-0.1300,")
+    assert isinstance(parts_reply(2, "none", info), Error)
 
 
 async def test_status_counts_the_clients_of_all_transports() -> None:
