@@ -353,29 +353,25 @@ class ReplayServer:
                     raise CatoptraError("this client has no robot")
                 return replies.SensorReports(id_, state.reports)
             case requests.GetCameraRequest(id_, camera):
-                return self._describe_camera(id_, camera)
+                header = self._require_frame("", camera)
+                assert header.camera_model is not None
+                assert header.robot_from_mirror is not None
+                names = id_, header.class_name, header.camera
+                model = header.camera_model, header.robot_from_mirror, header.plan
+                return replies.CameraReply(*names, *model)
             case _:
                 raise _RejectedError(f"answer {request.KIND}")
 
     def _require_frame(self, robot: str, camera: str) -> replies.FrameHeader:
         """Header of the newest frame, if robot and camera are those of the recording."""
         if self._frame is None:
-            raise _RejectedError("show a camera: none was recorded, or its frames come later")
+            raise _RejectedError("show a camera: none was recorded")
         header = self._frame.header
         if not self._is_own(robot) or camera.lower() not in ("", header.camera.lower()):
             raise _RejectedError(
                 f"show camera {camera!r} of {robot!r}: it has {header.camera!r} of {header.robot!r}"
             )
         return header
-
-    def _describe_camera(self, id_: int, camera: str) -> replies.CameraReply:
-        header = self._require_frame("", camera)
-        assert header.camera_model is not None
-        assert header.robot_from_mirror is not None
-        return replies.CameraReply(
-            *(id_, header.class_name, header.camera, header.camera_model),
-            *(header.robot_from_mirror, header.plan),
-        )
 
     async def _request_frame(
         self, identity: bytes, client: _Client, request: requests.GetFrameRequest
@@ -388,8 +384,7 @@ class ReplayServer:
             await self._send(
                 identity, replies.Error(replaced, f"superseded by request {request.id}")
             )
-        if self._frame is not None:
-            self._check_frame_request(request)
+        self._check_frame_request(request)
         client.pending = request
         if client.last_number < self._number:
             await self._send_frame(identity, client)
@@ -412,12 +407,6 @@ class ReplayServer:
         request, client.pending = client.pending, None
         assert request is not None
         assert self._frame is not None
-        try:
-            # Again: the request may be older than the first frame.
-            self._check_frame_request(request)
-        except CatoptraError as error:
-            await self._send(identity, replies.Error(request.id, str(error)))
-            return
         header, parts = self._frame.header, self._frame.parts
         if client.last_number:
             client.num_missed += self._number - client.last_number - 1
