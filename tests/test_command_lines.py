@@ -95,6 +95,7 @@ MEANINGS = {
     "--robot-file": "file of another robot than the recorded one",
     "--files": "folder of recorded files",
     "--channels": "channels of ground truth",
+    "--views": "pinhole pictures",
     "--duration": "time of a recording",
     "--hz": "frames a second",
     "--json": "JSON instead of lines",
