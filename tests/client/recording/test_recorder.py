@@ -81,7 +81,7 @@ def test_drift_is_between_map_and_odom_and_the_sum_is_the_true_pose(recording: P
     headers = {stamp: json.loads(message.data) for stamp, message in topics["/catoptra/frame"]}
     odometry = [(stamp, one.pose.pose.position) for stamp, one in topics["/odom"]]
     stamps = np.array([stamp for stamp, _ in odometry])
-    assert len(topics["/tf"]) > 10
+    assert len(topics["/tf"]) > 5
     drifts = set()
     for stamp, message in topics["/tf"]:
         links = {one.child_frame_id: matrix_of(one.transform) for one in message.transforms}
