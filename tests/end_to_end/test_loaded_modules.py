@@ -69,9 +69,9 @@ COMMANDS = {
 }
 # Those that `call_all_requests` sends.
 STREAM_REQUESTS = {
-    *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera"),
+    *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera", "get_parts"),
     *("get_landmarks", "get_start_poses", "get_status", "set_accuracy"),
-    *("get_state", "get_pixel", "publish", "share_control"),
+    *("get_state", "get_setup", "get_pixel", "publish", "share_control"),
 }
 
 
@@ -125,7 +125,8 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
     client.get_landmark_projections()
     client.publish("n", {"pose": [0.0, 0.0, 0.0], "text": "x"})
     client.share_control()
-    client.get_state("R")
+    client.get_state("R", commands_after=0)
+    client.get_setup()
     client.get_pixel(30.0, 30.0, robot="R", camera=OMNI)
     client.get_frame(robot="R", camera=OMNI, variant=FrameVariant(polygons=16, reference="exact"))
     client.get_frame(robot="R", camera=OMNI, channels=("range",))

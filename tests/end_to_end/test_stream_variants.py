@@ -12,7 +12,12 @@ from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
+from catoptra_protocol.stream.requests import (
+    FrameVariant,
+    GetFrameRequest,
+    ImageEncoding,
+    Transform,
+)
 from helpers.configs import FIELD, OMNI_ROBOT
 from helpers.server_process import RunningServer, start_server
 
@@ -54,6 +59,25 @@ def test_variant_differs_from_the_exact_frame_by_its_polygons(client: StreamClie
     again = client.get_frame(encoding=raw, robot=NAME)
     np.testing.assert_array_equal(again.rgb, plain.rgb)
     assert again.difference_rgb is None
+
+
+def test_picture_from_another_pose_is_that_of_a_robot_there(client: StreamClient) -> None:
+    raw = ImageEncoding.RAW
+    here = client.get_frame(encoding=raw, robot=NAME)
+    client.reset()
+    client.spawn(client.get_status().class_names[0], name=NAME, location_m=(-1.0, 0.2, 0.0))
+    there = client.get_state(NAME).robots[0].world_from_robot
+    seen = client.get_frame(encoding=raw, robot=NAME)
+    client.reset()
+    client.spawn(client.get_status().class_names[0], name=NAME, location_m=(1.0, 0.5, 0.0))
+    variant = FrameVariant(world_from_robot=there)
+    header, (picture,) = client.get_encoded_frame(GetFrameRequest(0, NAME, "", raw, variant))
+    assert header.world_from_robot == there
+    assert picture == seen.rgb.tobytes()
+    assert client.get_frame(encoding=raw, robot=NAME).rgb.tobytes() == here.rgb.tobytes()
+    flat = Transform((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.1))
+    with pytest.raises(CatoptraError, match="no rotation"):
+        client.get_frame(robot=NAME, variant=FrameVariant(world_from_robot=flat))
 
 
 def test_picture_of_the_other_hand_is_the_same_picture_with_its_own_model(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unreal_ini import parse_sections
+if TYPE_CHECKING:
+    from catoptra_server.config.section_reader import SectionReader
 
 REPOSITORY = Path(__file__).parents[2]
 CAMERAS = REPOSITORY / "configs/cameras"
@@ -55,5 +56,9 @@ def write_small_world(folder: Path, *lines: str) -> Path:
 
 def make_section(*lines: str, name: str = "A.B") -> SectionReader:
     """Reader of a section with some lines; its file is called x.ini, and its name is line 1."""
+    # Clients on a Python without the server read the files above.
+    from catoptra_server.config.section_reader import SectionReader
+    from catoptra_server.config.unreal_ini import parse_sections
+
     (section,) = parse_sections("\n".join((f"[{name}]", *lines)), file="x.ini")
     return SectionReader(section.name, section.where, section.entries)

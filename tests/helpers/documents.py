@@ -77,7 +77,7 @@ def read_help(program: str, *words: str) -> str:
     """Help of a program, or of its subcommand if the first word names one."""
     module = __import__(f"catoptra_{program.partition('-')[2]}.__main__", fromlist=["main"])
     output = io.StringIO()
-    subcommand = [word for word in words[:1] if re.fullmatch(r"[a-z]+", word)]
+    subcommand = [word for word in words[:1] if re.fullmatch(r"[a-z0-9]+", word)]
     with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
         module.main([*subcommand, "--help"])
     return output.getvalue()
@@ -87,7 +87,7 @@ def read_help(program: str, *words: str) -> str:
 def _read_all_options() -> set[str]:
     subcommands = {
         "catoptra-server": ("", "explain", "doctor", "dataset", "calibration", "import", "map"),
-        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration", "record"),
+        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration", "record", "ros2"),
         "catoptra-studies": (
             "demo",
             "seeds",

@@ -6,6 +6,7 @@ waits have their own timeouts, and a server whose test process is gone ends itse
 
 from __future__ import annotations
 
+import os
 import re
 import select
 import signal
@@ -23,6 +24,8 @@ from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 
 # Thirty times a start on two busy cores; a wait that takes so long has failed.
 DEADLINE_S = 60.0
+# A client's Python need not be the server's: `make pythons`.
+SERVER_PYTHON = os.environ.get("CATOPTRA_SERVER_PYTHON", sys.executable)
 CHILD_SERVER = Path(__file__).with_name("child_server.py")
 LISTENING_PATTERN = re.compile(
     r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+) stream=127\.0\.0\.1:(\d+)\n"
@@ -94,7 +97,7 @@ def start_server(
             client of the stream connects; what the server defers is loaded after that.
     """
     command = [
-        *(sys.executable, "-P", str(CHILD_SERVER)),
+        *(SERVER_PYTHON, "-P", str(CHILD_SERVER)),
         *(("--report-modules", str(report_modules)) if report_modules else ()),
         *(("--report-first-frame", str(report_first_frame)) if report_first_frame else ()),
         *("--world", str(world)),

@@ -7,6 +7,7 @@ import dataclasses
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    CommandRecord,
     DifferenceRecord,
     EffectRecord,
     Error,
@@ -22,6 +23,7 @@ from catoptra_protocol.stream.replies import (
     Reply,
     RobotState,
     SensorReports,
+    SetupReply,
     StartPoseRecord,
     StartPosesReply,
     StateReply,
@@ -33,8 +35,10 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -82,7 +86,16 @@ HEADER_WITH_DIFFERENCE = dataclasses.replace(
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 ROBOT_STATE = RobotState(
-    *("Mine", "USARBot.OmniP2AT", UPRIGHT_TRANSFORM, UPRIGHT_TRANSFORM, (1.5, -1.5), True)
+    *(
+        "Mine",
+        "USARBot.OmniP2AT",
+        UPRIGHT_TRANSFORM,
+        UPRIGHT_TRANSFORM,
+        (1.5, -1.5),
+        True,
+        0.13,
+        0.47,
+    )
 )
 
 SAMPLE_REQUESTS: list[Request] = [
@@ -92,6 +105,7 @@ SAMPLE_REQUESTS: list[Request] = [
             *(0.5, 40.0, 256, 2, "trace", {"ShotNoise": "never"}),
             reference="exact",
             picture="flipped",
+            world_from_robot=UPRIGHT_TRANSFORM,
         ),
     ),
     SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), None, (0.0, 0.0, 0.5)),
@@ -100,11 +114,13 @@ SAMPLE_REQUESTS: list[Request] = [
     ResetRequest(5),
     GetReadingsRequest(6),
     GetCameraRequest(7, "Omni"),
+    GetPartsRequest(17, "USARBot.P2AT"),
     GetLandmarksRequest(8),
     GetStartPosesRequest(9),
     GetStatusRequest(10),
     SetAccuracyRequest(11, "", 0.5, None),
-    GetStateRequest(12, "Mine"),
+    GetStateRequest(12, "Mine", 3),
+    GetSetupRequest(16),
     GetPixelRequest(13, "Mine", "Omni", 320.5, 240.5),
     PublishRequest(14, "ekf", '{"pose":[1.0,2.0,0.5]}'),
     ShareControlRequest(15, True),
@@ -126,6 +142,8 @@ SAMPLE_REPLIES: list[Reply] = [
     StateReply(
         *(9, 1.25, (ROBOT_STATE,), "Mine", ("SEN {Time 1.0}",)),
         (NoteRecord("ekf", 1.0, '{"pose":[1.0,2.0,0.5]}'),),
+        (CommandRecord(4, 1.125, "DRIVE {Left 1.5}"),),
     ),
+    SetupReply(11, {"a.ini": "[A]"}, {"a.ini": "5e88", "b.glb": "9f86"}, {"seed": "3"}),
     PixelReply(10, 1.25, 1.5, -0.5, None, "", 0.375),
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.landmarks import Landmark, landmarks_from_lines, read_landmarks
+from catoptra_protocol.landmarks import (
+    Landmark,
+    csv_from_landmarks,
+    landmarks_from_lines,
+    read_landmarks,
+)
 from catoptra_protocol.limits import MAX_LANDMARKS
 from helpers.configs import REPOSITORY
 
@@ -26,6 +32,13 @@ def test_bundled_file_has_four_beacons_and_two_goals() -> None:
     assert sorted(landmark.kind for landmark in landmarks) == 4 * ["beacon"] + 2 * ["goal"]
     beacons = {(m.lower_colour, m.upper_colour) for m in landmarks if m.kind == "beacon"}
     assert len(beacons) == 4  # each is known by its colours
+
+
+def test_written_landmarks_read_back_the_same() -> None:
+    landmarks = read_landmarks(REPOSITORY / "configs/landmarks/four_legged_2006.csv")
+    quoted = dataclasses.replace(landmarks[0], name='a "b", c')
+    lines = csv_from_landmarks((*landmarks, quoted)).split("\n")
+    assert landmarks_from_lines(lines, file="x.csv") == (*landmarks, quoted)
 
 
 def test_row_when_read_is_a_landmark() -> None:

@@ -13,6 +13,8 @@ COMMANDS = {
     "train": "train the colour classifier from labelled frames",
     "bearings": "print the landmarks in the robot's frames",
     "record": "record a robot as an MCAP file of ROS 2 messages",
+    "ros2": "publish a robot's messages as topics of ROS 2, and drive it by /cmd_vel",
+    "replay": "describe, serve, simulate or draw a recording again",
 }
 
 

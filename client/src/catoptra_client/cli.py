@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import math
 import secrets
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from itertools import count, islice
@@ -52,7 +53,12 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
 if TYPE_CHECKING:
-    from catoptra_client.recording.recorder import RecordingProgress
+    from catoptra_client.recording.recorder import (
+        MessageSource,
+        RecordingPlan,
+        RecordingProgress,
+    )
+    from catoptra_client.recording.recording import Recording
 
 _CLASSIFIER = Path("out/classifier.npz")
 _STREAM_PORT = 5005
@@ -82,7 +88,10 @@ def _save_snapshot(words: Sequence[str]) -> int:
     if parsed.out is None:
         parser.error("--out is missing: the name of a PNG or JPEG file")
     with ExitStack() as stack:
-        robot = _spawn_for_snapshot(parsed, stack) if parsed.spawn else parsed.robot
+        robot = parsed.robot
+        if parsed.spawn:
+            address = parsed.host, parsed.stream_port
+            robot = _spawn_robot(parsed, stack.enter_context(StreamClient.connect(*address)))
         source = open_frame_source(
             _stream_url(parsed),
             robot=robot,
@@ -102,11 +111,10 @@ def _save_snapshot(words: Sequence[str]) -> int:
     return 0
 
 
-def _spawn_for_snapshot(parsed: argparse.Namespace, stack: ExitStack) -> str:
-    """Spawn a robot for as long as a stack is open; its name."""
-    client = stack.enter_context(StreamClient.connect(parsed.host, parsed.stream_port))
+def _spawn_robot(parsed: argparse.Namespace, client: StreamClient) -> str:
+    """Spawn the robot of --spawn and --start for as long as a client is connected; its name."""
     # The stream selects cameras by the robot's name, so that name is chosen here.
-    name = f"snapshot_{secrets.token_hex(4)}"
+    name = f"client_{secrets.token_hex(4)}"
     starts = client.get_start_poses()
     start = parsed.start or (starts[0].name if starts else None)
     location_m = None if start else (0.0, 0.0, 0.0)
@@ -241,56 +249,206 @@ def _record(words: Sequence[str]) -> int:
     add("--out", metavar="FILE", help="MCAP file to write, which is not there yet")
     add("out", nargs="?", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     add("--repair", metavar="FILE", help="give the file of a killed recorder its index, and end")
+    _add_message_options(parser)
+    parsed = parser.parse_args(words)
+    # The extra packages of recordings are loaded by its command alone.
+    from catoptra_client.recording.mcap_file import repair_recording
+    from catoptra_client.recording.recorder import Recorder
+
+    if parsed.repair is not None:
+        num_messages, damages = repair_recording(Path(parsed.repair))
+        for reason, num_times in damages.items():
+            print(f"left out ({num_times} times): {reason}", file=sys.stderr)
+        print(f"{parsed.repair}: {num_messages} messages")
+        return 0
+    if parsed.out is None:
+        parser.error("--out is missing: the name of an MCAP file")
+    plan = _make_recording_plan(parser, parsed)
+    recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
+    progress = _run_until_interrupt(recorder, partial(recorder.record, parsed.duration))
+    print(f"{parsed.out}: {_describe_recording(progress)}")
+    return 0
+
+
+def _publish_topics(words: Sequence[str]) -> int:
+    """Publish a robot's messages as topics of ROS 2, and drive it by /cmd_vel."""
+    parser = CommandParser(
+        "catoptra-client ros2",
+        "Publish a robot's messages as topics of ROS 2, and drive it by /cmd_vel, until Ctrl-C; "
+        "on this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.",
+    )
+    add = parser.add_argument
+    add("--spawn", metavar="CLASS", help="spawn a robot of a class; one of others must be shared")
+    add("--start", metavar="TAG", help="start pose of that robot (default: the world's first one)")
+    _add_message_options(parser)
+    parsed = parser.parse_args(words)
+    from catoptra_client.recording.recorder import MessageSource
+    from catoptra_client.recording.ros2_node import run_node
+
+    with StreamClient.connect(parsed.host, parsed.stream_port) as driver:
+        robot = _spawn_robot(parsed, driver) if parsed.spawn else parsed.robot or ""
+        parsed.robot = driver.get_state(robot).robot
+        if not parsed.robot:
+            raise CatoptraError("there is no such robot: --robot names one, --spawn adds one")
+        plan = _make_recording_plan(parser, parsed)
+        source = MessageSource(plan, host=parsed.host, stream_port=parsed.stream_port)
+        run = partial(run_node, source, driver, parsed.robot, parsed.duration)
+        print(_describe_recording(_run_until_interrupt(source, run)))
+    return 0
+
+
+def _add_message_options(parser: CommandParser) -> None:
+    """Add the options of `_make_recording_plan`, and --duration."""
+    add = parser.add_argument
     add("--robot", metavar="NAME", help="name of the robot (default: the image port's picture)")
     add("--camera", metavar="NAME", help="name of the camera (default: the robot's first one)")
     add("--channels", default="", metavar="NAMES", help="of range, ids: ground truth of each pixel")
+    add("--panorama", action="store_true", help="an unrolled picture, too")
+    add("--views", default="", metavar="NAMES",
+        help="of front, right, back, left: exact pinhole pictures, too")  # fmt: skip
     add("--duration", type=partial(parse_float_within, name="a duration", unit=" s"), metavar="S",
-        help="seconds to record (default: until Ctrl-C)")  # fmt: skip
+        help="seconds until the end (default: until Ctrl-C)")  # fmt: skip
     add("--hz", type=partial(parse_float_within, name="a rate"), default=30.0, metavar="RATE",
         help="most frames a second")  # fmt: skip
     add("--picture", choices=[picture.value for picture in Picture], default="flipped",
         help="hand of the pictures")  # fmt: skip
     _add_stream_address(parser)
-    parsed = parser.parse_args(words)
-    # The extra packages of recordings are loaded by its command alone.
-    from catoptra_client.recording.mcap_file import repair_recording
-    from catoptra_client.recording.recorder import (
-        CHANNEL_ENCODINGS,
-        Recorder,
-        RecordingPlan,
-    )
 
-    if parsed.repair is not None:
-        print(f"{parsed.repair}: {repair_recording(Path(parsed.repair))} messages")
-        return 0
-    if parsed.out is None:
-        parser.error("--out is missing: the name of an MCAP file")
-    channels = tuple(filter(None, parsed.channels.split(",")))
-    if unknown := set(channels) - set(CHANNEL_ENCODINGS):
-        parser.error(f"--channels {unknown.pop()!r}: known are {', '.join(CHANNEL_ENCODINGS)}")
+
+def _make_recording_plan(parser: CommandParser, parsed: argparse.Namespace) -> RecordingPlan:
+    from catoptra_client.recording.recorder import CHANNEL_ENCODINGS, VIEWS, RecordingPlan
+
+    names = {}
+    for option, known in (("channels", CHANNEL_ENCODINGS), ("views", VIEWS)):
+        names[option] = tuple(filter(None, getattr(parsed, option).split(",")))
+        if unknown := set(names[option]) - set(known):
+            parser.error(f"--{option} {unknown.pop()!r}: known are {', '.join(known)}")
     if not parsed.hz > 0.0:
         parser.error("--hz must be above 0")
-    plan = RecordingPlan(
+    return RecordingPlan(
         robot=parsed.robot or "",
         camera=parsed.camera or "",
         picture=Picture(parsed.picture),
-        channels=channels,
+        channels=names["channels"],
+        views=(*names["views"], *(("panorama",) if parsed.panorama else ())),
         hz=parsed.hz,
     )
 
+
+def _run_until_interrupt(
+    source: MessageSource,
+    run: Callable[[Callable[[RecordingProgress], None]], RecordingProgress],
+) -> RecordingProgress:
     def show(progress: RecordingProgress) -> None:
         if sys.stderr.isatty():
             print(f"\r{_describe_recording(progress)}", end="", file=sys.stderr, flush=True)
 
-    recorder = Recorder(Path(parsed.out), plan, host=parsed.host, stream_port=parsed.stream_port)
     # An interrupt in the middle of a message would leave half of it.
-    before = signal.signal(signal.SIGINT, lambda *_: recorder.stop())
+    before = signal.signal(signal.SIGINT, lambda *_: source.stop())
     try:
-        progress = recorder.record(parsed.duration, show)
+        return run(show)
     finally:
         signal.signal(signal.SIGINT, before)
-    print(f"{parsed.out}: {_describe_recording(progress)}")
+
+
+def _replay(words: Sequence[str]) -> int:
+    """Describe a recording, or show it, simulate it or draw it again."""
+    parser = CommandParser(
+        "catoptra-client replay",
+        "Say what a recording holds, serve it, simulate it again, or draw it by another camera.",
+    )
+    add = parser.add_argument
+    add("file", metavar="FILE", help="MCAP file of catoptra-client record")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
+        "--serve", action="store_true", help="serve it on a server's ports until Ctrl-C"
+    )
+    mode.add_argument(
+        "--resimulate", action="store_true", help="simulate its commands, and compare each byte"
+    )
+    mode.add_argument(
+        "--rerender", action="store_true", help="draw it by another camera into a new file, --out"
+    )
+    add("--robot-file", type=Path, metavar="FILE", help="robot with the camera of --rerender")
+    add("--camera", default="", metavar="NAME", help="name of that camera (default: the first)")
+    add("--max-error-px", type=partial(parse_float_within, name="a tolerance", unit=" px"),
+        metavar="PX", help="accuracy target of --rerender (default: the robot file's)")  # fmt: skip
+    add("--out", type=Path, metavar="FILE", help="MCAP file of --rerender to write")
+    add("--files", type=Path, metavar="DIR",
+        help="folder of the recorded robot and world files and of what they refer to, of "
+        "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
+    add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
+        default=1.0, metavar="X",
+        help="simulated seconds a second while it is served (default: 1)")  # fmt: skip
+    add("--host", default="127.0.0.1", help="address to serve on")
+    add("--control-port", type=parse_port, default=3000, metavar="PORT", help="control port")
+    add("--image-port", type=parse_port, default=5003, metavar="PORT", help="image port")
+    add("--stream-port", type=parse_port, default=_STREAM_PORT, metavar="PORT",
+        help="ZeroMQ stream; a port 0 is any free one")  # fmt: skip
+    parsed = parser.parse_args(words)
+    if parsed.rerender and not (parsed.robot_file and parsed.out):
+        parser.error("--rerender needs --robot-file and --out")
+    if not parsed.speed > 0.0:
+        parser.error("--speed must be above 0")
+    # The extra packages of recordings are loaded by its commands alone.
+    from catoptra_client.recording.recording import Recording
+
+    recording = Recording(Path(parsed.file))
+    if parsed.resimulate:
+        return _resimulate(recording, parsed.files)
+    if parsed.rerender:
+        from catoptra_client.recording.rerendering import rerender
+
+        num_frames = rerender(
+            recording,
+            parsed.out,
+            robot_file=parsed.robot_file,
+            max_error_px=parsed.max_error_px,
+            camera=parsed.camera,
+            files=parsed.files,
+            on_progress=_show_time,
+        )
+        print(f"{parsed.out}: {num_frames} frames from the recorded poses")
+        return 0
+    if not parsed.serve:
+        print(recording.describe())
+        return 0
+    from catoptra_client.recording.replay_server import ReplayServer
+
+    ports = ServerAddress(parsed.host, parsed.control_port, parsed.image_port, parsed.stream_port)
+    server = ReplayServer(recording, speed=parsed.speed)
+    asyncio.run(server.run(ports, _print_address))
     return 0
+
+
+def _resimulate(recording: Recording, files: Path | None) -> int:
+    """Simulate a recording again; 1 at a difference."""
+    from catoptra_client.recording.resimulation import resimulate
+
+    found = resimulate(recording, files=files, on_progress=_show_time)
+    if found.difference:
+        print(f"first difference: {found.difference}")
+        return 1
+    print(
+        f"{found.span_s:.1f} s simulated again: {found.num_states} states and "
+        f"{found.num_frames} frames are the same, byte for byte"
+    )
+    return 0
+
+
+def _show_time(time_s: float) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{time_s:.1f} s", end="\r", file=sys.stderr, flush=True)
+
+
+def _print_address(address: ServerAddress) -> None:
+    """Print where a server listens, in the form of catoptra-server."""
+    host = address.host
+    print(
+        f"listening control={host}:{address.control_port} image={host}:{address.image_port} "
+        f"stream={host}:{address.stream_port}",
+        flush=True,
+    )
 
 
 def _describe_recording(progress: RecordingProgress) -> str:
@@ -352,4 +510,6 @@ COMMANDS: Mapping[str, Command] = {
     "train": _train,
     "bearings": _print_bearings,
     "record": _record,
+    "ros2": _publish_topics,
+    "replay": _replay,
 }

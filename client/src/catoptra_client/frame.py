@@ -7,7 +7,7 @@ import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -149,7 +149,7 @@ class FrameSource(Protocol):
     def close(self) -> None:
         """Close the connection."""
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> FrameSource:
         """Enter a context that closes the source on exit."""
 
     def __exit__(
@@ -193,8 +193,9 @@ def image_bytes_from_rgb(rgb: Pixels, suffix: str) -> bytes:
     if not rgb.size:
         raise CatoptraError("the frame has no pixels: spawn a robot with a camera first")
     bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
-    # Of a PNG file; two thirds of the size of OpenCV's default.
-    ok, data = cv2.imencode(suffix, bgr, [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    # Two thirds of the size of OpenCV's default.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 6] if suffix == ".png" else []
+    ok, data = cv2.imencode(suffix, bgr, options)
     assert ok, "cv2 encodes every 8-bit image"
     encoded: bytes = data.tobytes()
     return encoded
@@ -202,7 +203,7 @@ def image_bytes_from_rgb(rgb: Pixels, suffix: str) -> bytes:
 
 def _check_png_size(data: bytes) -> None:
     size = data[len(_PNG_HEADER) : len(_PNG_HEADER) + 8]
-    width, height = int.from_bytes(size[:4]), int.from_bytes(size[4:])
+    width, height = int.from_bytes(size[:4], "big"), int.from_bytes(size[4:], "big")
     if width * height > MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(
             f"PNG frame of {width} x {height} px: the limit is {MAX_IMAGE_PIXELS} pixels"

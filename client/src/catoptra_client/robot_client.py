@@ -9,7 +9,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Mapping
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError, open_connection
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
@@ -98,7 +98,9 @@ class RobotClient:
         self._published: dict[str, None] = {}
 
     @classmethod
-    def connect(cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0) -> Self:
+    def connect(
+        cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0
+    ) -> RobotClient:
         """Connect to a control port and wait for the greeting; the robot is not spawned yet.
 
         Args:
@@ -129,7 +131,7 @@ class RobotClient:
         """Close the connection; the server removes the robot. May be called twice."""
         self._connection.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> RobotClient:
         return self
 
     def __exit__(self, *_error: object) -> None:

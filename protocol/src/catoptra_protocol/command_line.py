@@ -102,11 +102,14 @@ def _select_command(
 
 def _has_lost_reader() -> bool:
     """Whether the reader of the output has seen enough, as `head` has; not a peer of a socket."""
-    from select import POLLERR, POLLHUP, poll
+    import select
 
-    output = poll()
+    # Windows has no poll.
+    if not hasattr(select, "poll"):
+        return False
+    output = select.poll()
     output.register(1, 0)
-    return any(events & (POLLERR | POLLHUP) for _, events in output.poll(0))
+    return any(events & (select.POLLERR | select.POLLHUP) for _, events in output.poll(0))
 
 
 def _end_output() -> None:

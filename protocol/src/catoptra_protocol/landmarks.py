@@ -12,6 +12,7 @@ import csv
 import math
 from collections.abc import Iterable
 from dataclasses import fields
+from io import StringIO
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
@@ -100,6 +101,16 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
             )
         landmarks[landmark.name] = landmark
     return tuple(landmarks.values())
+
+
+def csv_from_landmarks(landmarks: Iterable[Landmark]) -> str:
+    """Text of a CSV file that reads back as the same landmarks."""
+    names = [field.name for field in fields(Landmark)]
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([getattr(landmark, name) for name in names] for landmark in landmarks)
+    return text.getvalue()
 
 
 def _describe_columns(found: list[str], expected: list[str]) -> str:

@@ -13,9 +13,11 @@ from catoptra_protocol.limits import MAX_NOTES
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.commands import (
     Drive,
+    DriveJoints,
     GetConf,
     GetGeo,
     Init,
+    JointCommand,
     LinkCommand,
     MisPkg,
     Note,
@@ -35,7 +37,7 @@ from catoptra_server.simulation.commands import execute_get_conf, execute_get_ge
 from catoptra_server.simulation.drive import RobotBody, WheelTravel
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot import CommandLog, Robot
 from catoptra_server.simulation.robot_description import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
@@ -456,3 +458,16 @@ def test_notes_go_with_their_robot() -> None:
         fleet.publish(client, Note("ekf", "{}"), 0.0)
     spawn_in(fleet, "A")
     assert fleet.get_state("A").notes == ()
+
+
+def test_commands_beyond_their_room_leave_a_gap_in_the_numbers() -> None:
+    log = CommandLog()
+    name = "x" * 1000
+    for number in range(400):
+        log.add(DriveJoints((JointCommand(name, float(number)),)), 0.5 * number)
+    found = log.list_after(0)
+    assert 64 >= len(found) > 50
+    assert found[0][0] > 100
+    assert [one[0] for one in found] == list(range(found[0][0], found[0][0] + len(found)))
+    assert log.list_after(399)[0][1:2] == (199.5,)
+    assert log.list_after(400) == ()

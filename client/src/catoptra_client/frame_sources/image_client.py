@@ -13,7 +13,6 @@ import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Self
 
 import cv2
 import numpy as np
@@ -67,7 +66,9 @@ class ImageClient:
         connection.settimeout(timeout_s)
 
     @classmethod
-    def connect(cls, host: str = "127.0.0.1", port: int = 5003, timeout_s: float = 5.0) -> Self:
+    def connect(
+        cls, host: str = "127.0.0.1", port: int = 5003, timeout_s: float = 5.0
+    ) -> ImageClient:
         """Connect, without a request yet.
 
         Raises:
@@ -79,7 +80,7 @@ class ImageClient:
         """End the connection."""
         self._socket.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> ImageClient:
         return self
 
     def __exit__(self, *_error: object) -> None:

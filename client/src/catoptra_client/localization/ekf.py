@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum
 from statistics import NormalDist
 
 import numpy as np
@@ -285,7 +285,7 @@ _MIN_LANDMARK_RANGE_M = 0.05
 _MIN_RELATIVE_PIVOT = 16.0 * float(np.finfo(np.float64).eps)
 
 
-class UpdateStatus(StrEnum):
+class UpdateStatus(str, Enum):
     """Reason why a measurement was accepted or rejected, in words for a log."""
 
     ACCEPTED = "inside the validation gate"
@@ -295,6 +295,8 @@ class UpdateStatus(StrEnum):
     AT_LANDMARK = "the landmark stands at the believed position: no bearing is defined"
     SINGULAR = "belief and measurement are both certain: the innovation covariance is singular"
     OVERFLOW = "the numbers are too large for float64"
+
+    __str__ = str.__str__
 
 
 @dataclass(frozen=True, slots=True, eq=False)

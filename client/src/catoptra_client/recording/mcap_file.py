@@ -15,13 +15,16 @@ import os
 import struct
 import tempfile
 import time
+import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
-from catoptra_client.recording.ros2_messages import RosMessage, schema_text
-from catoptra_protocol.errors import CatoptraError
+from catoptra_client.recording.ros2_messages import RosMessage, encode_cdr, schema_text
+from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 
 try:
     import lz4.frame
@@ -33,7 +36,7 @@ try:
     from mcap.writer import Writer
 
     # The public writer hides channels and flushing.
-    from mcap_ros2._dynamic import serialize_dynamic
+    from mcap_ros2._dynamic import generate_dynamic
 except ImportError as error:
     raise CatoptraError(
         "recordings need two more packages: pip install 'catoptra-client[record]'"
@@ -51,6 +54,9 @@ _RECORDS = {
     Opcode.ATTACHMENT: records.Attachment,
     Opcode.METADATA: records.Metadata,
 }
+# Wrong bytes inside a record show up in each of these ways.
+_DAMAGES = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
+_MAX_DAMAGES = 16
 # Hashes of the types' descriptions in ROS 2 Humble and later (REP 2011), for metadata.yaml.
 _TYPE_HASHES = {
     "geometry_msgs/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
@@ -63,7 +69,7 @@ _TYPE_HASHES = {
     "sensor_msgs/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
     "sensor_msgs/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
     "sensor_msgs/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
-    "sensor_msgs/Range": "9430b1915b94d4268ff903679e8ecd09b6a67d331bd028738ec1eeb592891ebd",
+    "sensor_msgs/Range": "b42b62562e93cbfe9d42b82fe5994dfa3d63d7d5c90a317981703f7388adff3a",
     "std_msgs/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     "tf2_msgs/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
     "visualization_msgs/MarkerArray": (
@@ -112,7 +118,6 @@ class RecordingWriter:
         self._path, self._name, self._clock = path, name or path.name, clock
         self._reserve: IO[bytes] | None = None
         self._writer = Writer(self, chunk_size=2**20)
-        self._encoders: dict[str, Callable[[RosMessage], bytes]] = {}
         self._schemas: dict[str, int] = {}
         # Of each topic: its channel, type, number of messages, and whether it is latched.
         self._topics: dict[str, tuple[int, str, bool]] = {}
@@ -173,7 +178,7 @@ class RecordingWriter:
             publish_ns: Time of day.
             is_latched: Whether late subscribers get the last message.
         """
-        data = self._find_encoder(type_name)(message)
+        data = encode_cdr(type_name, message)
         self.add_cdr(
             topic, type_name, data, log_ns=log_ns, publish_ns=publish_ns, is_latched=is_latched
         )
@@ -190,7 +195,10 @@ class RecordingWriter:
     ) -> None:
         """Write a message that is CDR already; the rest as in `add_message`."""
         if topic not in self._topics:
-            self._find_encoder(type_name)
+            if type_name not in self._schemas:
+                name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
+                schema = self._writer.register_schema(name, "ros2msg", text.encode())
+                self._schemas[type_name] = schema
             metadata = {"offered_qos_profiles": _LATCHED if is_latched else ""}
             schema = self._schemas[type_name]
             channel = self._writer.register_channel(topic, "cdr", schema, metadata)
@@ -199,7 +207,10 @@ class RecordingWriter:
         self._writer.add_message(channel, log_ns, data, publish_ns, self._counts[topic])
         self._counts[topic] += 1
         self._first_ns, self._last_ns = min(self._first_ns, log_ns), max(self._last_ns, log_ns)
-        if self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S:
+        # A chunk that declares a topic ends with its first message: damage to a later one does not
+        # cost the topic.
+        is_due = self._clock() - self._flushed_s >= _FLUSH_INTERVAL_S
+        if self._counts[topic] == 1 or is_due:
             self._writer.flush()
             self._flushed_s = self._clock()
 
@@ -238,14 +249,6 @@ class RecordingWriter:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def _find_encoder(self, type_name: str) -> Callable[[RosMessage], bytes]:
-        """Encoder of a type, whose definition is in the file then."""
-        if type_name not in self._encoders:
-            name, text = type_name.replace("/", "/msg/"), schema_text(type_name)
-            self._encoders[type_name] = serialize_dynamic(name, text)[name]
-            self._schemas[type_name] = self._writer.register_schema(name, "ros2msg", text.encode())
-        return self._encoders[type_name]
-
     def _describe_bag(self) -> str:
         """Text of metadata.yaml, version 9; JSON is YAML."""
         first_ns = min(self._first_ns, self._last_ns)
@@ -282,18 +285,21 @@ class RecordingWriter:
         return json.dumps({"rosbag2_bagfile_information": information}, indent=1)
 
 
-def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
+def read_records(
+    path: Path, *, on_damage: Callable[[CatoptraError], None] | None = None
+) -> Iterator[Any]:
     """Schemas, channels, messages, attachments and metadata of a file, checked, in its order.
 
     Args:
         path: MCAP file.
-        is_cut: Whether to end in silence where the file does.
+        on_damage: Receives what is wrong with a chunk or a message that is left out then, and where
+            the file ends too early; None: the first damage is an error.
 
     Raises:
         CatoptraError: No such file, or no recording: cut, of another format or type, or with
             lengths beyond the file or the limits.
     """
-    checker = _RecordChecker(path)
+    checker = _RecordChecker(path, on_damage)
     try:
         opened = path.open("rb")
     except OSError as error:
@@ -309,54 +315,124 @@ def read_records(path: Path, *, is_cut: bool = False) -> Iterator[Any]:
                 (head[0], int.from_bytes(head[1:], "little")) if len(head) == 9 else (0, end)
             )
             if file.tell() + length > end:
-                if is_cut:
-                    return
-                raise CatoptraError(
+                checker.report_damage(
                     f"{path} ends within a record: catoptra-client record --repair {path}"
                 )
+                return
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             limit = MAX_CHUNK_BYTES if opcode == Opcode.CHUNK else _MAX_RECORD_BYTES
             if length > limit:
                 raise CatoptraError(f"{path}: a record of {length} bytes; the limit is {limit}")
             yield from checker.parse(opcode, file.read(length))
-        if not is_cut:
-            raise CatoptraError(f"{path} has no end: catoptra-client record --repair {path}")
+        checker.report_damage(f"{path} has no end: catoptra-client record --repair {path}")
 
 
-def repair_recording(path: Path) -> int:
-    """Give the file of a killed writer its index; the number of messages that it has then.
+class RecordedMessage(NamedTuple):
+    """A message as a file has it."""
+
+    topic: str
+    type_name: str
+    """`package/Name`."""
+    data: bytes
+    """CDR."""
+    log_ns: int
+    """Simulation time."""
+    publish_ns: int
+    """Time of day."""
+    is_latched: bool
+
+
+class RecordedFile(NamedTuple):
+    """An attachment."""
+
+    name: str
+    """Without folders."""
+    data: bytes
+
+
+class RecordedTable(NamedTuple):
+    """Metadata of a name."""
+
+    name: str
+    values: dict[str, str]
+
+
+def read_entries(
+    path: Path, *, on_damage: Callable[[CatoptraError], None] | None = None
+) -> Iterator[RecordedMessage | RecordedFile | RecordedTable]:
+    """Messages, attachments and metadata of a file; arguments and errors of `read_records`."""
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str, bool]] = {}
+    for record in read_records(path, on_damage=on_damage):
+        match record:
+            case records.Schema():
+                schemas[record.id] = record.name.replace("/msg/", "/")
+            case records.Channel():
+                is_latched = record.metadata.get("offered_qos_profiles") == _LATCHED
+                channels[record.id] = record.topic, schemas[record.schema_id], is_latched
+            case records.Message():
+                topic, type_name, is_latched = channels[record.channel_id]
+                times = record.log_time, record.publish_time
+                yield RecordedMessage(topic, type_name, record.data, *times, is_latched)
+            case records.Attachment():
+                yield RecordedFile(record.name, record.data)
+            case records.Metadata():
+                yield RecordedTable(record.name, record.metadata)
+
+
+@cache
+def _find_decoder(type_name: str) -> Callable[[bytes], Any]:
+    name = type_name.replace("/", "/msg/")
+    decoder: Callable[[bytes], Any] = generate_dynamic(name, schema_text(type_name))[name]
+    return decoder
+
+
+def decode_message(message: RecordedMessage) -> Any:
+    """Fields of a message as attributes.
+
+    Raises:
+        RemoteProtocolError: The message is damaged.
+    """
+    try:
+        return _find_decoder(message.type_name)(message.data)
+    except (ValueError, struct.error, IndexError, EOFError) as error:
+        raise RemoteProtocolError(
+            f"a damaged message of {message.topic[:60]!r}: {error}"
+        ) from error
+
+
+def repair_recording(path: Path) -> tuple[int, Counter[str]]:
+    """Give the file of a killed writer its index, without damaged chunks and topics they declare.
 
     The file stays as it is until its successor is complete.
 
+    Returns:
+        The number of messages that it has then, and how often what was damaged.
+
     Raises:
-        CatoptraError: No recording, or no room beside it.
+        CatoptraError: No recording, no message in it is whole, or there is no room beside it.
     """
+    damages: Counter[str] = Counter()
+
+    def count_damage(error: CatoptraError) -> None:
+        text = str(error)
+        damages[text if text in damages or len(damages) < _MAX_DAMAGES else "more damage"] += 1
+
     repaired = path.with_name(f"{path.name}.repaired")
-    channels: dict[int, Any] = {}
-    schemas: dict[int, str] = {}
     writer = RecordingWriter(repaired, name=path.name)
     try:
-        for record in read_records(path, is_cut=True):
-            match record:
-                case records.Schema():
-                    schemas[record.id] = record.name.replace("/msg/", "/")
-                case records.Channel():
-                    channels[record.id] = record
-                case records.Message():
-                    channel = channels[record.channel_id]
-                    writer.add_cdr(
-                        channel.topic,
-                        schemas[channel.schema_id],
-                        record.data,
-                        log_ns=record.log_time,
-                        publish_ns=record.publish_time,
-                        is_latched=channel.metadata.get("offered_qos_profiles") == _LATCHED,
-                    )
-                case records.Attachment():
-                    writer.add_attachment(record.name, record.data)
-                case records.Metadata():
-                    writer.add_metadata(record.name, record.metadata)
+        for entry in read_entries(path, on_damage=count_damage):
+            match entry:
+                case RecordedMessage(topic, type_name, data, log_ns, publish_ns, is_latched):
+                    times = {"log_ns": log_ns, "publish_ns": publish_ns}
+                    writer.add_cdr(topic, type_name, data, **times, is_latched=is_latched)
+                case RecordedFile(name, data):
+                    writer.add_attachment(name, data)
+                case RecordedTable(name, values):
+                    writer.add_metadata(name, values)
+        if damages and not writer.num_messages:
+            raise CatoptraError(next(iter(damages)))
         if writer.is_full:
             raise CatoptraError(f"{path}: the disk is full; the file is as it was")
     except BaseException:
@@ -364,44 +440,47 @@ def repair_recording(path: Path) -> int:
         raise
     writer.close()
     repaired.replace(path)
-    return writer.num_messages
+    return writer.num_messages, damages
 
 
 class _RecordChecker:
     """What a file has declared so far, by which its next records are judged."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, on_damage: Callable[[CatoptraError], None] | None) -> None:
+        self._path, self._on_damage = path, on_damage
         self._schemas: set[int] = set()
         self._channels: set[int] = set()
 
+    def report_damage(self, reason: str) -> None:
+        """Report what a killed writer or a faulty disk leaves; an error unless it is repaired."""
+        if self._on_damage is None:
+            raise CatoptraError(reason)
+        self._on_damage(CatoptraError(reason))
+
     def parse(self, opcode: int, body: bytes) -> Iterator[Any]:
         """Records of one record's body: itself, those of a chunk, or none of an unknown kind."""
-        # Wrong lengths inside a record show up in each of these ways.
+        if opcode != Opcode.CHUNK:
+            yield from self._parse_plain(opcode, body)
+            return
         try:
-            if opcode == Opcode.CHUNK:
-                chunk = records.Chunk.read(ReadDataStream(BytesIO(body)))
-                yield from self._parse_chunk(chunk)
-                return
-            stream = ReadDataStream(BytesIO(body))
-            if opcode == Opcode.MESSAGE:
-                record: Any = records.Message.read(stream, len(body))
-            elif opcode in _RECORDS:
-                record = _RECORDS[Opcode(opcode)].read(stream)
-            else:
-                return
-        except (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
-            raise self._error(f"a damaged record: {error}") from error
-        self._check(record)
-        yield record
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(body)))
+            data = self._unpack(chunk)
+            if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+                raise ValueError("the checksum of a chunk is another one")
+            inner = list(_split(data))
+        except _DAMAGES as error:
+            self.report_damage(f"{self._path}: a damaged chunk: {error}")
+            return
+        for inner_opcode, inner_body in inner:
+            yield from self._parse_plain(inner_opcode, inner_body)
 
-    def _parse_chunk(self, chunk: Any) -> Iterator[Any]:
+    def _unpack(self, chunk: Any) -> bytes:
         size = chunk.uncompressed_size
         if size > MAX_CHUNK_BYTES:
             raise self._error(f"a chunk unpacks to {size} bytes; the limit is {MAX_CHUNK_BYTES}")
         match chunk.compression:
             case "":
-                data = chunk.data
+                data: bytes = chunk.data
             case "zstd":
                 decompressor = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES)
                 data = decompressor.stream_reader(chunk.data).read(size + 1)
@@ -410,38 +489,59 @@ class _RecordChecker:
             case other:
                 raise self._error(f"a chunk is packed by {other[:20]!r}, which is unknown here")
         if len(data) != size:
-            raise self._error(f"a chunk does not unpack to the {size} bytes that it states")
-        place = 0
-        while place < size:
-            length = int.from_bytes(data[place + 1 : place + 9], "little")
-            if place + 9 + length > size:
-                raise self._error("a record in a chunk is longer than the chunk")
-            yield from self.parse_plain(data[place], data[place + 9 : place + 9 + length])
-            place += 9 + length
+            raise ValueError(f"a chunk does not unpack to the {size} bytes that it states")
+        return data
 
-    def parse_plain(self, opcode: int, body: bytes) -> Iterator[Any]:
-        """Records of a body in a chunk, where no other chunk may be."""
-        if opcode == Opcode.CHUNK:
-            raise self._error("a chunk is in a chunk")
-        return self.parse(opcode, body)
+    def _parse_plain(self, opcode: int, body: bytes) -> Iterator[Any]:
+        """Record of a body that is no chunk; none of an unknown kind."""
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            if opcode == Opcode.CHUNK:
+                raise self._error("a chunk is in a chunk")
+            if opcode == Opcode.MESSAGE:
+                record: Any = records.Message.read(stream, len(body))
+            elif opcode in _RECORDS:
+                record = _RECORDS[Opcode(opcode)].read(stream)
+            else:
+                return
+        except _DAMAGES as error:
+            raise self._error(f"a damaged record: {error}") from error
+        if self._is_known(record):
+            yield record
 
-    def _check(self, record: Any) -> None:
+    def _is_known(self, record: Any) -> bool:
+        """Whether what a record refers to is in the file; damaged chunks may have had that."""
+        reason = ""
         match record:
             case records.Schema():
                 name = record.name.replace("/msg/", "/")
                 if name not in _TYPE_HASHES or record.data != schema_text(name).encode():
                     raise self._error(f"its type {record.name[:60]!r} is none of Catoptra's")
                 self._schemas.add(record.id)
+            case records.Channel() if record.schema_id not in self._schemas:
+                reason = f"topic {record.topic[:60]!r} has no type"
             case records.Channel():
-                if record.schema_id not in self._schemas:
-                    raise self._error(f"topic {record.topic[:60]!r} has no type")
                 self._channels.add(record.id)
-            case records.Message():
-                if record.channel_id not in self._channels:
-                    raise self._error("a message has no topic")
+            case records.Message() if record.channel_id not in self._channels:
+                reason = "a message has no topic"
             case records.Attachment():
                 if Path(record.name).name != record.name or "\\" in record.name:
                     raise self._error(f"an attachment names a path: {record.name[:60]!r}")
+        if reason:
+            self.report_damage(f"{self._path}: {reason}")
+        return not reason
 
     def _error(self, reason: str) -> CatoptraError:
         return CatoptraError(f"{self._path}: {reason}")
+
+
+def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcodes and bodies of the records of a chunk."""
+    place = 0
+    while place < len(data):
+        body = place + 9
+        end = body + int.from_bytes(data[place + 1 : body], "little")
+        if end > len(data):
+            raise ValueError("a record in a chunk is longer than the chunk")
+        yield data[place], data[body:end]
+        place = end

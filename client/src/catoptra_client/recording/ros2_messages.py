@@ -12,10 +12,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,17 +30,20 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_protocol.usarsim.readings import (
     GroundTruthReading,
     InsReading,
     OdometryReading,
     RangeScanReading,
+    SonarReadings,
 )
+from catoptra_protocol.usarsim.reports import Configuration, Geometry, Report
 
 RosMessage = dict[str, Any]
 
 _SEPARATOR = "=" * 80 + "\n"
-_FLU_FROM_SAE = np.diag([1.0, -1.0, -1.0])
+_FLU_SIGNS = np.array([1.0, -1.0, -1.0])
 # Columns: the axes of the optical frame in the frame of the viewpoint.
 _MIRROR_FROM_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _PINHOLE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -45,6 +51,41 @@ _PINHOLE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0
 _UNKNOWN_3X3 = [-1.0] + [0.0] * 8
 _UNKNOWN_6X6 = [-1.0] + [0.0] * 35
 _COLOURS = {"cyan": (0.0, 1.0, 1.0), "magenta": (1.0, 0.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MountedSensor:
+    """What CONF and GEO say of a sensor."""
+
+    base_from_sensor: Pose | None = None
+    """Between frames of REP 103; None on a part that moves."""
+    min_range_m: float = 0.0
+    max_range_m: float = math.inf
+    """Range that is stated where there is no echo."""
+    beam_angle_rad: float = 0.0
+
+
+Sensors = Mapping[str, MountedSensor]
+_UNKNOWN_SENSOR = MountedSensor()
+
+
+def sensors_by_name(reports: Iterable[Report]) -> dict[str, MountedSensor]:
+    """Sensors of the reports of a robot class, as `StreamClient.get_parts` has them."""
+    found: dict[str, MountedSensor] = {}
+    limits: dict[str, tuple[float, float, float]] = {}
+    for report in reports:
+        match report:
+            case Configuration():
+                keys = (("MinRange", "0"), ("MaxRange", "inf"), ("BeamAngle", "0"))
+                low, high, angle = (float(report.get(key) or default) for key, default in keys)
+                limits[report.get("Name") or ""] = low, high, angle
+            case Geometry(_, (item, *_)):
+                pose = flu_pose(Pose.from_rpy(item.location_m, item.rotation_rad))
+                is_fixed = item.mount == CHASSIS_MOUNT
+                found[item.name] = MountedSensor(
+                    pose if is_fixed else None, *limits.get(item.name, ())
+                )
+    return found
 
 
 @cache
@@ -68,6 +109,103 @@ def schema_text(type_name: str) -> str:
     return definitions[type_name] + parts
 
 
+# Of CDR: format of `struct`, by the type of a field.
+_FORMATS = {
+    **{"bool": "?", "byte": "B", "char": "B", "float32": "f", "float64": "d", "int8": "b"},
+    **{"int16": "h", "int32": "i", "int64": "q", "uint8": "B", "uint16": "H", "uint32": "I"},
+    "uint64": "Q",
+}
+
+
+class _Field(NamedTuple):
+    """A field of a type: a number, a text, or a message; or an array of these."""
+
+    name: str
+    format: str
+    """Of a number; empty for the others."""
+    parts: tuple[_Field, ...] | None
+    """Fields of a message; None for the others."""
+    numbers: Callable[[RosMessage], tuple[float, ...]] | None
+    """Values of a message whose fields are all numbers of one size; None of others."""
+    length: int | None
+    """Length of an array; -1 if it is not fixed; None without one."""
+
+
+@cache
+def _fields_of(type_name: str) -> tuple[_Field, ...]:
+    fields = []
+    for line in read_definitions()[type_name].splitlines():
+        kind, *names = line.partition("#")[0].split()[:2] or [""]
+        if not names or "=" in line:
+            continue  # a constant
+        kind, _, size = kind.partition("[")
+        length = int(size[:-1] or -1) if size else None
+        format_, parts, numbers = _FORMATS.get(kind, ""), None, None
+        if kind in read_definitions():
+            parts = _fields_of(kind)
+            is_flat = all(part.format and part.parts is None is part.length for part in parts)
+            if is_flat and len({struct.calcsize(part.format) for part in parts}) == 1 < len(parts):
+                format_ = "".join(part.format for part in parts)
+                numbers = itemgetter(*(part.name for part in parts))
+        fields.append(_Field(names[0], format_, parts, numbers, length))
+    return tuple(fields)
+
+
+def encode_cdr(type_name: str, message: RosMessage) -> bytes:
+    """Message as little-endian CDR (XCDR1).
+
+    A third of the time of the package mcap-ros2-support, which looks at each number on its own: a
+    scan has 181.
+    """
+    data = bytearray()
+    _encode_fields(_fields_of(type_name), message, data)
+    return b"\0\1\0\0" + bytes(data)
+
+
+def _encode_fields(fields: tuple[_Field, ...], message: RosMessage, data: bytearray) -> None:
+    for field in fields:
+        value = message[field.name]
+        if field.length is None:
+            _encode_value(field, value, data)
+            continue
+        if field.length < 0:
+            _encode_numbers("I", (len(value),), data)
+        if isinstance(value, bytes):
+            data += value
+        elif field.format and field.parts is None:
+            # Without values there is nothing to align.
+            if value:
+                _encode_numbers(f"{len(value)}{field.format}", value, data)
+        else:
+            for one in value:
+                _encode_value(field, one, data)
+
+
+def _encode_value(field: _Field, value: Any, data: bytearray) -> None:
+    if field.numbers is not None:
+        _encode_numbers(field.format, field.numbers(value), data)
+    elif field.parts is not None:
+        _encode_fields(field.parts, value, data)
+    elif field.format:
+        _encode_numbers(field.format, (value,), data)
+    else:
+        text = value.encode() + b"\0"
+        _encode_numbers("I", (len(text),), data)
+        data += text
+
+
+def _encode_numbers(format_: str, values: Sequence[float], data: bytearray) -> None:
+    """Append numbers of one size, the first of them aligned to it."""
+    size = _find_size(format_[-1])
+    data += bytes(-len(data) % size)
+    data += struct.pack(f"<{format_}", *values)
+
+
+@cache
+def _find_size(format_: str) -> int:
+    return struct.calcsize(f"<{format_}")
+
+
 def nanoseconds_from_s(time_s: float) -> int:
     """Time of a stamp, rounded to a nanosecond.
 
@@ -81,16 +219,34 @@ def nanoseconds_from_s(time_s: float) -> int:
 
 def flu_pose(pose: Pose) -> Pose:
     """Pose between frames of REP 103, of one between SAE frames."""
-    rotation = _FLU_FROM_SAE @ pose.rotation @ _FLU_FROM_SAE
-    return Pose(rotation, _FLU_FROM_SAE @ pose.translation)
+    # Products with matrices of signs alone.
+    return Pose(_FLU_SIGNS[:, None] * pose.rotation * _FLU_SIGNS, _FLU_SIGNS * pose.translation)
 
 
 def optical_pose(robot_from_mirror: Pose, camera: OmniCamera | PerspectiveCamera | None) -> Pose:
     """Pose of the optical frame in the base's frame of REP 103, base_from_optical."""
     is_pinhole = isinstance(camera, PerspectiveCamera)
     mirror_from_optical = _PINHOLE_FROM_OPTICAL if is_pinhole else _MIRROR_FROM_OPTICAL
-    rotation = _FLU_FROM_SAE @ robot_from_mirror.rotation @ mirror_from_optical
-    return Pose(rotation, _FLU_FROM_SAE @ robot_from_mirror.translation)
+    rotation = _FLU_SIGNS[:, None] * robot_from_mirror.rotation @ mirror_from_optical
+    return Pose(rotation, _FLU_SIGNS * robot_from_mirror.translation)
+
+
+def wheel_speeds(
+    forward_m_s: float, turn_rad_s: float, wheel_radius_m: float, wheel_separation_m: float
+) -> tuple[float, float]:
+    """Speeds of the left and right wheels, rad/s, of a geometry_msgs/Twist.
+
+    A positive turn is to the left in REP 103, so that the right wheels are the faster ones.
+    """
+    swing_m_s = 0.5 * turn_rad_s * wheel_separation_m
+    return (forward_m_s - swing_m_s) / wheel_radius_m, (forward_m_s + swing_m_s) / wheel_radius_m
+
+
+def velocity_message(left_m_s: float, right_m_s: float, wheel_separation_m: float) -> RosMessage:
+    """geometry_msgs/Twist of the rims of the wheels; a positive turn is to the left."""
+    turn_rad_s = (right_m_s - left_m_s) / wheel_separation_m
+    forward = np.array([0.5 * (left_m_s + right_m_s), 0.0, 0.0])
+    return {"linear": _vector(forward), "angular": _vector(np.array([0.0, 0.0, turn_rad_s]))}
 
 
 def clock_message(time_s: float) -> RosMessage:
@@ -105,13 +261,12 @@ def string_message(value: object) -> RosMessage:
 
 
 def transform_message(time_s: float, parent: str, child: str, pose: Pose) -> RosMessage:
-    """tf2_msgs/TFMessage of one transform parent_from_child, between frames of REP 103."""
+    """geometry_msgs/TransformStamped of parent_from_child, between frames of REP 103."""
     transform = {
         "translation": _vector(pose.translation),
         "rotation": _quaternion(pose),
     }
-    header = _header(time_s, parent)
-    return {"transforms": [{"header": header, "child_frame_id": child, "transform": transform}]}
+    return {"header": _header(time_s, parent), "child_frame_id": child, "transform": transform}
 
 
 def compressed_image_message(
@@ -222,46 +377,35 @@ def filter_message(time_s: float, note: dict[str, Any]) -> RosMessage | None:
     return message
 
 
-def reading_message(
-    reading: object, time_s: float, max_range_m: float = math.inf
-) -> tuple[str, str, RosMessage] | None:
-    """Topic, type and message of a sensor's reading; None of a sensor that ROS has no type for."""
+def reading_messages(
+    reading: object, time_s: float, sensors: Sensors
+) -> list[tuple[str, str, RosMessage]]:
+    """Topic, type and message of each of a line's readings; none where ROS has no type."""
     match reading:
         case RangeScanReading():
-            return f"/scan/{reading.name}", "sensor_msgs/LaserScan", _scan(reading, max_range_m)
+            scan = _scan(reading, sensors.get(reading.name, _UNKNOWN_SENSOR))
+            return [(f"/scan/{reading.name}", "sensor_msgs/LaserScan", scan)]
+        case SonarReadings():
+            return [
+                (
+                    f"/range/{name}",
+                    "sensor_msgs/Range",
+                    _range(name, range_m, reading.time_s, sensors.get(name, _UNKNOWN_SENSOR)),
+                )
+                for name, range_m in reading.items
+            ]
         case OdometryReading():
             pose = Pose.from_rpy((reading.x_m, reading.y_m, 0.0), (0.0, 0.0, reading.yaw_rad))
             message = pose_odometry_message(time_s, "odom", flu_pose(pose))
-            return "/odom", "nav_msgs/Odometry", message
+            return [("/odom", "nav_msgs/Odometry", message)]
         case GroundTruthReading():
             pose = Pose.from_rpy(reading.location_m, reading.rotation_rad)
             message = pose_odometry_message(reading.time_s, "map", flu_pose(pose))
-            return f"/reading/{reading.name}", "nav_msgs/Odometry", message
+            return [(f"/reading/{reading.name}", "nav_msgs/Odometry", message)]
         case InsReading():
             pose = flu_pose(Pose.from_rpy(reading.location_m, reading.rotation_rad))
-            return f"/imu/{reading.name}", "sensor_msgs/Imu", _imu(time_s, pose)
-    return None
-
-
-def range_messages(
-    items: Sequence[tuple[str, float]], time_s: float, max_range_m: float
-) -> list[tuple[str, str, RosMessage]]:
-    """Topic, type and message of each sonar."""
-    return [
-        (
-            f"/range/{name}",
-            "sensor_msgs/Range",
-            {
-                "header": _header(time_s, name),
-                "radiation_type": 0,
-                "field_of_view": 0.0,
-                "min_range": 0.0,
-                "max_range": max_range_m,
-                "range": math.inf if range_m >= max_range_m else range_m,
-            },
-        )
-        for name, range_m in items
-    ]
+            return [(f"/imu/{reading.name}", "sensor_msgs/Imu", _imu(time_s, pose))]
+    return []
 
 
 def landmarks_message(landmarks: Sequence[Landmark]) -> RosMessage:
@@ -310,8 +454,22 @@ def _marker(
     }
 
 
-def _scan(reading: RangeScanReading, max_range_m: float) -> RosMessage:
+def _range(name: str, range_m: float, time_s: float, sensor: MountedSensor) -> RosMessage:
+    return {
+        "header": _header(time_s, name),
+        "radiation_type": 0,
+        "field_of_view": sensor.beam_angle_rad,
+        "min_range": sensor.min_range_m,
+        "max_range": sensor.max_range_m,
+        "range": math.inf if range_m >= sensor.max_range_m else range_m,
+        # Of Jazzy and later, whose readers need it; older ones skip what follows the range.
+        "variance": 0.0,
+    }
+
+
+def _scan(reading: RangeScanReading, sensor: MountedSensor) -> RosMessage:
     # The first range is on the right, as in ROS; no echo is infinite there.
+    max_range_m = sensor.max_range_m
     ranges = [math.inf if one >= max_range_m else one for one in reading.ranges_m]
     return {
         "header": _header(reading.time_s, reading.name),
@@ -320,7 +478,7 @@ def _scan(reading: RangeScanReading, max_range_m: float) -> RosMessage:
         "angle_increment": reading.resolution_rad,
         "time_increment": 0.0,
         "scan_time": 0.0,
-        "range_min": 0.0,
+        "range_min": sensor.min_range_m,
         "range_max": max_range_m,
         "ranges": ranges,
         "intensities": [],
@@ -350,10 +508,10 @@ def _header(time_s: float, frame_id: str) -> RosMessage:
 
 
 def _vector(values: Floats) -> dict[str, float]:
-    x, y, z = map(float, values)
+    x, y, z = values.tolist()
     return {"x": x, "y": y, "z": z}
 
 
 def _quaternion(pose: Pose) -> dict[str, float]:
-    x, y, z, w = map(float, pose.quaternion)
+    x, y, z, w = pose.quaternion.tolist()
     return {"x": x, "y": y, "z": z, "w": w}

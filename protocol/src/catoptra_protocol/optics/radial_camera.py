@@ -21,7 +21,7 @@ To add a camera model, implement `RadialCamera`: effects and their bounds need n
 from __future__ import annotations
 
 import math
-from enum import StrEnum
+from enum import Enum
 from typing import Protocol
 
 import numpy as np
@@ -30,13 +30,15 @@ from catoptra_protocol.optics.elementary import arctan
 from catoptra_protocol.optics.numerics import Bools, Floats
 
 
-class Picture(StrEnum):
+class Picture(str, Enum):
     """Which hand a picture has; the value is the word in files and on the wire."""
 
     MIRRORED = "mirrored"
     """As a mirror's capture camera sees it: image right x image down = -axis."""
     FLIPPED = "flipped"
     """Right-handed, as a lens's picture and as calibration files have it."""
+
+    __str__ = str.__str__
 
 
 class RadialProjection(Protocol):

@@ -87,7 +87,7 @@ class Pose:
         Of the two quaternions of a rotation the one with w >= 0; of a half turn, where w is 0, the
         one whose first component that is not 0 is positive. Source: Shepperd 1978.
         """
-        ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)) = self.rotation
+        ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)) = self.rotation.tolist()
         # 4 q q^T: every entry is linear in the rotation, so each row is the quaternion, scaled.
         products = np.array(
             [

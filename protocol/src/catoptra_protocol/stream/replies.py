@@ -198,6 +198,10 @@ class RobotState:
     """Commanded speeds of the left and the right wheels."""
     shares_control: bool
     """Whether other clients may drive it."""
+    # Defaults: servers of an earlier release do not send these.
+    wheel_radius_m: float = 0.0
+    wheel_separation_m: float = 0.0
+    """Of GETGEO, by which a speed and a turn become speeds of wheels; 0: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +213,18 @@ class NoteRecord:
     """Simulation time of its arrival."""
     text: str
     """A JSON object."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRecord:
+    """A command that a robot executed."""
+
+    number: int
+    """From 1 on; what is missing in between is no longer known."""
+    time_s: float
+    """Simulation time, between two ticks."""
+    line: str
+    """As on the control port, without line end; numbers are exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +243,24 @@ class StateReply:
     reports: tuple[str, ...]
     """Newest reading of each sensor, as in SensorReports."""
     notes: tuple[NoteRecord, ...]
+    commands: tuple[CommandRecord, ...] = ()
+    """Commands to the robot after the requested one, INIT first; at most 64 KiB of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetupReply:
+    """What it takes to build the same simulation again."""
+
+    KIND: ClassVar[str] = "setup"
+
+    id: int
+    files: dict[str, str]
+    """Texts of configuration files by name without folders."""
+    digests: dict[str, str]
+    """SHA-256 of these and of files that are no texts, such as a mesh as a world."""
+    options: dict[str, str]
+    """Options of the server's command line by name; files in it by name. And `server`, `kernel`:
+    release, and SHA-256 of the native kernel, empty where it is not installed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,6 +408,7 @@ Reply = (
     | StatusReply
     | PlanReply
     | StateReply
+    | SetupReply
     | PixelReply
     | Heartbeat
 )

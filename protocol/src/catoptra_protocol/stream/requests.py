@@ -120,6 +120,8 @@ class FrameVariant:
     picture: str | None = None
     """`mirrored` or `flipped`: the hand of the image. The other hand is the same picture, turned
     round left to right; the header's camera model is that of the image."""
+    world_from_robot: Transform | None = None
+    """Pose of the robot in this image, to the bit; the robot itself stays where it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,6 +230,17 @@ class GetCameraRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class GetPartsRequest:
+    """Request wheels and sensors of a robot class: limits, ranges, and poses on the robot."""
+
+    KIND: ClassVar[str] = "get_parts"
+
+    id: int
+    class_name: str
+    """One of those of the status, or of a robot in the state."""
+
+
+@dataclass(frozen=True, slots=True)
 class GetLandmarksRequest:
     """Request the true landmarks of the world, or their projections into one camera.
 
@@ -287,6 +300,18 @@ class GetStateRequest:
     id: int
     robot: str
     """Exact name of the robot; empty for the one that the image port displays."""
+    commands_after: int | None = None
+    """Number of the last command to the robot that the client knows, 0 before the first; None for
+    no commands."""
+
+
+@dataclass(frozen=True, slots=True)
+class GetSetupRequest:
+    """Request what it takes to build the same simulation again."""
+
+    KIND: ClassVar[str] = "get_setup"
+
+    id: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,11 +362,13 @@ Request = (
     | ResetRequest
     | GetReadingsRequest
     | GetCameraRequest
+    | GetPartsRequest
     | GetLandmarksRequest
     | GetStartPosesRequest
     | GetStatusRequest
     | SetAccuracyRequest
     | GetStateRequest
+    | GetSetupRequest
     | GetPixelRequest
     | PublishRequest
     | ShareControlRequest

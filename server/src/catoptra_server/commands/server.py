@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import hashlib
 import importlib
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
@@ -34,6 +35,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.reports import Greeting
+from catoptra_server import __version__
 from catoptra_server.config.server_file import (
     ServerOptions,
     ServerSettings,
@@ -84,6 +86,8 @@ from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 if TYPE_CHECKING:
+    from catoptra_protocol.stream.replies import SetupReply
+
     # Loaded late: see the head of this module.
     from catoptra_server.serve.stream.replies import StreamContext
     from catoptra_server.serve.web.web_access import WebAccess
@@ -121,6 +125,8 @@ _MODULES = (
     "catoptra_server.render.trace.kernel.kernel_engine",
     "catoptra_server.frames.labels.label_renderer",
 )
+# Files in `setup`: larger ones have no digest, and texts beyond the other limit are left out.
+_MAX_DIGESTED_BYTES, _MAX_SETUP_BYTES = 2**26, 2**21
 # Image effects by the kernel: for the raster renderer, and for cameras with such effects.
 _STAGE_MODULE = "catoptra_server.render.trace.kernel.image"
 # The raster renderer, and what moderngl imports with the first context.
@@ -545,9 +551,56 @@ def _create_stream_context(server: ServerThreads) -> StreamContext:
         mailboxes=server.mailboxes,
         post=server.simulation.post,
         server_info=build_server_info(
-            startup.robots, startup.world, clock=server.options.clock.value, plans=server.plans
+            startup.robots,
+            startup.world,
+            clock=server.options.clock.value,
+            plans=server.plans,
+            setup=_describe_setup(server.options),
         ),
         query_plan=server.render_thread.query_plan,
+    )
+
+
+def _describe_setup(options: Options) -> SetupReply:
+    """What it takes to build the same simulation again."""
+    from catoptra_protocol.stream.replies import SetupReply
+    from catoptra_server.render.trace.kernel.library import (
+        KernelUnavailableError,
+        choose_instruction_set,
+        kernel_library_path,
+    )
+
+    files: dict[str, str] = {}
+    digests: dict[str, str] = {}
+    configured = [] if options.server_file is None else [options.server_file]
+    for path in (*options.robot_files, options.world_file, *configured):
+        # A file may be gone by now; what it said is in use all the same.
+        with suppress(OSError):
+            if path.stat().st_size > _MAX_DIGESTED_BYTES:
+                continue
+            data = path.read_bytes()
+            digests[path.name] = hashlib.sha256(data).hexdigest()
+            with suppress(UnicodeDecodeError):
+                if sum(map(len, files.values())) + len(data) <= _MAX_SETUP_BYTES:
+                    files[path.name] = data.decode()
+    named = {
+        "robot": "\n".join(path.name for path in options.robot_files),
+        "world": options.world_file.name,
+        "server-ini": options.server_file.name if options.server_file else None,
+        "max-error-px": options.max_error_px,
+        "budget-ms": options.budget_ms,
+        "seed": options.seed,
+        "clock": options.clock.value,
+        "renderer": options.renderer,
+        "dialect": options.dialect.value,
+    }
+    kernel = ""
+    with suppress(KernelUnavailableError, OSError):
+        library = kernel_library_path(choose_instruction_set())
+        kernel = hashlib.sha256(library.read_bytes()).hexdigest()
+    texts = {key: str(value) for key, value in named.items() if value is not None}
+    return SetupReply(
+        0, files, digests, {**texts, "server": f"Catoptra {__version__}", "kernel": kernel}
     )
 
 

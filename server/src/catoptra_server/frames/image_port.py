@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
+import numpy as np
+
 from catoptra_protocol.camera_conf import Pairs, omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
@@ -238,14 +240,19 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     (view,) = composition.views
     if view is not None:
         view = replace(view, label_channels=variant.channels)
-    if variant.channels and not variant.changes_picture:
-        return replace(composition, views=(view,))
+    metadata = composition.metadata
+    if view is not None and variant.world_from_robot is not None:
+        place, rows = variant.world_from_robot.position_m, variant.world_from_robot.rotation
+        pose = Pose(np.array(rows).reshape(3, 3), np.array(place))
+        view = _move_view(view, pose)
+        metadata = replace(metadata, world_from_robot=pose)
+    if variant != CameraVariant() and not variant.changes_settings:
+        return replace(composition, views=(view,), metadata=metadata)
     if view is None or not isinstance(view.camera, OmniCameraSpec):
-        raise DomainError("only omnidirectional cameras have variants")
+        raise DomainError("only omnidirectional cameras have variants of their settings")
     reference = variant.make_reference(view.camera)
     own = view.camera.camera
     shown = own if variant.picture is None else own.with_picture(variant.picture)
-    metadata = composition.metadata
     if shown is not own and metadata.camera_model is not None:
         _, height_m = omni_camera_from_pairs(metadata.camera_model)
         metadata = replace(metadata, camera_model=pairs_from_omni_camera(shown, height_m))
@@ -255,6 +262,19 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
         reference=None if reference is None else replace(view, camera=reference, label_channels=()),
         metadata=metadata,
         is_turned=shown is not own,
+    )
+
+
+def _move_view(view: ViewRequest, world_from_robot: Pose) -> ViewRequest:
+    """View of a camera with its robot at another pose, which no motion within a tick changes."""
+    carrier, state = view.carrier, view.camera_state
+    assert carrier is not None, "a camera with variants is on a robot"
+    ego_body = state.ego_body and state.ego_body.with_pose(world_from_robot)
+    pose = world_from_robot @ carrier.robot_from_camera
+    return replace(
+        view,
+        camera_state=replace(state, world_from_mirror=pose, ego_body=ego_body),
+        carrier=replace(carrier, world_from_robot=world_from_robot, twist=AT_REST),
     )
 
 

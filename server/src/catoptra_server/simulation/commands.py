@@ -62,6 +62,8 @@ def execute_control(
     Args:
         sense: Environment of the robot, computed only for commands that read sensors.
     """
+    if not isinstance(command, Drive):  # which others may send, too
+        robot.commands.add(command, time_s)
     match command:
         case Drive():
             robot.drive_wheels(command, time_s)
@@ -93,7 +95,7 @@ def execute_get_conf(
         error_bound_of: Error bound of a camera; None before the first frame.
     """
     if _is_robot(command.type):
-        return [_vehicle_configuration(robot.description)]
+        return [vehicle_configuration(robot.description)]
     # An empty reply rather than none: clients wait for a line of the requested type.
     parts = _find_named_parts(robot, command.type, command.name)
     empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
@@ -103,7 +105,7 @@ def execute_get_conf(
 def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     """Geometry of the robot, or of the parts of a type: one GEO for all, or one a package."""
     if _is_robot(command.type):
-        return [_vehicle_geometry(robot.description)]
+        return [vehicle_geometry(robot.description)]
     found = [part.geometry() for part in _find_named_parts(robot, command.type, command.name)]
     packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
     items = tuple(one for one in found if isinstance(one, GeometryItem))
@@ -302,7 +304,8 @@ def _configuration(part: Part, error_bound_of: ErrorBoundLookup) -> Report:
     return dataclasses.replace(configuration, extra_pairs=(*configuration.extra_pairs, *pairs))
 
 
-def _vehicle_configuration(description: RobotDescription) -> VehicleConfiguration:
+def vehicle_configuration(description: RobotDescription) -> VehicleConfiguration:
+    """CONF of a robot itself."""
     drive = description.drive
     return VehicleConfiguration(
         name=description.model_name,
@@ -312,7 +315,8 @@ def _vehicle_configuration(description: RobotDescription) -> VehicleConfiguratio
     )
 
 
-def _vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
+def vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
+    """GEO of a robot itself."""
     drive = description.drive
     return VehicleGeometry(
         name=description.model_name,

@@ -162,6 +162,8 @@ class StateRequested:
     client: Client
     robot: str
     """Exact name; empty for the robot that the image port displays."""
+    commands_after: int | None
+    """Number of the last known command; None for no commands."""
     reply: Callable[[float, FleetState | Fault], None]
     """Receives the simulation time and the state."""
 

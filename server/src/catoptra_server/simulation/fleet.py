@@ -196,6 +196,7 @@ class Fleet:
             time_s=time_s,
             number=self._num_spawned,
         )
+        robot.commands.add(init, time_s)
         self._robots[client] = robot
         log.info("robot %s of class %s spawned at %s", name, description.class_name, body.pose)
         if description.stand_in:
@@ -252,9 +253,12 @@ class Fleet:
             raise RejectedError("this client has no robot")
         robot.publish(note, time_s)
 
-    def get_state(self, name: str) -> FleetState:
-        """All robots; readings and notes of the robot of a name, empty for the displayed one."""
-        return collect_fleet_state(self._robots.values(), self.cameras.find_robot(name))
+    def get_state(self, name: str, commands_after: int | None = None) -> FleetState:
+        """All robots; readings, notes, and commands after a number of the robot of a name, empty
+        for the displayed one.
+        """
+        robot = self.cameras.find_robot(name)
+        return collect_fleet_state(self._robots.values(), robot, commands_after)
 
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""
@@ -266,6 +270,8 @@ class Fleet:
         if robot is None:
             return []
         try:
+            # It draws random numbers, as no other reading at this time would.
+            robot.commands.add(StepCommand(0.0), time_s)
             # A function for the environment: computed only if a sensor is due.
             return robot.read_all(time_s, partial(self.sense, robot))
         except Exception:

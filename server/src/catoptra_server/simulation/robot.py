@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -21,7 +22,7 @@ import numpy as np
 from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
+from catoptra_protocol.usarsim.commands import Command, Drive, MisPkg, Note, line_from_command
 from catoptra_protocol.usarsim.reports import Report, VehicleStatus
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.frames.multi_view import Viewports
@@ -51,6 +52,10 @@ _SLIP_STREAM = "slip"
 
 # A note, and the simulation time of its arrival.
 _PublishedNote = tuple[Note, float]
+# Number from 1 on, simulation time, line without end.
+_LoggedCommand = tuple[int, float, str]
+# Of lines of commands that are kept, and of those that one reply may have.
+_MAX_COMMANDS_BYTES, _MAX_LISTED_BYTES = 2**18, 2**16
 
 
 class Robot:
@@ -115,6 +120,7 @@ class Robot:
         # Set by a command whose driver may fall silent.
         self._halt_at_s = math.inf
         self.twist = AT_REST
+        self.commands = CommandLog()
         """Motion in the last tick, slip included, at the chassis origin in world axes."""
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
@@ -226,6 +232,7 @@ class Robot:
         """Set wheel speeds and the head light; a side that the command leaves out is unchanged."""
         if not self.has_power(time_s):
             return
+        self.commands.add(drive, time_s)
         max_rad_s = self.description.drive.max_speed_rad_s
         unit = max_rad_s / 100.0 if drive.normalized else 1.0  # normalized: in per cent
         spin = self._body.spin
@@ -345,6 +352,8 @@ class RobotSnapshot:
     wheel_speeds_rad_s: tuple[float, float]
     """Commanded speeds of the left and the right wheels."""
     shares_control: bool
+    wheel_radius_m: float
+    wheel_separation_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -359,10 +368,14 @@ class FleetState:
     """Newest reading of each sensor, and the status."""
     notes: tuple[_PublishedNote, ...] = ()
     """Notes with the simulation times of their arrival."""
+    commands: tuple[_LoggedCommand, ...] = ()
+    """Commands to it, as far as requested."""
 
 
-def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> FleetState:
-    """State of robots, with readings and notes of one of them, if any."""
+def collect_fleet_state(
+    robots: Iterable[Robot], detailed: Robot | None, commands_after: int | None = None
+) -> FleetState:
+    """State of robots, with readings, notes, and commands after a number of one of them, if any."""
     snapshots = tuple(
         RobotSnapshot(
             robot.name,
@@ -371,12 +384,44 @@ def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> Flee
             robot.world_from_start,
             robot.wheel_speeds_rad_s,
             robot.shares_control,
+            robot.description.drive.wheel_radius_m,
+            robot.description.drive.wheel_separation_m,
         )
         for robot in robots
     )
     if detailed is None:
         return FleetState(snapshots)
-    return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes)
+    commands = () if commands_after is None else detailed.commands.list_after(commands_after)
+    return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes, commands)
+
+
+class CommandLog:
+    """The newest commands to a robot, from INIT on, with numbers and times."""
+
+    def __init__(self) -> None:
+        self._records: deque[_LoggedCommand] = deque()
+        self._num_commands = self._num_bytes = 0
+
+    def add(self, command: Command, time_s: float) -> None:
+        """Add a command that is executed at a simulation time."""
+        line = line_from_command(command).decode().rstrip("\r\n")
+        self._num_commands += 1
+        self._records.append((self._num_commands, time_s, line))
+        self._num_bytes += len(line)
+        while self._num_bytes > _MAX_COMMANDS_BYTES:
+            self._num_bytes -= len(self._records.popleft()[2])
+
+    def list_after(self, number: int) -> tuple[_LoggedCommand, ...]:
+        """Commands after that of a number, as many as a reply may have."""
+        found: list[_LoggedCommand] = []
+        num_bytes = 0
+        for record in self._records:
+            if record[0] > number:
+                num_bytes += len(record[2])
+                if found and num_bytes > _MAX_LISTED_BYTES:
+                    break
+                found.append(record)
+        return tuple(found)
 
 
 # Two times closer than this are one tick: due times are sums of periods as floats.

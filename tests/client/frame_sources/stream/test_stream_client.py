@@ -308,7 +308,7 @@ def make_replies(request: Request) -> list[Reply]:
             return [LandmarksReply(id_, (visible,), 0.25)]
         case GetStartPosesRequest(id_):
             return [StartPosesReply(id_, ())]
-        case GetStateRequest(id_, robot):
+        case GetStateRequest(id_, robot, _):
             return [StateReply(id_, 1.5, (), robot, (), ())]
         case DriveRequest(id_) | ResetRequest(id_) | PublishRequest(id_) | ShareControlRequest(id_):
             return [Ok(id_)]

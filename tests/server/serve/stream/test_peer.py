@@ -283,7 +283,13 @@ def inject_fault(
         monkeypatch.setattr(RobotSession, name, raise_error)
     monkeypatch.setattr(type(info), "find_camera", raise_error)
     monkeypatch.setattr(peer.frame_sender._mailboxes, "get", raise_error)
-    for name in ("landmarks_reply", "StartPosesReply", "status_reply"):
+    for name in (
+        "landmarks_reply",
+        "StartPosesReply",
+        "parts_reply",
+        "setup_reply",
+        "status_reply",
+    ):
         monkeypatch.setattr(peer_module, name, raise_error)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +28,7 @@ from catoptra_protocol.stream.replies import (
     PixelReply,
     PlanReply,
     Reply,
+    SensorReports,
     StateReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -52,6 +54,7 @@ from catoptra_server.serve.stream.replies import (
     camera_not_found,
     camera_reply,
     landmarks_reply,
+    parts_reply,
     records_from_decisions,
     request_pixel,
     request_plan,
@@ -317,7 +320,7 @@ async def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> No
 POSE = Pose.from_rpy((1.0, 2.0, -0.2), (0.0, 0.0, 0.5))
 START = Pose.from_rpy((0.0, 0.0, -0.2))
 STATE = FleetState(
-    (RobotSnapshot("A", "USARBot.P2AT", POSE, START, (1.0, -1.0), True),),
+    (RobotSnapshot("A", "USARBot.P2AT", POSE, START, (1.0, -1.0), True, 0.13, 0.47),),
     "A",
     (OdometryReading("Odometry", 1.0, 2.0, 0.5),),
     ((Note("ekf", '{"pose":[1.0,2.0,0.5]}'), 1.25),),
@@ -342,6 +345,7 @@ async def test_state_has_robots_lines_and_notes() -> None:
     assert robot.world_from_robot.position_m == (1.0, 2.0, -0.2)
     assert robot.world_from_start.position_m == (0.0, 0.0, -0.2)
     assert (robot.wheel_speeds_rad_s, robot.shares_control) == ((1.0, -1.0), True)
+    assert (robot.wheel_radius_m, robot.wheel_separation_m) == (0.13, 0.47)
     assert reply.reports == ("SEN {Type Odometry} {Name Odometry} {Pose 1.0000,2.0000,0.5000}",)
     assert reply.notes == (NoteRecord("ekf", 1.25, '{"pose":[1.0,2.0,0.5]}'),)
 
@@ -352,7 +356,8 @@ async def test_state_when_the_simulation_failed_is_an_error() -> None:
 
 async def test_state_of_the_largest_fleet_fits_into_a_reply() -> None:
     robots = tuple(
-        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True) for _ in range(64)
+        RobotSnapshot("r" * 256, "c" * 256, POSE, START, (1.1, -1.1), True, 0.1, 0.5)
+        for _ in range(64)
     )
     scan = RangeScanReading(1.5, "Scanner", 0.0175, 3.1416, (20.0 / 3.0,) * 361)
     text = '{"x":"' + 8184 * "\\" + '"}'
@@ -379,6 +384,19 @@ async def test_camera_is_found_by_name_and_an_unknown_one_is_an_error_with_the_k
     assert (found.class_name, found.camera, found.plan) == ("USARBot.OmniP2AT", "Omni", "traced")
     reason = "there is no camera 'Rear': this server's robots have Omni"
     assert camera_reply(2, "Rear", SERVER_INFO, robot) == Error(2, reason)
+
+
+def test_parts_are_the_configuration_of_a_class_and_mounts_of_its_sensors() -> None:
+    info = dataclasses.replace(SERVER_INFO, robots=(read_robot(ROBOTS / "p2at.ini")[0],))
+    reply = parts_reply(1, "p2at", info)
+    assert isinstance(reply, SensorReports)
+    wheels, *sensors = reply.reports
+    assert "{MaxSpeed 5.3850}" in wheels
+    place = sensors.index(
+        "CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}"
+    )
+    assert sensors[place + 1].startswith("GEO {Type Sonar} {Name F1 Location 0.1450,-0.1300,")
+    assert isinstance(parts_reply(2, "none", info), Error)
 
 
 async def test_status_counts_the_clients_of_all_transports() -> None:

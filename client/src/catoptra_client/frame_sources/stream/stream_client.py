@@ -15,7 +15,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Concatenate, ParamSpec, Self, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import (
@@ -47,6 +47,7 @@ from catoptra_protocol.stream.replies import (
     PlanReply,
     Reply,
     SensorReports,
+    SetupReply,
     StartPoseRecord,
     StartPosesReply,
     StateReply,
@@ -59,8 +60,10 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -160,7 +163,9 @@ class StreamClient:
         self._camera_cache = CameraModelCache()
 
     @classmethod
-    def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
+    def connect(
+        cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0
+    ) -> StreamClient:
         """Connect and wait for the first reply of the server; nothing is spawned.
 
         Args:
@@ -194,7 +199,7 @@ class StreamClient:
         """
         self._socket.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> StreamClient:
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -310,16 +315,22 @@ class StreamClient:
         """
         self._call(PublishRequest, Ok, name, text_from_note(name, note))
 
-    def get_state(self, robot: str = "") -> StateReply:
-        """Poses of all robots, and the newest readings and notes of one.
+    def get_state(self, robot: str = "", *, commands_after: int | None = None) -> StateReply:
+        """Poses of all robots, and the newest readings, notes and commands of one.
 
         For viewers: it needs no robot. The readings of this client's own robot, parsed, are those
         of `get_readings`.
 
         Args:
             robot: Exact name; empty = the robot that the image port displays.
+            commands_after: Number of the last command that is known, 0 before the first; None for
+                no commands.
         """
-        return self._call(GetStateRequest, StateReply, robot)
+        return self._call(GetStateRequest, StateReply, robot, commands_after)
+
+    def get_setup(self) -> SetupReply:
+        """What it takes to build the same simulation again."""
+        return self._call(GetSetupRequest, SetupReply)
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the full cycle of readings and the result.
@@ -363,6 +374,17 @@ class StreamClient:
             CatoptraError: This client has no robot.
         """
         return _parse_reports(self._call(GetReadingsRequest, SensorReports))
+
+    def get_parts(self, class_name: str) -> list[Report]:
+        """Configuration and geometry of a robot class, then of each of its sensors.
+
+        Args:
+            class_name: As in `get_status().class_names`, or of a robot of `get_state`.
+
+        Raises:
+            CatoptraError: There is no such class.
+        """
+        return _parse_reports(self._call(GetPartsRequest, SensorReports, class_name))
 
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.

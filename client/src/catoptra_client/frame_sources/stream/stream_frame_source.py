@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
@@ -57,7 +56,7 @@ class StreamFrameSource:
         """End the connection."""
         self.client.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> StreamFrameSource:
         return self
 
     def __exit__(self, *_error: object) -> None:

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.requests import FrameVariant
+from catoptra_protocol.stream.requests import FrameVariant, Transform
 from catoptra_server.effects import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
 from catoptra_server.render.renderer import (
     AccuracyTarget,
@@ -65,6 +65,9 @@ POLYGON_COUNTS = (16, 64, 256, 1024, 4096)
 # 4 x 4 samples are the finest level of the study of accuracy and cost.
 MAX_SAMPLES = 4
 _MAX_EFFECTS = 64
+# Rotations of peers: products of them deviate by some 1e-15, texts of 6 digits by 1e-6.
+_ROTATION = 1e-5
+_MAX_COORDINATE_M = 1e6
 
 _EnumT = TypeVar("_EnumT", bound=Enum)
 
@@ -101,6 +104,8 @@ class CameraVariant:
     reference: ReferenceKind | None = None
     picture: Picture | None = None
     """Hand of the image: the finished picture is turned round, with any effects."""
+    world_from_robot: Transform | None = None
+    """Pose of the robot in the image."""
     channels: tuple[str, ...] = ()
     """Channels of labels beside the picture, by name."""
 
@@ -113,6 +118,14 @@ class CameraVariant:
             raise DomainError(f"samples are 1 to {MAX_SAMPLES} along a side, not {self.samples}")
         if len(self.effects) > _MAX_EFFECTS:
             raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
+        if self.world_from_robot is not None:
+            rows = np.reshape(self.world_from_robot.rotation, (3, 3))
+            with np.errstate(over="ignore", invalid="ignore"):
+                is_rotation = np.allclose(matmul(rows, rows.T), np.eye(3), rtol=0.0, atol=_ROTATION)
+            if not is_rotation or np.linalg.det(rows) < 0.0:
+                raise DomainError("the pose of the image has no rotation")
+            if max(map(abs, self.world_from_robot.position_m)) > _MAX_COORDINATE_M:
+                raise DomainError(f"the pose of the image is beyond {_MAX_COORDINATE_M:g} m")
 
     @classmethod
     def from_request(cls, request: FrameVariant) -> CameraVariant:
@@ -139,12 +152,13 @@ class CameraVariant:
             picture=None
             if request.picture is None
             else _parse(Picture, request.picture, "picture"),
+            world_from_robot=request.world_from_robot,
         )
 
     @property
-    def changes_picture(self) -> bool:
-        """Whether the picture may differ from the camera's own."""
-        return replace(self, channels=()) != CameraVariant()
+    def changes_settings(self) -> bool:
+        """Whether the picture may differ from the camera's own at its pose."""
+        return replace(self, channels=(), world_from_robot=None) != CameraVariant()
 
     def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
         """Camera with the changes.

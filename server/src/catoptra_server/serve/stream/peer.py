@@ -42,8 +42,10 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPartsRequest,
     GetPixelRequest,
     GetReadingsRequest,
+    GetSetupRequest,
     GetStartPosesRequest,
     GetStateRequest,
     GetStatusRequest,
@@ -64,10 +66,12 @@ from catoptra_server.serve.stream.replies import (
     StreamContext,
     camera_reply,
     landmarks_reply,
+    parts_reply,
     request_pixel,
     request_plan,
     request_projections,
     request_state,
+    setup_reply,
     status_reply,
 )
 from catoptra_server.serve.stream.router import Outbox, RouterSocket, SendResult
@@ -238,9 +242,13 @@ class StreamPeer:
             case GetCameraRequest(id_, camera):
                 info = self._context.server_info
                 self.send_reply(camera_reply(id_, camera, info, self.robot))
+            case GetPartsRequest(id_, class_name):
+                self.send_reply(parts_reply(id_, class_name, self._context.server_info))
             case GetStartPosesRequest(id_):
                 start_poses = self._context.server_info.start_poses
                 self.send_reply(StartPosesReply(id_, start_poses))
+            case GetSetupRequest(id_):
+                self.send_reply(setup_reply(id_, self._context.server_info))
             case GetStatusRequest(id_):
                 num_sent = self.frame_sender.num_sent
                 self.send_reply(status_reply(id_, self._context, self.robot, num_sent=num_sent))

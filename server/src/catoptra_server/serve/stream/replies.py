@@ -24,6 +24,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    CommandRecord,
     EffectRecord,
     Error,
     LandmarkRecord,
@@ -34,6 +35,8 @@ from catoptra_protocol.stream.replies import (
     PlanReply,
     Reply,
     RobotState,
+    SensorReports,
+    SetupReply,
     StartPoseRecord,
     StateReply,
     StatusReply,
@@ -45,6 +48,7 @@ from catoptra_protocol.stream.requests import (
     SetAccuracyRequest,
     Transform,
 )
+from catoptra_protocol.usarsim.reports import Geometry, GeometryItem, Report
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import CameraChannel, ViewRequest
@@ -54,7 +58,15 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.renderer import AccuracyTarget
-from catoptra_server.serve.stream.session import PendingRequest, Post, ReportLines, RobotSession
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.serve.stream.session import (
+    PendingRequest,
+    Post,
+    ReportLines,
+    RobotSession,
+    lines_from_reports,
+)
+from catoptra_server.simulation.commands import vehicle_configuration, vehicle_geometry
 from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Fault,
@@ -64,15 +76,17 @@ from catoptra_server.simulation.events import (
 )
 from catoptra_server.simulation.robot import FleetState, RobotSnapshot
 from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import build_sensors
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
-from catoptra_server.simulation.spawning import find_class
+from catoptra_server.simulation.spawning import SpawnError, find_class
 from catoptra_server.world.world_description import World
 
 # Class of the robot, name of the camera.
 _CameraKey = tuple[str, str]
 # Client, camera, and the callback with the camera's plan, called by any thread.
 _QueryPlan = Callable[[Hashable, ViewRequest, PlanCallback], None]
+_NO_SETUP = SetupReply(0, {}, {}, {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +124,7 @@ class ServerInfo:
     first."""
     landmarks: tuple[Landmark, ...]
     start_poses: tuple[StartPoseRecord, ...]
+    setup: SetupReply = _NO_SETUP
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -152,7 +167,12 @@ class CameraInfo:
 
 
 def build_server_info(
-    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[_CameraKey, str]
+    robots: Sequence[RobotDescription],
+    world: World,
+    *,
+    clock: str,
+    plans: Mapping[_CameraKey, str],
+    setup: SetupReply = _NO_SETUP,
 ) -> ServerInfo:
     """Collect the information about a server.
 
@@ -161,6 +181,7 @@ def build_server_info(
         world: World.
         clock: `realtime` or `lockstep`.
         plans: Description of the rendering plan by camera.
+        setup: Files and options of the server.
     """
     cameras: dict[_CameraKey, CameraInfo] = {}
     # Cameras of classes and not of robots, so that clients can read a model before any robot
@@ -177,6 +198,7 @@ def build_server_info(
         start_poses=tuple(
             StartPoseRecord(s.name, s.location_m, s.rotation_rad) for s in world.starts
         ),
+        setup=setup,
     )
 
 
@@ -195,6 +217,11 @@ def _cameras_of_class(
         info = CameraInfo(camera.camera_model(), camera.robot_from_camera({}))
         cameras[robot.class_name, camera.name] = info
     return cameras
+
+
+def setup_reply(id_: int, info: ServerInfo) -> SetupReply:
+    """Reply with files and options of the server."""
+    return dataclasses.replace(info.setup, id=id_)
 
 
 def status_reply(
@@ -226,6 +253,24 @@ def camera_reply(
     mount = transform_from_pose(camera_info.robot_from_mirror)
     model = dict(camera_info.camera_model)
     return CameraReply(id_, class_name, name, model, mount, camera_info.plan)
+
+
+def parts_reply(id_: int, class_name: str, info: ServerInfo) -> SensorReports | Error:
+    """Reply with CONF and GEO of a robot class, and of each of its sensors."""
+    try:
+        robot = find_class(info.robots, class_name)
+    except SpawnError as error:
+        return Error(id_, str(error))
+    sensors = build_sensors(
+        robot.sensors, robot.drive, lambda part: RandomSource.from_names(0, part)
+    )
+    parts = [part for sensor in sensors for part in sensor.parts]
+    reports: list[Report] = [vehicle_configuration(robot), vehicle_geometry(robot)]
+    for part in parts:
+        geometry = part.geometry()
+        assert isinstance(geometry, GeometryItem), "a sensor has no links"
+        reports += [part.configuration(), Geometry(part.type, (geometry,))]
+    return SensorReports(id_, lines_from_reports(reports))
 
 
 def landmarks_reply(id_: int, landmarks: Sequence[Landmark]) -> LandmarksReply:
@@ -393,7 +438,7 @@ def request_state(
     def reply(time_s: float, state: FleetState | Fault) -> None:
         pending.reply_from_thread(partial(_state_reply, request.id, time_s, state, report_lines))
 
-    session.post(StateRequested(session, request.robot, reply))
+    session.post(StateRequested(session, request.robot, request.commands_after, reply))
 
 
 def _state_reply(
@@ -408,6 +453,7 @@ def _state_reply(
         robot=state.robot,
         reports=report_lines.get(state.reports),
         notes=tuple(NoteRecord(note.name, time_s, note.text) for note, time_s in state.notes),
+        commands=tuple(CommandRecord(*one) for one in state.commands),
     )
 
 
@@ -419,6 +465,8 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
         world_from_start=transform_from_pose(snapshot.world_from_start),
         wheel_speeds_rad_s=snapshot.wheel_speeds_rad_s,
         shares_control=snapshot.shares_control,
+        wheel_radius_m=snapshot.wheel_radius_m,
+        wheel_separation_m=snapshot.wheel_separation_m,
     )
 
 

@@ -160,7 +160,7 @@ class RobotSession:
 
     def readings_reply(self, id_: int) -> Reply:
         """Reply with the newest reading of each sensor."""
-        return SensorReports(id_, _lines_from_reports(self._readings.values()))
+        return SensorReports(id_, lines_from_reports(self._readings.values()))
 
     def _outcome_receiver(self, pending: PendingRequest) -> Callable[[str], None]:
         """Callback that replies with an error for a reason, with Ok for an empty one."""
@@ -194,7 +194,7 @@ class RobotSession:
                 self._readings[type(report), getattr(report, "name", "")] = report
         if confirmed is not None:
             pending, result = confirmed
-            lines = _lines_from_reports(reports)
+            lines = lines_from_reports(reports)
             pending.reply(SensorReports(pending.id, lines, result.moved_to, result.name))
 
     def _confirm_spawn(self, result: InitResult) -> None:
@@ -216,7 +216,7 @@ class RobotSession:
             return
         self._store_reports(result.readings)
         reports = (*result.readings, CommandResult(result.time_s, "Step", "Clock", STATUS_OK))
-        pending.reply(SensorReports(pending.id, _lines_from_reports(reports)))
+        pending.reply(SensorReports(pending.id, lines_from_reports(reports)))
 
     def _finish_reset(self, pending: PendingRequest) -> None:
         self._num_pending_resets -= 1
@@ -322,12 +322,12 @@ class ReportLines:
 
     def _get_one(self, report: Report) -> tuple[str, ...]:
         def make() -> tuple[Report, tuple[str, ...]]:
-            return report, _lines_from_reports([report])
+            return report, lines_from_reports([report])
 
         return self._lines.get_or_make(id(report), make)[1]
 
 
-def _lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
+def lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
     """Lines of the control protocol, without reports that have no valid line."""
     lines: list[str] = []
     for report in reports:
