@@ -47,6 +47,7 @@ CHECKS: tuple[Check, ...] = (*CONTROL_CHECKS, *IMAGE_CHECKS, *STREAM_CHECKS, *PA
 
 # What a recording cannot reject, since it answers by what it has.
 BEYOND_RECORDINGS = {
+    "stream_encodings": "a recording cannot hold its robot still between two pictures",
     "image_region_content": "a recording cannot hold its robot still between two pictures",
     "stream_close_releases_the_robot": "a recording cannot give its robot another name",
     "stream_frame_without_robot": "a recording cannot be without its robot",

@@ -375,8 +375,8 @@ def _replay(words: Sequence[str]) -> int:
         metavar="PX", help="accuracy target of --rerender (default: the robot file's)")  # fmt: skip
     add("--out", type=Path, metavar="FILE", help="MCAP file of --rerender to write")
     add("--files", type=Path, metavar="DIR",
-        help="folder of the recorded robot and world files and of what they refer to, of "
-        "--resimulate and --rerender (default: the files in the recording)")  # fmt: skip
+        help="folder of the recorded robot and world files and of what they refer to (default: "
+        "the server's, where they are the same, or the recording's)")  # fmt: skip
     add("--speed", type=partial(parse_float_within, name="a speed", last=100.0),
         default=1.0, metavar="X",
         help="simulated seconds a second while it is served (default: 1)")  # fmt: skip

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,8 @@ def test_unmodified_clients_get_what_was_recorded(drive: Path) -> None:
         assert sorted(set(times)) == times
         assert camera == client.get_frame().camera
         assert images.get_frame().rgb.shape == (64, 64, 3)
+        with pytest.raises(CatoptraError, match="cannot show another frame: it has ended at"):
+            list(islice(client.iter_frames(), len(frames)))
         for reject, reason in (
             (lambda: client.drive(1.0, 1.0), "cannot answer drive"),
             (lambda: client.get_frame(robot="Other"), "cannot show camera '' of 'Other'"),
@@ -245,6 +248,12 @@ DAMAGED = {
     "Infinity: expected a finite": [("/catoptra/state", '{"kind":"state","time_s":Infinity}')],
     "time_s: .nan.: expected": [
         ("/catoptra/state", '{"kind":"state","id":1,"time_s":"nan","robots":[]}')
+    ],
+    "a time of 1e\\+300 s": [
+        (
+            "/catoptra/state",
+            '{"kind":"state","id":1,"time_s":1e300,"robots":[],"robot":"","reports":[],"notes":[]}',
+        ),
     ],
     "it has no state": [("/catoptra/state", '{"kind":"ok","id":1}')],
     "a frame without its image": [("/catoptra/frame", json_from_message(HEADER))],

@@ -506,12 +506,14 @@ class _RecordChecker:
                 return
         except _DAMAGES as error:
             raise self._error(f"a damaged record: {error}") from error
-        if self._is_known(record):
+        reason = self._find_gap(record)
+        if reason:
+            self.report_damage(f"{self._path}: {reason}")
+        else:
             yield record
 
-    def _is_known(self, record: Any) -> bool:
-        """Whether what a record refers to is in the file; damaged chunks may have had that."""
-        reason = ""
+    def _find_gap(self, record: Any) -> str:
+        """What a record refers to and the file does not have: a damaged chunk may have had it."""
         match record:
             case records.Schema():
                 name = record.name.replace("/msg/", "/")
@@ -519,17 +521,15 @@ class _RecordChecker:
                     raise self._error(f"its type {record.name[:60]!r} is none of Catoptra's")
                 self._schemas.add(record.id)
             case records.Channel() if record.schema_id not in self._schemas:
-                reason = f"topic {record.topic[:60]!r} has no type"
+                return f"topic {record.topic[:60]!r} has no type"
             case records.Channel():
                 self._channels.add(record.id)
             case records.Message() if record.channel_id not in self._channels:
-                reason = "a message has no topic"
+                return "a message has no topic"
             case records.Attachment():
                 if Path(record.name).name != record.name or "\\" in record.name:
                     raise self._error(f"an attachment names a path: {record.name[:60]!r}")
-        if reason:
-            self.report_damage(f"{self._path}: {reason}")
-        return not reason
+        return ""
 
     def _error(self, reason: str) -> CatoptraError:
         return CatoptraError(f"{self._path}: {reason}")

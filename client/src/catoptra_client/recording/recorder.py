@@ -124,7 +124,7 @@ class RecordingPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class UnwarpedView:
     """A picture that is unwarped from that of an omnidirectional camera."""
 
     name: str
@@ -136,18 +136,18 @@ class View:
     unwarp_map: UnwarpMap
 
 
-def make_view(name: str, camera: OmniCamera, robot_from_mirror: Pose) -> View:
+def make_view(name: str, camera: OmniCamera, robot_from_mirror: Pose) -> UnwarpedView:
     """View of a name in `VIEWS`, around the viewpoint of a camera."""
     mount, turn_rad = robot_from_mirror.rotation, VIEWS[name]
     axes = Pose.from_rpy(robot_from_mirror.translation, (0.0, 0.0, turn_rad))
     if name == "panorama":
         cylinder = choose_cylinder(camera, _PANORAMA_COLUMNS, robot_from_mirror=mount)
         unwarp_map = make_unwarp_map(camera, cylinder, robot_from_mirror=mount)
-        return View(name, cylinder, None, ros.flu_pose(axes), unwarp_map)
+        return UnwarpedView(name, cylinder, None, ros.flu_pose(axes), unwarp_map)
     pinhole = PerspectiveCamera(*_VIEW_SIZE_PX, _VIEW_FOV_RAD)
     geometry = PerspectiveGeometry(*_VIEW_SIZE_PX, _VIEW_FOV_RAD, turn_rad)
     unwarp_map = make_unwarp_map(camera, geometry, robot_from_mirror=mount)
-    return View(name, geometry, pinhole, ros.optical_pose(axes, pinhole), unwarp_map)
+    return UnwarpedView(name, geometry, pinhole, ros.optical_pose(axes, pinhole), unwarp_map)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,8 @@ class MessageSource:
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
         self._described: dict[str, str] | None = None
-        self._views: list[View] = []
+        self._model: OmniCamera | PerspectiveCamera
+        self._views: list[UnwarpedView] = []
         # Width of pictures whose hand is not that of the camera; else 0.
         self._turned_width_px = 0
         self._last_command = 0
@@ -417,33 +418,38 @@ class MessageSource:
         self._write("/landmarks/json", "std_msgs/String", described, time_s, now_ns, True)
         return state
 
-    def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
+    def _describe_camera(self, header: FrameHeader, wall_ns: int) -> None:
+        """Write the calibration of a frame's camera, and the frames of it and its views."""
         time_s, name = header.time_s, header.camera
         assert header.camera_model is not None
         assert header.robot_from_mirror is not None
-        camera = any_camera_from_pairs(tuple(header.camera_model.items()))
-        frame_id, topic = f"{name}_optical_frame", f"/{name}"
+        self._described = header.camera_model
+        self._model = camera = any_camera_from_pairs(tuple(header.camera_model.items()))
+        message = ros.calibration_message(name, camera, header.camera_model, self._plan.picture)
+        self._write(f"/{name}/calibration", "std_msgs/String", message, time_s, wall_ns, True)
+        mount = pose_from_transform(header.robot_from_mirror)
+        poses = {f"{name}_optical_frame": ros.optical_pose(mount, camera)}
+        if isinstance(camera, OmniCamera):
+            self._views = [make_view(one, camera, mount) for one in self._plan.views]
+        for view in self._views:
+            if view.camera is None:
+                shape = ros.string_message(dataclasses.asdict(view.geometry))
+                place = f"/{name}/{view.name}/geometry"
+                self._write(place, "std_msgs/String", shape, time_s, wall_ns, True)
+            poses[f"{name}_{view.name}"] = view.base_from_view
+        self._write_static_transforms("base_link", poses, time_s, wall_ns)
+
+    def _write_frame(self, header: FrameHeader, parts: list[bytes], wall_ns: int) -> None:
+        time_s, name = header.time_s, header.camera
         if header.camera_model != self._described:
-            self._described = header.camera_model
-            message = ros.calibration_message(name, camera, header.camera_model, self._plan.picture)
-            self._write(f"{topic}/calibration", "std_msgs/String", message, time_s, wall_ns, True)
-            mount = pose_from_transform(header.robot_from_mirror)
-            poses = {frame_id: ros.optical_pose(mount, camera)}
-            if isinstance(camera, OmniCamera):
-                self._views = [make_view(one, camera, mount) for one in self._plan.views]
-            for view in self._views:
-                if view.camera is None:
-                    shape = ros.string_message(dataclasses.asdict(view.geometry))
-                    place = f"{topic}/{view.name}/geometry"
-                    self._write(place, "std_msgs/String", shape, time_s, wall_ns, True)
-                poses[f"{name}_{view.name}"] = view.base_from_view
-            self._write_fixed("base_link", poses, time_s, wall_ns)
+            self._describe_camera(header, wall_ns)
+        frame_id, topic = f"{name}_optical_frame", f"/{name}"
         self._write_clock(time_s, wall_ns)
         self._write_base(header.world_from_robot, time_s, wall_ns)
         image = ros.compressed_image_message(time_s, frame_id, header.encoding.value, parts[0])
         type_name = "sensor_msgs/CompressedImage"
         self._write(f"{topic}/image/compressed", type_name, image, time_s, wall_ns)
-        info = ros.camera_info_message(time_s, frame_id, camera)
+        info = ros.camera_info_message(time_s, frame_id, self._model)
         self._write(f"{topic}/camera_info", "sensor_msgs/CameraInfo", info, time_s, wall_ns)
         if self._views:
             self._write_views(header, parts[0], wall_ns)
@@ -498,7 +504,7 @@ class MessageSource:
             self._world_from_start = robot.world_from_start
             self._map_from_odom = ros.flu_pose(pose_from_transform(robot.world_from_start))
             if not self._has_odometry:
-                self._write_fixed("map", {"odom": self._map_from_odom}, time_s, wall_ns)
+                self._write_static_transforms("map", {"odom": self._map_from_odom}, time_s, wall_ns)
         pose = ros.flu_pose(pose_from_transform(robot.world_from_robot))
         message = ros.pose_odometry_message(time_s, "map", pose)
         self._write("/ground_truth", "nav_msgs/Odometry", message, time_s, wall_ns)
@@ -535,7 +541,7 @@ class MessageSource:
             for name, sensor in self._sensors.items()
             if sensor.base_from_sensor is not None and name not in _FRAMES
         }
-        self._write_fixed("base_link", frames, time_s, time.time_ns())
+        self._write_static_transforms("base_link", frames, time_s, time.time_ns())
 
     def _find_robot(self, state: StateReply) -> RobotState:
         robot = next((one for one in state.robots if one.name == state.robot), None)
@@ -600,7 +606,7 @@ class MessageSource:
         message = {"transforms": transforms}
         self._write("/tf", "tf2_msgs/TFMessage", message, time_s, wall_ns)
 
-    def _write_fixed(
+    def _write_static_transforms(
         self, parent: str, poses: Mapping[str, Pose], time_s: float, wall_ns: int
     ) -> None:
         """Write static transforms parent_from_child by child, with all earlier ones."""

@@ -40,6 +40,8 @@ _MAX_FRAME_BYTES = 2**28
 _MAX_COMMANDS = 2**16
 # As of stamps; NaN and infinity are no JSON here.
 _MAX_TIME_S = 2.0**31
+# What simulates or shows a recording goes through all of its time.
+_MAX_GAP_S = 86_400.0
 _NS_PER_S = 1e9
 FRAME_TOPIC, STATE_TOPIC = "/catoptra/frame", "/catoptra/state"
 COMMAND_TOPIC = "/catoptra/commands"
@@ -190,16 +192,17 @@ class Recording:
         images: dict[str, RecordedMessage] = {}
         # Those of states that were not recorded, since their robots had not moved, are here too.
         commands: list[CommandRecord] = []
+        time_s: float | None = None
         for entry in read_entries(self.path):
             if not isinstance(entry, RecordedMessage):
                 continue
             if entry.topic == FRAME_TOPIC:
                 header = self._parse(self._read_text(entry), FrameHeader)
-                self._check_time(header.time_s)
+                time_s = self._check_time(header.time_s, time_s)
                 yield RecordedFrame(header, self._find_parts(header, images), entry.publish_ns)
             elif entry.topic == STATE_TOPIC:
                 state = self._parse(self._read_text(entry), StateReply)
-                self._check_time(state.time_s)
+                time_s = self._check_time(state.time_s, time_s)
                 state = replace(state, commands=tuple(commands))
                 commands.clear()
                 yield RecordedState(state, entry.publish_ns)
@@ -253,9 +256,12 @@ class Recording:
         self._check_time(command.time_s)
         return command
 
-    def _check_time(self, time_s: float) -> None:
-        if not 0.0 <= time_s < _MAX_TIME_S:
-            raise self.error(f"a time of {time_s} s")
+    def _check_time(self, time_s: float, before_s: float | None = None) -> float:
+        """The time of a message, which is one of a stamp, and follows soon."""
+        is_near = before_s is None or abs(time_s - before_s) < _MAX_GAP_S
+        if not 0.0 <= time_s < _MAX_TIME_S or not is_near:
+            raise self.error(f"a time of {time_s} s behind one of {before_s or 0.0} s")
+        return time_s
 
     def _read_image(self, images: dict[str, RecordedMessage], topic: str) -> bytes:
         if topic not in images:

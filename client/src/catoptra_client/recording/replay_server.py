@@ -1,9 +1,10 @@
 """A recording as a server: control port, image port and stream show what was recorded.
 
-The clock starts with the first client, runs at a chosen speed, and stands at the recording's end;
-frames come again then, under new numbers. Every client that spawns has the recorded robot. What a
+The clock starts with the first client, runs at a chosen speed, and stands at the recording's end,
+from which on no client gets another frame. Every client that spawns has the recorded robot. What a
 recording cannot answer is rejected with that reason: `error` on the stream, `RES` with
-`{Status Failed} {Reason ...}` on the control port, which has the form of a rejected INIT.
+`{Status Failed} {Reason ...}` on the control port, which has the form of a rejected INIT; the image
+port closes the connection.
 
 The pictures of the image port have the hand in which they were recorded, as CONF says; JPEG files
 are served as they are, PNG files as RAW.
@@ -71,8 +72,6 @@ from catoptra_protocol.vectors import Vector3
 log = logging.getLogger(__name__)
 _READ_BYTES = 4096
 _HEARTBEAT_S = 0.5
-# Of a robot that stands: the interval of frames at the end, and the ticks of a server.
-_TICK_S = 0.02
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
 _MAX_COMMANDS = 512
@@ -135,7 +134,7 @@ class ReplayServer:
         self._setup = recording.setup
         self._events = recording.iter_events()
         self._frame: RecordedFrame | None = None
-        self._number = 0
+        self._number, self._has_ended = 0, False
         has_frames, state = FRAME_TOPIC in recording.topics, None
         # The first of both, from which on all has an answer.
         while state is None or (has_frames and self._frame is None):
@@ -207,9 +206,13 @@ class ReplayServer:
             else:
                 self._show_state(event.state)
         log.info("the recording has ended at %.2f s", self._state.time_s)
-        while self._frame is not None:
-            await asyncio.sleep(_TICK_S)
-            await self._show_frame(self._frame)
+        self._has_ended = True
+        async with self._changed:
+            self._changed.notify_all()
+        for identity, client in list(self._clients.items()):
+            if client.pending is not None:
+                request, client.pending = client.pending, None
+                await self._send(identity, replies.Error(request.id, str(self._end_error())))
 
     async def _show_frame(self, frame: RecordedFrame) -> None:
         self._frame = frame
@@ -231,6 +234,9 @@ class ReplayServer:
             is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
             if is_reading and not writer.is_closing():
                 _write_lines(writer, lines)
+
+    def _end_error(self) -> CatoptraError:
+        return _RejectedError(f"show another frame: it has ended at {self._state.time_s:.2f} s")
 
     def _find_robot(self) -> replies.RobotState:
         """State of the recorded robot."""
@@ -353,29 +359,25 @@ class ReplayServer:
                     raise CatoptraError("this client has no robot")
                 return replies.SensorReports(id_, state.reports)
             case requests.GetCameraRequest(id_, camera):
-                return self._describe_camera(id_, camera)
+                header = self._require_frame("", camera)
+                assert header.camera_model is not None
+                assert header.robot_from_mirror is not None
+                names = id_, header.class_name, header.camera
+                model = header.camera_model, header.robot_from_mirror, header.plan
+                return replies.CameraReply(*names, *model)
             case _:
                 raise _RejectedError(f"answer {request.KIND}")
 
     def _require_frame(self, robot: str, camera: str) -> replies.FrameHeader:
         """Header of the newest frame, if robot and camera are those of the recording."""
         if self._frame is None:
-            raise _RejectedError("show a camera: none was recorded, or its frames come later")
+            raise _RejectedError("show a camera: none was recorded")
         header = self._frame.header
         if not self._is_own(robot) or camera.lower() not in ("", header.camera.lower()):
             raise _RejectedError(
                 f"show camera {camera!r} of {robot!r}: it has {header.camera!r} of {header.robot!r}"
             )
         return header
-
-    def _describe_camera(self, id_: int, camera: str) -> replies.CameraReply:
-        header = self._require_frame("", camera)
-        assert header.camera_model is not None
-        assert header.robot_from_mirror is not None
-        return replies.CameraReply(
-            *(id_, header.class_name, header.camera, header.camera_model),
-            *(header.robot_from_mirror, header.plan),
-        )
 
     async def _request_frame(
         self, identity: bytes, client: _Client, request: requests.GetFrameRequest
@@ -388,8 +390,9 @@ class ReplayServer:
             await self._send(
                 identity, replies.Error(replaced, f"superseded by request {request.id}")
             )
-        if self._frame is not None:
-            self._check_frame_request(request)
+        self._check_frame_request(request)
+        if self._has_ended and client.last_number == self._number:
+            raise self._end_error()
         client.pending = request
         if client.last_number < self._number:
             await self._send_frame(identity, client)
@@ -412,12 +415,6 @@ class ReplayServer:
         request, client.pending = client.pending, None
         assert request is not None
         assert self._frame is not None
-        try:
-            # Again: the request may be older than the first frame.
-            self._check_frame_request(request)
-        except CatoptraError as error:
-            await self._send(identity, replies.Error(request.id, str(error)))
-            return
         header, parts = self._frame.header, self._frame.parts
         if client.last_number:
             client.num_missed += self._number - client.last_number - 1
@@ -477,7 +474,7 @@ class ReplayServer:
                     self._execute(command, writer)
                 await writer.drain()
         except (OSError, CatoptraError) as error:
-            log.warning("a control connection ended: %s", error)
+            log.info("a control connection ended: %s", error)
         finally:
             self._controllers.discard(writer)
             writer.close()
@@ -572,8 +569,10 @@ class ReplayServer:
                     if self._frame is None:
                         return  # as a server without a picture
                     async with self._changed:
-                        while self._number <= number:
+                        while self._number <= number and not self._has_ended:
                             await self._changed.wait()
+                    if self._number <= number:
+                        return
                     number = self._number
                     reply = await asyncio.to_thread(_encode_reply, self._frame, request)
                     if writer.is_closing():
@@ -581,7 +580,7 @@ class ReplayServer:
                     writer.write(reply)
                     await writer.drain()
         except (OSError, RemoteProtocolError) as error:
-            log.warning("an image connection ended: %s", error)
+            log.info("an image connection ended: %s", error)
         finally:
             writer.close()
 

@@ -52,16 +52,18 @@ def rerender(
     Raises:
         CatoptraError: The recording has no frames; the server does not start; the file exists.
     """
+    if out.exists():
+        raise CatoptraError(f"{out} is there already: name a file that is not")
     frames = (one for one in recording.iter_events() if isinstance(one, RecordedFrame))
     first = next(frames, None)
     if first is None:
         raise recording.error("no frames, whose poses a camera could be drawn from")
-    labels = first.header.labels
+    labels, pairs = first.header.labels, first.header.camera_model or {}
     plan = RecordingPlan(
         recording.robot,
         camera,
         first.header.encoding,
-        Picture((first.header.camera_model or {}).get("Picture", Picture.FLIPPED.value)),
+        Picture.MIRRORED if pairs.get("Picture") == Picture.MIRRORED.value else Picture.FLIPPED,
         tuple(one.name for one in labels.channels) if labels else (),
     )
     options = () if max_error_px is None else (f"--max-error-px={max_error_px!r}",)
@@ -86,9 +88,10 @@ class _Rewriter(MessageSource):
     ) -> int:
         """Write the messages; the number of frames."""
         self._sink = writer
-        time_s, num_frames = self._write_head(client).time_s, 0
+        self._write_head(client)
         self._is_omni = isinstance(self._find_camera(client), OmniCamera)
         self._begin_s, self._is_lockstep = recording.span_s[0], not recording.is_realtime
+        time_s, num_frames = self._begin_s, 0
         # Readings are of the recorded robot's sensors.
         lines = recording.get_reply(SensorReports).reports
         reports = (report_from_message(parse_message(line)) for line in lines)

@@ -46,6 +46,13 @@ def read_integer(message: Message, name: str, default: int | None = None) -> int
 def read_numbers(message: Message, name: str) -> tuple[float, ...]:
     """Finite numbers separated by commas, any count."""
     parts = read_text(message, name).split(",")
+    # A scan has 181: all at once, and one by one only where one is wrong.
+    try:
+        numbers = tuple(map(float, parts))
+    except ValueError:
+        numbers = (math.nan,)
+    if all(map(math.isfinite, numbers)):
+        return numbers
     return tuple(_parse_number(message, name, part) for part in parts)
 
 
