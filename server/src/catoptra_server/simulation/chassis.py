@@ -92,7 +92,7 @@ class ChassisShape(NamedTuple):
 
 @cache
 def shape_chassis(base: DriveBase, height_m: float) -> ChassisShape:
-    """ChassisShape of a base that meets things up to a height above its wheels' plane."""
+    """Shape of the chassis of a base that meets things up to a height above its wheels' plane."""
     length, width, body_height = base.collision_size_m
     height = max(height_m, body_height, base.max_step_m + 0.05)
     ride, belly = base.ride_height_m, base.max_step_m
