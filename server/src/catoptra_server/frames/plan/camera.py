@@ -20,7 +20,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
-from catoptra_protocol.optics.elementary import arccos, arcsin, arctan, matmul
+from catoptra_protocol.optics.elementary import arccos, arcsin, arctan, dot, matmul
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
