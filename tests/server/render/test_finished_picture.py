@@ -38,6 +38,13 @@ def test_picture_that_exposes_itself_has_all_effects_that_show(
     assert find_differences(draw_pair(world, factor, max_gain=max_gain)).max() <= 2.0
 
 
+@pytest.mark.parametrize("width_px", [240, 360])
+def test_lines_between_the_samples_of_the_sharp_frame_are_blurred(width_px: int) -> None:
+    # Lines of the penalty areas: pixels in a row whose samples all pass them.
+    pair = draw_pair("four_legged_2006", 1.0, width_px=width_px)
+    assert find_differences(pair).max() <= 2.0
+
+
 def test_picture_of_what_glows_without_any_light_has_all_effects_that_show() -> None:
     pair = draw_pair("corridor", 0.0, max_gain=1000.0)
     assert find_differences(pair).max() <= 2.0

@@ -126,7 +126,7 @@ _MODULES = (
     "catoptra_server.frames.labels.label_renderer",
 )
 # Files in `setup`: larger ones have no digest, and texts beyond the other limit are left out.
-_MAX_DIGESTED_BYTES, _MAX_SETUP_BYTES = 2**26, 2**21
+_MAX_DIGESTED_BYTES, _MAX_SETUP_BYTES = 2**26, 2**18
 # Image effects by the kernel: for the raster renderer, and for cameras with such effects.
 _STAGE_MODULE = "catoptra_server.render.trace.kernel.image"
 # The raster renderer, and what moderngl imports with the first context.

@@ -29,7 +29,7 @@ class Hull(NamedTuple):
     half_m: Floats
 
 
-class Chassis(NamedTuple):
+class ChassisShape(NamedTuple):
     """Shape of a base, as it stands and as it collides."""
 
     sides: tuple[Side, ...]
@@ -48,11 +48,11 @@ class Chassis(NamedTuple):
     """Speed at which it turns on after it slid off an edge."""
 
     @property
-    def as_lying(self) -> Chassis:
+    def as_lying(self) -> ChassisShape:
         """The shape of a base that lies on another side than its wheels."""
         return self._replace(hulls=(self.hulls[0], self.whole), is_lying=True)
 
-    def widen(self, clearance_m: float) -> Chassis:
+    def widen(self, clearance_m: float) -> ChassisShape:
         """The shape with a distance on its four sides."""
         wider = np.array((clearance_m, clearance_m, 0.0))
         body, rest = (one._replace(half_m=one.half_m + wider) for one in self.hulls)
@@ -91,8 +91,8 @@ class Chassis(NamedTuple):
 
 
 @cache
-def shape_chassis(base: DriveBase, height_m: float) -> Chassis:
-    """Chassis of a base that meets things up to a height above its wheels' plane."""
+def shape_chassis(base: DriveBase, height_m: float) -> ChassisShape:
+    """Shape of the chassis of a base that meets things up to a height above its wheels' plane."""
     length, width, body_height = base.collision_size_m
     height = max(height_m, body_height, base.max_step_m + 0.05)
     ride, belly = base.ride_height_m, base.max_step_m
@@ -125,7 +125,7 @@ def shape_chassis(base: DriveBase, height_m: float) -> Chassis:
     corner = hypot(0.5 * length, 0.5 * width, max(ride, abs(high)))
     # A rod that has turned about its middle from level to the largest tilt: v^2 = 2 g h.
     lost_m = 0.5 * length * (1.0 - cos(base.max_tilt_rad))
-    return Chassis(
+    return ChassisShape(
         tuple(sides),
         (body, _hull(reach_x, reach_y, ride, low)),
         whole,

@@ -35,7 +35,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arctan2, cos, hypot, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.chassis import GRAVITY_M_S2, SKIN_M, Chassis, shape_chassis
+from catoptra_server.simulation.chassis import GRAVITY_M_S2, SKIN_M, ChassisShape, shape_chassis
 from catoptra_server.simulation.drive import NO_TRAVEL, RobotBody, WheelTravel
 from catoptra_server.simulation.resting import (
     DOWN,
@@ -331,7 +331,7 @@ class SceneGround:
     def _go(
         self,
         base: DriveBase,
-        chassis: Chassis,
+        chassis: ChassisShape,
         footing: _Footing,
         step: _Step,
         robots: _Robots,
@@ -382,7 +382,7 @@ class SceneGround:
     def _attempt(
         self,
         base: DriveBase,
-        chassis: Chassis,
+        chassis: ChassisShape,
         footing: _Footing,
         step: _Step,
         robots: _Robots,
@@ -441,7 +441,9 @@ class SceneGround:
         moved = moved._replace(free_m=max(free_m, 0.0))
         return moved if self._passes(chassis, before, moved, robots) else None
 
-    def _passes(self, chassis: Chassis, before: Pose, footing: _Footing, robots: _Robots) -> bool:
+    def _passes(
+        self, chassis: ChassisShape, before: Pose, footing: _Footing, robots: _Robots
+    ) -> bool:
         """Whether no other robot stops a base on the way from a pose."""
         if not robots.boxes:
             return True
@@ -452,7 +454,7 @@ class SceneGround:
         )
 
     def _separations(
-        self, chassis: Chassis, where: Pose, surfaces: _Surfaces, shape: Pose
+        self, chassis: ChassisShape, where: Pose, surfaces: _Surfaces, shape: Pose
     ) -> Floats:
         """(n,) gaps between a base and surfaces, negative depths where they overlap: those of the
         body, and those of the second hull if it counts in a pose `shape`.
@@ -473,7 +475,7 @@ class SceneGround:
 
     def _is_deeper(
         self,
-        chassis: Chassis,
+        chassis: ChassisShape,
         before: Pose,
         after: Pose,
         surfaces: _Surfaces,
@@ -485,7 +487,7 @@ class SceneGround:
         return bool((now < was).any() or now.min() <= was.min())
 
     def _roll(
-        self, chassis: Chassis, footing: _Footing, step: _Step, moved_m: float
+        self, chassis: ChassisShape, footing: _Footing, step: _Step, moved_m: float
     ) -> _Footing | None:
         """Footing after a step over even ground; None for a slope that is too steep to climb."""
         goal = footing.stance.drive(step.distance_m, step.turn_rad)
@@ -499,7 +501,7 @@ class SceneGround:
             free_m=footing.free_m - moved_m,
         )
 
-    def _measure_even(self, chassis: Chassis, pose: Pose, calm_m: float) -> float:
+    def _measure_even(self, chassis: ChassisShape, pose: Pose, calm_m: float) -> float:
         """How far the base can roll over ground of its plane, at most a distance."""
         side = chassis.sides[0]
         reach_m = hypot(*side.half_m) + side.radius_m + calm_m
@@ -510,7 +512,7 @@ class SceneGround:
         gaps, _ = measure_gaps(self._caster, points, lifts, math.inf, ())
         return calm_m if float(np.abs(gaps).max()) < 2.0 * TOUCH_M else 0.0
 
-    def _near(self, chassis: Chassis, where: Pose, margin_m: float) -> _Surfaces:
+    def _near(self, chassis: ChassisShape, where: Pose, margin_m: float) -> _Surfaces:
         """What of the scene may be within a margin of a base."""
         # Plain floats: in every tick of every robot, where arrays of three are slow.
         (cx, cy, cz), (hx, hy, hz) = (one.tolist() for one in chassis.whole)
@@ -524,7 +526,7 @@ class SceneGround:
 
     def _settle(
         self,
-        chassis: Chassis,
+        chassis: ChassisShape,
         footing: _Footing,
         stance: Stance,
         sink_m: float,
@@ -686,7 +688,7 @@ def _are_walls(triangles: Floats) -> Bools:
     return are
 
 
-def _largest_motion(chassis: Chassis, before: Pose, after: Pose) -> float:
+def _largest_motion(chassis: ChassisShape, before: Pose, after: Pose) -> float:
     """Upper bound on the motion of any point of a body."""
     shift = (after.translation - before.translation).tolist()
     turn = (after.rotation - before.rotation).ravel()

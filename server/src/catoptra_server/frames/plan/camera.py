@@ -20,7 +20,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
-from catoptra_protocol.optics.elementary import arccos, arcsin, arctan, matmul
+from catoptra_protocol.optics.elementary import arccos, arcsin, arctan, dot, matmul
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
@@ -122,7 +122,7 @@ class CameraVariant:
             rows = np.reshape(self.world_from_robot.rotation, (3, 3))
             with np.errstate(over="ignore", invalid="ignore"):
                 is_rotation = np.allclose(matmul(rows, rows.T), np.eye(3), rtol=0.0, atol=_ROTATION)
-            if not is_rotation or np.linalg.det(rows) < 0.0:
+            if not is_rotation or dot(np.cross(rows[0], rows[1]), rows[2]) < 0.0:
                 raise DomainError("the pose of the image has no rotation")
             if max(map(abs, self.world_from_robot.position_m)) > _MAX_COORDINATE_M:
                 raise DomainError(f"the pose of the image is beyond {_MAX_COORDINATE_M:g} m")

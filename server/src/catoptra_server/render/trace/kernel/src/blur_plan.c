@@ -40,9 +40,10 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     plan->speeds = calloc(tiles, sizeof(float));
     plan->instants = calloc(tiles, sizeof(uint16_t));
     plan->masks = calloc(tiles, 1);
+    plan->thin = calloc(tiles, 1);
     plan->cells = malloc(2 * CHANNELS * cells);
     int is_whole = plan->objects && plan->means && plan->speeds && plan->instants && plan->masks &&
-                   plan->cells;
+                   plan->thin && plan->cells;
     for (int level = 0; level < BEAM_LEVELS; level++) {
         const BeamLevel *parts = &view->levels[level];
         plan->wanted[level] = calloc((size_t)parts->rows * (size_t)parts->columns, 1);
@@ -88,6 +89,7 @@ void release_plan(BlurPlan *plan) {
     free(plan->speeds);
     free(plan->instants);
     free(plan->masks);
+    free(plan->thin);
     free(plan->cells);
     free(plan);
 }
@@ -254,6 +256,15 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
                 high > low ? code_of_light(gain * high) : code;
         }
     }
+}
+
+void note_thin(const FrameState *state, int tile) {
+    BlurPlan *plan = state->plan;
+    size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
+    plan->thin[state->rays->tiles[tile]] = 1;
+    for (int cell = 0; cell < CELLS * CELLS; cell++)
+        for (int i = 0; i < 2 * CHANNELS; i++)
+            plan->cells[plane * (size_t)i + find_cell(state, tile, cell)] = i < CHANNELS ? 0 : 255;
 }
 
 static void greater(uint8_t *restrict to, const uint8_t *restrict from, size_t count) {
@@ -528,6 +539,16 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
     }
 }
 
+/* Whether something in a tile or beside it may pass between the samples. */
+static int is_thin_around(const FrameState *state, int32_t number) {
+    int columns = state->rays->tile_columns, row = number / columns, column = number % columns;
+    for (int i = row > 0 ? row - 1 : 0; i <= row + 1 && i < state->view->tile_rows; i++)
+        for (int k = column > 0 ? column - 1 : 0; k <= column + 1 && k < columns; k++)
+            if (state->plan->thin[i * columns + k])
+                return 1;
+    return 0;
+}
+
 void choose_cells(const FrameState *state, int tile) {
     uint8_t *mask = state->plan->masks + state->rays->tiles[tile];
     int reach = *mask / NEAR;
@@ -536,6 +557,7 @@ void choose_cells(const FrameState *state, int tile) {
     *mask %= NEAR;
     /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
     if (!*mask || !reach || state->rays->samples < 2 ||
+        is_thin_around(state, state->rays->tiles[tile]) ||
         !collect_pixels(state, state->rays->tiles[tile], light))
         return;
     bound_near_changes(state->frame, light, reach, bounds);

@@ -22,6 +22,7 @@ typedef struct BlurPlan {
     int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
     uint8_t *cells; /* (6, rows, columns) codes of the least and greatest light by channel */
     uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
+    uint8_t *thin;       /* likewise: whether something there may pass between the samples */
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
     int num_tiles, max_instants;
@@ -40,6 +41,9 @@ void note_plane(const FrameState *state, int tile, int32_t triangle);
 
 /* Take down the linear means of a tile's pixels. */
 void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]);
+
+/* Take down that a tile shows what may pass between its samples: no sharp frame has its light. */
+void note_thin(const FrameState *state, int tile);
 
 /* Decide on the number of instants of each tile; 0 if memory is short. */
 int choose_instants(const FrameState *state);

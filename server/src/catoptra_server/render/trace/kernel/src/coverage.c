@@ -280,6 +280,31 @@ typedef struct {
     int is_hidden; /* no part of it shows an open part of its surface */
 } Part;
 
+/* Whether something of the static scene may be seen narrower than the distance of two samples along
+ * a diagonal. */
+static int may_be_thin(const FrameState *state, const CandidateList *kept, const BeamSides *sides) {
+    float spacing = 1.5f * sides->tile / (float)(TILE_PX * state->rays->samples);
+    for (int i = 0; i < kept->count; i++) {
+        if (candidate_object(kept->id[i]) != OBJECT_STATIC)
+            continue;
+        if (kept->id[i] == CLUSTER)
+            return 1;
+        Vec3 seen[3];
+        for (int corner = 0; corner < 3; corner++) {
+            Vec3 at = corner_from_apex(kept, i, corner, sides);
+            seen[corner] = scale(1.0f / sqrtf(dot(at, at)), at);
+        }
+        float longest = 0.0f, volume = fabsf(dot(seen[0], cross(seen[1], seen[2])));
+        for (int corner = 0; corner < 3; corner++) {
+            Vec3 side = cross(seen[corner], seen[(corner + 1) % 3]);
+            longest = fmaxf(longest, dot(side, side));
+        }
+        if (volume < spacing * sqrtf(longest))
+            return 1;
+    }
+    return 0;
+}
+
 /* All that a part may show of the static scene. */
 static void list_triangles(Search *search, const CandidateList *kept, const BeamSides *sides,
                            TileContent *content) {
@@ -318,8 +343,11 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     int is_hopeless =
         part->level <= search->finest_proven || !is_whole || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
-    if (is_hopeless && is_whole && part->content.triangle == SURFACE_UNKNOWN)
+    if (is_hopeless && is_whole && part->content.triangle == SURFACE_UNKNOWN) {
+        part->content.may_be_thin = search->state->plan && !search->blur_rays &&
+                                    may_be_thin(search->state, kept, sides);
         list_triangles(search, kept, sides, &part->content);
+    }
 }
 
 static int is_unproven(const Part *part) {

@@ -725,6 +725,8 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
             render_rows(state, tile, content);
         else
             render_samples(state, tile, content, state->frame->labels ? &labels : NULL);
+        if (state->plan && content->may_be_thin)
+            note_thin(state, tile);
         if (state->frame->labels)
             write_agreement(state, tile, &labels);
     } else if (state->frame->labels) {
