@@ -87,7 +87,16 @@ def read_help(program: str, *words: str) -> str:
 def _read_all_options() -> set[str]:
     subcommands = {
         "catoptra-server": ("", "explain", "doctor", "dataset", "calibration", "import", "map"),
-        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration", "record", "ros2"),
+        "catoptra-client": (
+            "",
+            "snapshot",
+            "train",
+            "bearings",
+            "calibration",
+            "record",
+            "replay",
+            "ros2",
+        ),
         "catoptra-studies": (
             "demo",
             "seeds",

@@ -12,7 +12,12 @@ import zstandard
 from mcap.reader import make_reader
 from mcap_ros2._dynamic import serialize_dynamic
 
-from catoptra_client.recording.mcap_file import MAGIC, read_records, repair_recording
+from catoptra_client.recording.mcap_file import (
+    MAGIC,
+    RecordingWriter,
+    read_records,
+    repair_recording,
+)
 from catoptra_client.recording.recorder import Recorder, RecordingPlan
 from catoptra_client.recording.ros2_messages import encode_cdr, read_definitions, schema_text
 from catoptra_protocol.errors import CatoptraError
@@ -218,3 +223,10 @@ def make_message(type_name: str) -> dict[str, Any]:
         count = int(size[:-1] or 3 * (len(message) % 2)) if size else 0
         message[names[0]] = [value] * count if size else value
     return message
+
+
+def test_second_file_of_a_folder_leaves_the_metadata_of_the_first(tmp_path: Path) -> None:
+    for name in ("first.mcap", "second.mcap"):
+        with RecordingWriter(tmp_path / name) as writer:
+            writer.add_metadata("catoptra", {"robot": name})
+    assert '"first.mcap"' in (tmp_path / "metadata.yaml").read_text()

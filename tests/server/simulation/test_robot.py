@@ -471,3 +471,10 @@ def test_commands_beyond_their_room_leave_a_gap_in_the_numbers() -> None:
     assert [one[0] for one in found] == list(range(found[0][0], found[0][0] + len(found)))
     assert log.list_after(399)[0][1:2] == (199.5,)
     assert log.list_after(400) == ()
+
+
+def test_command_that_is_no_line_leaves_a_gap_in_the_numbers() -> None:
+    log = CommandLog()
+    log.add(Init("P2AT", name="a}"), 0.5)
+    log.add(Init("P2AT", name="\xff"), 0.75)
+    assert log.list_after(0) == ((2, 0.75, "INIT {ClassName P2AT} {Name \xff}"),)

@@ -224,7 +224,7 @@ class RecordingWriter:
         self._writer.add_metadata(name, values)
 
     def close(self) -> None:
-        """Write the index, and metadata.yaml beside the file."""
+        """Write the index, and metadata.yaml beside the file, unless there is that of another."""
         if self._file.closed:
             return
         try:
@@ -234,6 +234,9 @@ class RecordingWriter:
             if self._reserve is not None:
                 self._reserve.close()
         metadata = self._path.with_name("metadata.yaml")
+        # JSON, as it is written here.
+        if metadata.exists() and json.dumps(self._name) not in metadata.read_text(errors="replace"):
+            return
         metadata.write_text(self._describe_bag() + "\n", encoding="utf-8")
 
     def discard(self) -> None:

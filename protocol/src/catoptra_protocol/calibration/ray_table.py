@@ -16,6 +16,7 @@ import io
 import math
 import struct
 import tokenize
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -46,7 +47,7 @@ _MAX_BYTES = 2**28
 _BAD_ARCHIVE = (
     *(OSError, ValueError, EOFError, KeyError, RuntimeError, NotImplementedError),
     *(MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error),
-    *(SyntaxError, TypeError, IndexError, tokenize.TokenError),
+    *(SyntaxError, TypeError, IndexError, tokenize.TokenError, UserWarning),
 )
 # Of all files: the same camera gives the same bytes.
 _NO_DATE = (1980, 1, 1, 0, 0, 0)
@@ -166,7 +167,10 @@ def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
                 left -= len(data)
                 if left < 0:
                     raise ValueError(f"its arrays are larger than {_MAX_BYTES} bytes")
-                arrays[name] = np.load(io.BytesIO(data), allow_pickle=False)
+                # A header of Python 2 is read with a warning: what wrote it, wrote no ray table.
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error", UserWarning)
+                    arrays[name] = np.load(io.BytesIO(data), allow_pickle=False)
     except _BAD_ARCHIVE as error:
         raise file_error(str(path), "file", f"a ray table: {error}") from error
     return arrays

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -404,8 +405,11 @@ class CommandLog:
 
     def add(self, command: Command, time_s: float) -> None:
         """Add a command that is executed at a simulation time."""
-        line = line_from_command(command).decode().rstrip("\r\n")
         self._num_commands += 1
+        try:
+            line = line_from_command(command).decode("latin-1").rstrip("\r\n")
+        except LocalProtocolError:  # of the stream, with a name that no line can have
+            return
         self._records.append((self._num_commands, time_s, line))
         self._num_bytes += len(line)
         while self._num_bytes > _MAX_COMMANDS_BYTES:
