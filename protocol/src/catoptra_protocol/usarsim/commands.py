@@ -371,7 +371,7 @@ class Drive:
     normalized: bool = False
     light: bool | None = None
     flip: bool | None = None
-    """Accepted for compatibility; no robot here can be turned over."""
+    """Whether to turn a robot that has fallen onto its wheels again."""
     halt_after_s: float | None = None
     """Time, s, after which the robot halts unless another command sets its speeds; None: never."""
 
