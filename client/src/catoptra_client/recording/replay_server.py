@@ -204,7 +204,7 @@ class ReplayServer:
             if isinstance(event, RecordedFrame):
                 await self._show_frame(event)
             else:
-                self._show_state(event.state)
+                self._show_state(event)
         log.info("the recording has ended at %.2f s", self._state.time_s)
         self._has_ended = True
         async with self._changed:
@@ -223,17 +223,13 @@ class ReplayServer:
             if client.pending is not None:
                 await self._send_frame(identity, client)
 
-    def _show_state(self, state: replies.StateReply) -> None:
-        before, self._state = set(self._state.reports), state
-        self._commands.extend(state.commands)
-        if all(line in before for line in state.reports):
-            return
-        # Lines without a time are as new as the others of their cycle.
-        lines = [line for line in state.reports if line not in before or "{Time " not in line]
+    def _show_state(self, event: RecordedState) -> None:
+        self._state = event.state
+        self._commands.extend(event.state.commands)
         for writer in self._controllers:
             is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
-            if is_reading and not writer.is_closing():
-                _write_lines(writer, lines)
+            if event.readings and is_reading and not writer.is_closing():
+                _write_lines(writer, event.readings)
 
     def _end_error(self) -> CatoptraError:
         return _RejectedError(f"show another frame: it has ended at {self._state.time_s:.2f} s")
