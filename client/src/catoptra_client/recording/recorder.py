@@ -200,6 +200,8 @@ class MessageSource:
         self._host, self._port, self._clock = host, stream_port, clock
         self._ended = threading.Event()
         self._queue: deque[tuple[float, Callable[[], None], str]] = deque()
+        # Frames whose states are not all written.
+        self._waiting: deque[tuple[FrameHeader, list[bytes], int]] = deque()
         self._changed = threading.Condition()
         self._dropped: Counter[str] = Counter()
         self._error: CatoptraError | None = None
@@ -209,7 +211,7 @@ class MessageSource:
         self._static_transforms: dict[str, ros.RosMessage] = {}
         self._sensors: dict[str, ros.MountedSensor] = {}
         self._map_from_odom = Pose.identity()
-        self._has_odometry = False
+        self._has_odometry = self._has_state = False
         self._max_wheel_rad_s = 0.0
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
@@ -255,8 +257,7 @@ class MessageSource:
     ) -> RecordingProgress:
         self._sink = sink
         head = self._write_head(client)
-        # Its readings may be older than its pose.
-        self._write_state(head, time.time_ns(), is_tick=False)
+        self._write_state(head, time.time_ns())
         self._tick_s = head.time_s
         # The head can take seconds, of which none is the drive's.
         start_s = self._clock()
@@ -268,6 +269,7 @@ class MessageSource:
                 thread.start()
             self._write_until(start_s, duration_s, on_progress)
             self._drain_queue()
+            self._write_frames(math.inf)
         finally:
             self.stop()
             for thread in threads:
@@ -337,7 +339,7 @@ class MessageSource:
         while not self._ended.is_set():
             header, parts = client.get_encoded_frame(request)
             wall_ns = time.time_ns()
-            self._put("frames", partial(self._write_frame, header, parts, wall_ns))
+            self._put("frames", partial(self._waiting.append, (header, parts, wall_ns)))
             next_s = max(next_s + 1.0 / plan.hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
@@ -480,8 +482,13 @@ class MessageSource:
         if ros.nanoseconds_from_s(time_s) > self._last_ns.get("/landmarks/pixels", -1):
             self._write("/landmarks/pixels", "std_msgs/String", text, time_s, wall_ns)
 
+    def _write_frames(self, end_s: float) -> None:
+        """Write the frames that were exposed before a time."""
+        while self._waiting and self._waiting[0][0].time_s < end_s:
+            self._write_frame(*self._waiting.popleft())
+
     def _write_states(self, state: StateReply, wall_ns: int) -> None:
-        """Write the commands and ticks of a reply; itself where it has no ticks."""
+        """Write the commands and ticks of a reply."""
         self._write_commands(state, wall_ns)
         for tick in state.ticks:
             robots = tuple(
@@ -496,8 +503,6 @@ class MessageSource:
             )
             then = StateReply(0, tick.time_s, robots, state.robot, tick.reports, state.notes)
             self._write_state(then, wall_ns)
-        if not state.ticks:
-            self._write_state(state, wall_ns, is_tick=False)
 
     def _write_commands(self, state: StateReply, wall_ns: int) -> None:
         for command in state.commands:
@@ -507,9 +512,10 @@ class MessageSource:
             self._write("/catoptra/commands", "std_msgs/String", record, command_s, wall_ns)
             self._write_velocity(command.line, state, command_s, wall_ns)
 
-    def _write_state(self, state: StateReply, wall_ns: int, *, is_tick: bool = True) -> None:
-        """Write a state and its readings, which are of its own time if it is a tick."""
+    def _write_state(self, state: StateReply, wall_ns: int) -> None:
+        """Write a state and its readings, which are of its own tick but for the first state's."""
         time_s = state.time_s
+        self._write_frames(time_s)
         # Where nothing has moved the same state comes again.
         if ros.nanoseconds_from_s(time_s) <= self._last_ns.get("/ground_truth", -1):
             return
@@ -529,7 +535,8 @@ class MessageSource:
             self._write_base(robot.world_from_robot, time_s, wall_ns)
         speeds = ros.string_message({"wheel_speeds_rad_s": robot.wheel_speeds_rad_s})
         self._write("/catoptra/wheel_speeds", "std_msgs/String", speeds, time_s, wall_ns)
-        is_exact = is_tick or robot.wheel_speeds_rad_s == (0.0, 0.0)
+        is_exact = self._has_state or robot.wheel_speeds_rad_s == (0.0, 0.0)
+        self._has_state = True
         for line in state.reports:
             report = self._write_report(line, time_s, wall_ns)
             if isinstance(report, OdometryReading) and is_exact:

@@ -39,8 +39,6 @@ _MAX_TOPICS = 4096
 _MAX_ATTACHED_BYTES = 2**26
 # Image, labels and views of one frame.
 _MAX_FRAME_BYTES = 2**28
-# Frames that wait for their states.
-_MAX_WAITING = 64
 _MAX_COMMANDS, _MAX_SOURCES = 2**16, 2**10
 # As of stamps; NaN and infinity are no JSON here.
 _MAX_TIME_S = 2.0**31
@@ -190,7 +188,7 @@ class Recording:
                 yield self._parse_command(entry)
 
     def iter_events(self) -> Iterator[RecordedFrame | RecordedState]:
-        """Frames and states by their times; each state has the commands since the one before.
+        """Frames and states in their order; each state has the commands since the one before.
 
         Raises:
             CatoptraError: A message is damaged, or a frame has no image.
@@ -200,9 +198,6 @@ class Recording:
         # Those of states that were not recorded, since their robots had not moved, are here too.
         commands: list[CommandRecord] = []
         newest: dict[str, str] = {}
-        # The states up to a frame may be written after it.
-        frames: list[RecordedFrame] = []
-        num_bytes = 0
         time_s: float | None = None
         for entry in read_entries(self.path):
             if not isinstance(entry, RecordedMessage):
@@ -210,21 +205,13 @@ class Recording:
             if entry.topic == FRAME_TOPIC:
                 header = self._parse(self._read_text(entry), FrameHeader)
                 time_s = self._check_time(header.time_s, time_s)
-                parts = self._find_parts(header, images)
-                frames.append(RecordedFrame(header, parts, entry.publish_ns))
-                num_bytes += sum(map(len, parts))
-                if len(frames) > _MAX_WAITING or num_bytes > _MAX_FRAME_BYTES:
-                    yield from frames
-                    frames, num_bytes = [], 0
+                yield RecordedFrame(header, self._find_parts(header, images), entry.publish_ns)
             elif entry.topic == STATE_TOPIC:
                 state = self._parse(self._read_text(entry), StateReply)
                 time_s = self._check_time(state.time_s, time_s)
                 newest |= {source_of_message(parse_message(one)): one for one in state.reports}
                 if len(newest) > _MAX_SOURCES:
                     raise self.error(f"readings of more than {_MAX_SOURCES} sensors")
-                yield from (one for one in frames if one.time_s < state.time_s)
-                frames = [one for one in frames if one.time_s >= state.time_s]
-                num_bytes = sum(len(part) for one in frames for part in one.parts)
                 due = tuple(one for one in commands if one.time_s <= state.time_s)
                 commands = [one for one in commands if one.time_s > state.time_s]
                 whole = replace(state, reports=tuple(newest.values()), commands=due)
@@ -237,7 +224,6 @@ class Recording:
                 images[entry.topic] = entry
                 if sum(len(one.data) for one in images.values()) > _MAX_FRAME_BYTES:
                     raise self.error(f"the images of a frame are beyond {_MAX_FRAME_BYTES} bytes")
-        yield from frames
 
     def describe(self) -> str:
         """Robot, world, duration, topics with their rates, dropped messages, files; for people."""
