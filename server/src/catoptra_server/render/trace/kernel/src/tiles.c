@@ -172,6 +172,8 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
         return 0;
     int meets_object = 0;
     uint8_t flags = 0;
+    if (state->scene->sky && bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active)
+        return 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
         if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
@@ -237,6 +239,9 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
                                 PlaneLight *light, size_t *entry) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (content->triangle == SURFACE_BACKGROUND) {
+        /* In fog the sky is the airlight, whose change is that of each direction. */
+        if (state->scene->sky && (!has_fog(state) || state->frame->measures_fog))
+            return 0;
         *entry = (size_t)mesh->num_triangles;
         *light = (PlaneLight){.is_table = !has_fog(state),
                               .radiance = vec3(state->frame->airlight)};

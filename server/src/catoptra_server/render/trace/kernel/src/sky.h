@@ -1,0 +1,11 @@
+/* The sky by direction: what rays show that meet nothing. Float64 twin: world/panorama.py. */
+#ifndef CATOPTRA_SKY_H
+#define CATOPTRA_SKY_H
+
+#include "frame_state.h"
+
+/* Radiance of the rays of a block that meet nothing; all others are left as they are. */
+void show_sky(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+              float radiance[3][BLOCK_RAYS]);
+
+#endif
