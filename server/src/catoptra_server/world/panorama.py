@@ -19,6 +19,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.elementary import power
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.world_description import Rgb
@@ -47,7 +48,7 @@ class Panorama:
     def __post_init__(self) -> None:
         """Find the bounds."""
         self.texels.setflags(write=False)
-        inner = _decode(self.texels[1:-1, 1:-1])
+        inner = self.decode()[1:-1, 1:-1]
         weights = solid_angles(self.size) / (4.0 * math.pi)
         values = {
             "least": inner.min(axis=(0, 1)),
@@ -62,6 +63,10 @@ class Panorama:
         """Texels along a side, without the border."""
         return len(self.texels) - 2
 
+    def decode(self) -> Floats:
+        """(size + 2, size + 2, 3) radiance of all texels."""
+        return _decode(self.texels)
+
     def radiance(self, directions: Floats) -> Floats:
         """(n, 3) linear radiance of (n, 3) directions of any length, world frame."""
         x, y, z = (directions / np.abs(directions).sum(axis=-1, keepdims=True)).T
@@ -73,9 +78,7 @@ class Panorama:
         (left, top), (fx, fy) = places.astype(np.intp), (places % 1.0)[..., None]
         a, b = (_decode(self.texels[top, left + i]) for i in range(2))
         c, d = (_decode(self.texels[top + 1, left + i]) for i in range(2))
-        return np.asarray(
-            (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
-        )
+        return np.asarray((1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d))
 
 
 def texel_directions(size: int) -> Floats:
@@ -91,7 +94,7 @@ def texel_directions(size: int) -> Floats:
 def solid_angles(size: int) -> Floats:
     """(size, size) solid angles of the texels of a map; their sum is exactly that of a sphere."""
     # Texels have equal areas on the octahedron, whose faces all have the same distance.
-    weights = np.square(texel_directions(size)).sum(axis=-1) ** -1.5
+    weights = power(np.square(texel_directions(size)).sum(axis=-1), -1.5)
     return np.asarray(weights * (4.0 * math.pi / weights.sum()))
 
 
@@ -117,7 +120,7 @@ def _encode(radiance: Floats) -> Texels:
 
 
 def _round_mantissas(radiance: Floats, exponent: npt.NDArray[np.integer]) -> Floats:
-    return np.floor(np.ldexp(radiance, (_BIAS - exponent)[..., None]) + 0.5)
+    return np.asarray(np.floor(np.ldexp(radiance, (_BIAS - exponent)[..., None]) + 0.5))
 
 
 def _decode(texels: Texels) -> Floats:
@@ -125,4 +128,4 @@ def _decode(texels: Texels) -> Floats:
     shifts = np.arange(3, dtype=np.uint32) * np.uint32(_MANTISSA_BITS)
     mantissas = texels[..., None] >> shifts & np.uint32(_MAX_MANTISSA)
     exponent = (texels >> np.uint32(_EXPONENT_SHIFT)).astype(np.int32) - _BIAS
-    return np.ldexp(mantissas.astype(np.float64), exponent[..., None])
+    return np.asarray(np.ldexp(mantissas.astype(np.float64), exponent[..., None]))

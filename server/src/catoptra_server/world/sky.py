@@ -1,10 +1,11 @@
 """A clear or clouded sky with its sun, from one integral of light scattered by the air.
 
-Sunlight is scattered once, by molecules (Rayleigh) and haze (Mie); what the ground reflects is seen
-through the same air. Sun, sky and ground have one scale: 1 is a white level surface under a sun of
-45 degrees and a turbidity of 2. The sun itself is a directional light, dimmed by the cloud that
-covers it. Its disc is drawn no brighter than MAX_DISC, so that glare, which counts the light, does
-not count it twice.
+Sunlight is scattered by molecules (Rayleigh) and haze (Mie); what the ground reflects is seen
+through the same air. What is scattered more than once counts as light from all directions alike,
+the mean of sky and ground: it makes horizons bright. Sun, sky and ground have one scale: 1 is a
+white level surface under a sun of 45 degrees and a turbidity of 2. The sun itself is a directional
+light, dimmed by the cloud that covers it. Its disc is drawn no brighter than MAX_DISC, so that
+glare, which counts the light, does not count it twice.
 Source: Nishita et al. 1993, "Display of the Earth taking into account atmospheric scattering"; for
 the phase of haze Cornette & Shanks 1992. Departures: no ozone; turbidity scales the haze, as
 the optical thickness of all air over that of its molecules. Clouds are a plane of fractal noise
@@ -60,7 +61,7 @@ class SkyDescription:
     """Of the sun above the horizon."""
     azimuth_rad: float
     """Of the sun, as a yaw: clockwise from x, from above."""
-    turbidity: float = 2.5
+    turbidity: float = 2.0
     """Optical thickness of the air with its haze over that without; at least 1."""
     clouds: float = 0.0
     """Part of the sky that clouds cover, from 0 to 1."""
@@ -96,11 +97,15 @@ def compute_sky(sky: SkyDescription, size: int) -> tuple[Panorama, Floats]:
     directions = texel_directions(size).reshape(-1, 3)
     directions /= np.sqrt(einsum("ni,ni->n", directions, directions))[:, None]
     air = _Air(sky)
-    radiance = air.scattered(directions)
+    radiance, again = air.scattered(directions)
     sun = air.sunlight(_EYE)
     weights = solid_angles(size).reshape(-1, 1)
     height = -directions[:, 2:]
     upper = height[:, 0] > 0.0
+    reflected = 0.5 * _GROUND * sun * math.sin(sky.elevation_rad)
+    # A mean of which each direction adds a part to itself.
+    mean, added = ((weights * light).sum(axis=0) / (4.0 * math.pi) for light in (radiance, again))
+    radiance += again * ((mean + reflected) / (1.0 - added))
     if sky.clouds > 0.0:
         light = sun * math.sin(sky.elevation_rad), radiance[upper].mean(axis=0)
         opacity, lit = _draw_clouds(sky, directions[upper], light)
@@ -139,7 +144,7 @@ class _Air:
         steps = np.linspace(-1.0, 1.0, 2 * _ELEVATIONS)
         self._elevations = 0.5 * math.pi * steps * np.abs(steps)
         self._azimuths = np.linspace(0.0, math.pi, _AZIMUTHS)
-        self._table, self._passing = self._integrate()
+        self._table, self._again, self._passing = self._integrate()
 
     def _extinction(self, depths: Floats) -> Floats:
         """(..., 3) parts of light that pass (..., 2) depths of molecules and of haze, metres."""
@@ -157,9 +162,10 @@ class _Air:
             math.sin(self._elevation)
         )
 
-    def _integrate(self) -> tuple[Floats, Floats]:
-        """(e, a, 2, 3) light scattered by molecules and haze but for their phases, and (e, 3) parts
-        of light that pass all the way, by elevation and azimuth from the sun."""
+    def _integrate(self) -> tuple[Floats, Floats, Floats]:
+        """(e, a, 2, 3) light scattered by molecules and haze but for their phases, by elevation
+        and azimuth from the sun; (e, 3) parts of light from all directions that are scattered
+        towards the eye; (e, 3) parts of light that pass all the way."""
         forward, up = cos(self._elevations), sin(self._elevations)
         length = _length_to(forward, up, _EARTH + _TOP)
         ground = _length_to(forward, up, _EARTH)
@@ -177,7 +183,9 @@ class _Air:
             light = self._extinction(before + to_sun) * is_lit[..., None]
             total[:, number] = einsum("esk,esc->ekc", parts, light)
         scattering = np.stack((_RAYLEIGH, np.full(3, self._mie)))
-        return _SUN * scattering * total, self._extinction(parts.sum(axis=1))
+        again = einsum("esk,esc->ekc", parts, self._extinction(before))
+        again = (scattering * again).sum(axis=1)
+        return _SUN * scattering * total, again, self._extinction(parts.sum(axis=1))
 
     def angles_to_sun(self, directions: Floats) -> Floats:
         """(n,) angles of (n, 3) unit directions from the sun, radians."""
@@ -192,21 +200,24 @@ class _Air:
         steps = np.copysign(np.sqrt(np.abs(relative)), relative)
         return np.clip(0.5 * (steps + 1.0), 0.0, 1.0) * (len(self._elevations) - 1)
 
-    def scattered(self, directions: Floats) -> Floats:
-        """(n, 3) radiance of the air in (n, 3) unit directions."""
+    def scattered(self, directions: Floats) -> tuple[Floats, Floats]:
+        """(n, 3) radiance in (n, 3) unit directions by light scattered once, and parts of a mean
+        radiance that are scattered again."""
         azimuth = arctan2(directions[:, 1], directions[:, 0])
         turned = azimuth - arctan2(self._sun[1], self._sun[0])
         column = np.abs(np.mod(turned + math.pi, 2.0 * math.pi) - math.pi)
         column = np.clip(column / math.pi, 0.0, 1.0) * (_AZIMUTHS - 1)
         table = self._table.reshape(*self._table.shape[:2], 6)
-        values = _interpolate(table, self._rows(directions), column).reshape(-1, 2, 3)
+        rows = self._rows(directions)
+        values = _interpolate(table, rows, column).reshape(-1, 2, 3)
         cosine = dot(directions, self._sun)
         squared, g = 1.0 + cosine * cosine, _MIE_ASYMMETRY
         # Times pi: radiance is that of a white surface of irradiance 1, as everywhere here.
         molecules = 3.0 / 16.0 * squared
         haze = 3.0 / 8.0 * (1.0 - g * g) / (2.0 + g * g) * squared
         haze = haze / power(1.0 + g * g - 2.0 * g * cosine, 1.5)
-        return np.asarray(molecules[:, None] * values[:, 0] + haze[:, None] * values[:, 1])
+        once = molecules[:, None] * values[:, 0] + haze[:, None] * values[:, 1]
+        return once, _interpolate(self._again[:, None], rows, np.zeros(len(rows)))
 
     def passing_to_ground(self, directions: Floats) -> Floats:
         """(n, 3) parts of the ground's light that pass the air towards the eye."""
@@ -260,9 +271,7 @@ def _depths_to_sun(
     bounds = np.square(np.linspace(0.0, 1.0, _SUN_STEPS + 1))
     distance = 0.5 * (bounds[1:] + bounds[:-1]) * far[..., None]
     step = np.diff(bounds) * far[..., None]
-    radius = np.sqrt(
-        (x * x + y * y)[..., None] + distance * (distance - 2.0 * middle[..., None])
-    )
+    radius = np.sqrt((x * x + y * y)[..., None] + distance * (distance - 2.0 * middle[..., None]))
     density = _densities(radius - _EARTH)
     return np.asarray((density * step[..., None]).sum(axis=-2)), is_lit
 

@@ -55,6 +55,13 @@ class World:
     ambient_occlusion: bool = False
     """Whether the server darkens hemisphere light where the static scene occludes it."""
 
+    @property
+    def background_range(self) -> tuple[Rgb, Rgb]:
+        """Least and largest linear radiance of directions without a surface."""
+        if self.sky is None:
+            return self.background, self.background
+        return self.sky.least, self.sky.largest
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
