@@ -5,7 +5,7 @@ above, the lower half mirrored outwards; up is in the middle, straight down at t
 are 32 bits: mantissas of 9 bits of R, G and B, and an exponent of 5 bits, biased by 15. They are
 interpolated bilinearly; a border of one texel repeats what lies beyond each edge. Twins:
 render/trace/kernel/src/sky.c and glsl/sky.frag. A square of 1024 texels is 4 MB and 0.2 degrees
-fine; a float32 map with latitudes is 12 MB, and its look-up two functions of angle per ray.
+fine; one of float32 is 12 MB, and one of latitudes takes two functions of angle per ray.
 Source: Engelhardt & Dachsbacher 2008, "Octahedron Environment Maps"; the packing is that of
 OpenGL's EXT_texture_shared_exponent.
 """

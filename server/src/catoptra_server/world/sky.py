@@ -33,7 +33,8 @@ from catoptra_server.world.panorama import (
 )
 from catoptra_server.world.world_description import DirectionalLight, HemisphereLight, Light, Rgb
 
-_SIZE = 1024
+# 0.27 degrees a texel; of 1024 the upper half leaves the cache of a processor, +1.5 ms at 640 px.
+_SIZE = 768
 MAX_DISC = 20.0
 """Largest radiance of the sun's disc: a seven hundredth of its light at most, the rest is the
 directional light's."""

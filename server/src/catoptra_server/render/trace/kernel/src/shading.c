@@ -324,7 +324,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     else
         look_up(state, rays, hits, &surface, radiance);
     if (triangle < 0 && state->scene->sky)
-        show_sky(state, rays, hits, radiance);
+        show_sky(state->scene, rays, hits, radiance);
     surface.dim = is_open ? 0 : surface.dim;
     if (!surface.computed) {
         hide_sky(state, surface.dim, 0, rays, hits, radiance);

@@ -29,9 +29,20 @@ static inline void find_places(const RayBlock *rays, float size, Floats16 *colum
     *row = least16(most16(0.5f * size * y + (0.5f * size + 0.5f), least), most);
 }
 
+/* Texels at places of a map, and those to the right of them. */
+static inline void load_pairs(const uint32_t *map, Ints16 places, Ints16 texels[2]) {
+    Longs16 pairs;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int64_t pair;
+        memcpy(&pair, map + places[lane], sizeof pair);
+        pairs[lane] = pair;
+    }
+    texels[0] = __builtin_convertvector(pairs, Ints16);
+    texels[1] = __builtin_convertvector(pairs >> 32, Ints16);
+}
+
 /* Light of a texel of each ray, weighted, added to sums. */
-static inline void add_texels(const int32_t texels[BLOCK_RAYS], Floats16 weight, Floats16 sums[3]) {
-    Ints16 packed = load_ints16(texels);
+static inline void add_texels(Ints16 packed, Floats16 weight, Floats16 sums[3]) {
     /* 2^(e - 24) by its bits: mantissas of 9 bits with an exponent that is biased by 15. */
     weight *= (Floats16)((((packed >> EXPONENT_SHIFT) & EXPONENT_BITS) + (127 - 24)) << 23);
     for (int channel = 0; channel < 3; channel++) {
@@ -40,32 +51,34 @@ static inline void add_texels(const int32_t texels[BLOCK_RAYS], Floats16 weight,
     }
 }
 
-void show_sky(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-              float radiance[3][BLOCK_RAYS]) {
-    Ints16 is_open = load_ints16(hits->object) == OBJECT_NONE;
-    if (!(bits16(is_open) & rays->active))
-        return;
-    int32_t size = state->scene->sky_size, stride = size + 2;
+void find_sky(const Scene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
+    int32_t size = scene->sky_size, stride = size + 2;
     Floats16 column, row;
     find_places(rays, (float)size, &column, &row);
     Ints16 left = __builtin_convertvector(column, Ints16);
     Ints16 top = __builtin_convertvector(row, Ints16);
     Floats16 right_part = column - __builtin_convertvector(left, Floats16);
     Floats16 lower_part = row - __builtin_convertvector(top, Floats16);
-    _Alignas(64) int32_t first[BLOCK_RAYS], texels[2][2][BLOCK_RAYS];
-    store_ints16(top * stride + left, first);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        for (int below = 0; below < 2; below++) {
-            int32_t pair[2];
-            memcpy(pair, state->scene->sky + first[lane] + below * stride, sizeof pair);
-            texels[below][0][lane] = pair[0];
-            texels[below][1][lane] = pair[1];
-        }
+    Ints16 first = top * stride + left, texels[2][2];
+    for (int below = 0; below < 2; below++)
+        load_pairs(scene->sky + below * stride, first, texels[below]);
     Floats16 sums[3] = {{0}, {0}, {0}};
     add_texels(texels[0][0], (1.0f - lower_part) * (1.0f - right_part), sums);
     add_texels(texels[0][1], (1.0f - lower_part) * right_part, sums);
     add_texels(texels[1][0], lower_part * (1.0f - right_part), sums);
     add_texels(texels[1][1], lower_part * right_part, sums);
     for (int channel = 0; channel < 3; channel++)
-        store16(select16(is_open, sums[channel], load16(radiance[channel])), radiance[channel]);
+        store16(sums[channel], radiance[channel]);
+}
+
+void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
+              float radiance[3][BLOCK_RAYS]) {
+    Ints16 is_open = load_ints16(hits->object) == OBJECT_NONE;
+    if (!(bits16(is_open) & rays->active))
+        return;
+    _Alignas(64) float sky[3][BLOCK_RAYS];
+    find_sky(scene, rays, sky);
+    for (int channel = 0; channel < 3; channel++)
+        store16(select16(is_open, load16(sky[channel]), load16(radiance[channel])),
+                radiance[channel]);
 }
