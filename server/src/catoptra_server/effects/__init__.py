@@ -540,5 +540,6 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         # mosaic keeps one measurement of each pixel.
         "Bayer": "sensor.bayer.EFFECT_TYPE",
         "WhiteBalance": "sensor.white_balance.EFFECT_TYPE",
+        "Response": "sensor.response.EFFECT_TYPE",
     },
 )
