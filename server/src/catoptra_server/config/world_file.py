@@ -236,7 +236,7 @@ def _read_background(
             raise section.make_error("Background", expected="no key beside Sky, which is it")
         panorama, lights = find_sky(_read_sky(section.get_struct("Sky", example=_SKY_EXAMPLE)))
         return panorama.mean, panorama, lights
-    if not section.has_key("Background") or section.get_str("Background").startswith("("):
+    if not section.get_str("Background", "").lower().endswith(".hdr"):
         return _read_colour(section, "Background", (0, 0, 0)), None, ()
     from catoptra_server.world.radiance_hdr import load_panorama
 
@@ -244,7 +244,7 @@ def _read_background(
         panorama = load_panorama(section.get_path("Background", folder))
     except (DomainError, OSError) as error:
         raise section.make_error(
-            "Background", expected=f"a colour (R=,G=,B=) or a panorama, FILE.hdr ({error})"
+            "Background", expected=f"a panorama in Radiance HDR, of a whole file: {error}"
         ) from error
     return panorama.mean, panorama, ()
 

@@ -53,7 +53,10 @@ def _decode(content: bytes) -> tuple[_Pixels, float]:
         raise DomainError("no Radiance HDR file of rows from the top, columns from the left")
     if b"FORMAT=32-bit_rle_rgbe" not in header[1].split(b"\n"):
         raise DomainError("its FORMAT is not 32-bit_rle_rgbe")
-    exposure = math.prod(float(x) for x in re.findall(rb"EXPOSURE= *([\d.eE+-]+)\n", header[1]))
+    exposures = re.findall(
+        rb"EXPOSURE= *(\d{1,9}(?:\.\d{0,9})?(?:[eE][+-]?\d{1,2})?) *\n", header[1]
+    )
+    exposure = math.prod(map(float, exposures))
     height, width = int(header[2]), int(header[3])
     if not (0 < height * width <= _MAX_PIXELS and math.isfinite(exposure) and exposure > 0.0):
         raise DomainError(f"{width} x {height} px, of at most {_MAX_PIXELS} with an exposure")
@@ -118,4 +121,4 @@ def _look_up(pixels: _Pixels, directions: Floats, width: int, height: int) -> Fl
 def _light(pixels: _Pixels) -> Floats:
     """(n, 3) light of (n, 4) mantissas and exponents."""
     exponent = pixels[:, 3:].astype(np.int32) - 136
-    return np.ldexp(pixels[:, :3] * (exponent > -136), exponent)
+    return np.asarray(np.ldexp(np.float64(pixels[:, :3]) * (exponent > -136), exponent))
