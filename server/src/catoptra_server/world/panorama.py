@@ -13,8 +13,7 @@ OpenGL's EXT_texture_shared_exponent.
 from __future__ import annotations
 
 import math
-from dataclasses import field
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.elementary import power
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.runtime.array_cache import ArrayCache
 from catoptra_server.world.world_description import Rgb
 
 Texels = npt.NDArray[np.uint32]
@@ -38,25 +38,23 @@ class Panorama:
 
     texels: Texels
     """(size + 2, size + 2) texels with the border; read-only."""
-    least: Rgb = field(init=False)
-    """Smallest radiance of each colour in any direction."""
-    largest: Rgb = field(init=False)
-    """Largest radiance likewise."""
-    mean: Rgb = field(init=False)
-    """Mean over all directions."""
+    bounds: Floats
+    """(3, 3) least, largest and mean radiance of each colour."""
 
-    def __post_init__(self) -> None:
-        """Find the bounds."""
-        self.texels.setflags(write=False)
-        inner = self.decode()[1:-1, 1:-1]
-        weights = solid_angles(self.size) / (4.0 * math.pi)
-        values = {
-            "least": inner.min(axis=(0, 1)),
-            "largest": inner.max(axis=(0, 1)),
-            "mean": (weights[..., None] * inner).sum(axis=(0, 1)),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, cast("Rgb", tuple(value.tolist())))
+    @property
+    def least(self) -> Rgb:
+        """Smallest radiance of each colour in any direction."""
+        return cast("Rgb", tuple(self.bounds[0].tolist()))
+
+    @property
+    def largest(self) -> Rgb:
+        """Largest radiance likewise."""
+        return cast("Rgb", tuple(self.bounds[1].tolist()))
+
+    @property
+    def mean(self) -> Rgb:
+        """Mean over all directions."""
+        return cast("Rgb", tuple(self.bounds[2].tolist()))
 
     @property
     def size(self) -> int:
@@ -104,7 +102,25 @@ def make_panorama(radiance: Floats) -> Panorama:
     # Beyond an edge is the mirror image of the texels inside it.
     texels[0, :], texels[-1, :] = texels[1, ::-1], texels[-2, ::-1]
     texels[:, 0], texels[:, -1] = texels[::-1, 1], texels[::-1, -2]
-    return Panorama(texels)
+    texels.setflags(write=False)
+    kept, weights = _decode(texels[1:-1, 1:-1]), solid_angles(len(radiance)) / (4.0 * math.pi)
+    mean = (weights[..., None] * kept).sum(axis=(0, 1))
+    return Panorama(texels, np.stack((kept.min(axis=(0, 1)), kept.max(axis=(0, 1)), mean)))
+
+
+def restore_panorama(
+    cache: ArrayCache, key: str, count: int
+) -> tuple[Panorama, tuple[npt.NDArray[Any], ...]] | None:
+    """Panorama of a cache, and the arrays behind its own, `count` in all; None without a sound one.
+
+    The kernel checks no place in the map again.
+    """
+    arrays = cache.read(key, count)
+    if arrays is None or arrays[0].dtype != np.uint32 or arrays[0].ndim != 2:
+        return None
+    (height, width), bounds = arrays[0].shape, arrays[1]
+    is_sound = height == width > 2 and bounds.shape == (3, 3) and np.isfinite(bounds).all()
+    return (Panorama(arrays[0], bounds), arrays[2:]) if is_sound else None
 
 
 def _encode(radiance: Floats) -> Texels:

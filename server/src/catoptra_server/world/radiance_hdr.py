@@ -19,7 +19,12 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
-from catoptra_server.world.panorama import Panorama, make_panorama, texel_directions
+from catoptra_server.world.panorama import (
+    Panorama,
+    make_panorama,
+    restore_panorama,
+    texel_directions,
+)
 
 _Pixels = npt.NDArray[np.uint8]
 
@@ -38,11 +43,11 @@ def load_panorama(path: Path) -> Panorama:
     with path.open("rb") as opened:
         content = opened.read(4 * _MAX_PIXELS + _MAX_HEADER + 1)
     cache, key = ArrayCache(find_cache_folder("skies")), hashlib.sha256(content).hexdigest()
-    arrays = cache.read(key, 1)
-    if arrays is not None and arrays[0].ndim == 2 and arrays[0].shape[0] == arrays[0].shape[1]:
-        return Panorama(arrays[0])
+    found = restore_panorama(cache, key, 2)
+    if found is not None:
+        return found[0]
     panorama = _project(*_decode(content))
-    cache.write(key, (panorama.texels,))
+    cache.write(key, (panorama.texels, panorama.bounds))
     return panorama
 
 

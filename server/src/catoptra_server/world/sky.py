@@ -28,6 +28,7 @@ from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 from catoptra_server.world.panorama import (
     Panorama,
     make_panorama,
+    restore_panorama,
     solid_angles,
     texel_directions,
 )
@@ -35,6 +36,8 @@ from catoptra_server.world.world_description import DirectionalLight, Hemisphere
 
 # 0.27 degrees a texel; of 1024 the upper half leaves the cache of a processor, +1.5 ms at 640 px.
 _SIZE = 768
+# Increased when skies change.
+_FORMAT_VERSION = 1
 MAX_DISC = 20.0
 """Largest radiance of the sun's disc: a seven hundredth of its light at most, the rest is the
 directional light's."""
@@ -81,13 +84,14 @@ def find_sky(sky: SkyDescription) -> tuple[Panorama, tuple[Light, ...]]:
     """Panorama of a sky, its sun and its hemisphere light, from the cache or computed now."""
     cache = ArrayCache(find_cache_folder("skies"))
     numbers = (sky.elevation_rad, sky.azimuth_rad, sky.turbidity, sky.clouds, sky.seed)
-    key = "-".join((__version__, *(f"{number:.9g}" for number in numbers)))
-    arrays = cache.read(key, 2)
-    if arrays is None or [a.shape for a in arrays] != [(_SIZE + 2, _SIZE + 2), (3, 3)]:
-        panorama, irradiance = compute_sky(sky, _SIZE)
-        cache.write(key, (panorama.texels, irradiance))
+    # With the release: another one may compute another sky.
+    parts = (str(_FORMAT_VERSION), __version__, *(f"{number:.12g}" for number in numbers))
+    found = restore_panorama(cache, "-".join(parts), 3)
+    if found is not None and found[1][0].shape == (3, 3):
+        panorama, (irradiance,) = found
     else:
-        panorama, irradiance = Panorama(arrays[0]), arrays[1]
+        panorama, irradiance = compute_sky(sky, _SIZE)
+        cache.write("-".join(parts), (panorama.texels, panorama.bounds, irradiance))
     sun, up, down = (cast("Rgb", tuple(row)) for row in irradiance.tolist())
     x, y, z = (-sky.towards_sun).tolist()
     return panorama, (DirectionalLight((x, y, z), sun), HemisphereLight(up, down))
@@ -98,8 +102,8 @@ def compute_sky(sky: SkyDescription, size: int) -> tuple[Panorama, Floats]:
     directions = texel_directions(size).reshape(-1, 3)
     directions /= np.sqrt(einsum("ni,ni->n", directions, directions))[:, None]
     air = _Air(sky)
-    radiance, again = air.scattered(directions)
-    sun = air.sunlight(_EYE)
+    radiance, again = air.scatter(directions)
+    sun = air.find_sunlight()
     weights = solid_angles(size).reshape(-1, 1)
     height = -directions[:, 2:]
     upper = height[:, 0] > 0.0
@@ -108,17 +112,17 @@ def compute_sky(sky: SkyDescription, size: int) -> tuple[Panorama, Floats]:
     mean, added = ((weights * light).sum(axis=0) / (4.0 * math.pi) for light in (radiance, again))
     radiance += again * ((mean + reflected) / (1.0 - added))
     if sky.clouds > 0.0:
-        light = sun * math.sin(sky.elevation_rad), radiance[upper].mean(axis=0)
+        light = sun, radiance[upper].mean(axis=0)
         opacity, lit = _draw_clouds(sky, directions[upper], light)
         radiance[upper] += opacity * (lit - radiance[upper])
         covering, _ = _draw_clouds(sky, sky.towards_sun[None], light)
         sun = sun * (1.0 - covering[0])
     of_sky = (weights * np.maximum(height, 0.0) * radiance).sum(axis=0) / math.pi
     ground = _GROUND * (sun * math.sin(sky.elevation_rad) + of_sky)
-    radiance[~upper] += air.passing_to_ground(directions[~upper]) * ground
+    radiance[~upper] += air.find_passing(directions[~upper]) * ground
     of_ground = (weights * np.maximum(-height, 0.0) * radiance).sum(axis=0) / math.pi
     disc = np.clip(
-        (_SUN_RADIUS_RAD + 0.5 * _SUN_EDGE_RAD - air.angles_to_sun(directions)) / _SUN_EDGE_RAD,
+        (_SUN_RADIUS_RAD + 0.5 * _SUN_EDGE_RAD - air.find_sun_angles(directions)) / _SUN_EDGE_RAD,
         0.0,
         1.0,
     )[:, None]
@@ -152,9 +156,9 @@ class _Air:
         optical = depths[..., :1] * _RAYLEIGH + _MIE_EXTINCTION * self._mie * depths[..., 1:]
         return np.asarray(exp(-optical))
 
-    def sunlight(self, height_m: float) -> Floats:
+    def find_sunlight(self) -> Floats:
         """(3,) irradiance of the sun at normal incidence."""
-        depths, _ = _depths_to_sun(np.array((0.0, height_m)), self._towards(0.0))
+        depths, _ = _depths_to_sun(np.array((0.0, _EYE)), self._towards(0.0))
         return np.asarray(_SUN * self._extinction(depths))
 
     def _towards(self, azimuth: float | Floats) -> tuple[Floats, Floats]:
@@ -188,7 +192,7 @@ class _Air:
         again = (scattering * again).sum(axis=1)
         return _SUN * scattering * total, again, self._extinction(parts.sum(axis=1))
 
-    def angles_to_sun(self, directions: Floats) -> Floats:
+    def find_sun_angles(self, directions: Floats) -> Floats:
         """(n,) angles of (n, 3) unit directions from the sun, radians."""
         cross = np.cross(directions, self._sun)
         across = np.sqrt(einsum("ni,ni->n", cross, cross))
@@ -201,7 +205,7 @@ class _Air:
         steps = np.copysign(np.sqrt(np.abs(relative)), relative)
         return np.clip(0.5 * (steps + 1.0), 0.0, 1.0) * (len(self._elevations) - 1)
 
-    def scattered(self, directions: Floats) -> tuple[Floats, Floats]:
+    def scatter(self, directions: Floats) -> tuple[Floats, Floats]:
         """(n, 3) radiance in (n, 3) unit directions by light scattered once, and parts of a mean
         radiance that are scattered again."""
         azimuth = arctan2(directions[:, 1], directions[:, 0])
@@ -220,7 +224,7 @@ class _Air:
         once = molecules[:, None] * values[:, 0] + haze[:, None] * values[:, 1]
         return once, _interpolate(self._again[:, None], rows, np.zeros(len(rows)))
 
-    def passing_to_ground(self, directions: Floats) -> Floats:
+    def find_passing(self, directions: Floats) -> Floats:
         """(n, 3) parts of the ground's light that pass the air towards the eye."""
         rows = self._rows(directions)
         return _interpolate(self._passing[:, None], rows, np.zeros(len(rows)))
