@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.frames.plan.costs import default_cache_folder
+from catoptra_server.runtime.array_cache import find_cache_folder
 
 
 def test_cache_of_tests_is_their_own(cache_folder: Path) -> None:
-    assert default_cache_folder().is_relative_to(cache_folder)
+    assert find_cache_folder("costs").is_relative_to(cache_folder)
     assert not cache_folder.is_relative_to(Path.home() / ".cache")
 
 

@@ -39,11 +39,12 @@ from catoptra_server.frames.plan.camera import (
     explain_viewpoint,
     shows_ego_body,
 )
-from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
+from catoptra_server.frames.plan.costs import CostCache
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
+from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot_description import (
@@ -182,7 +183,7 @@ def _explain_robot(
     gains = widest_gains(startup.effect_settings)
     choice = choose_renderer(parsed.renderer, startup.scene, startup.world, gains=gains)
     # With the frame times that servers on this machine have kept, as a server's own choice.
-    cache = CostCache(default_cache_folder(), startup.scene)
+    cache = CostCache(find_cache_folder("costs"), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)
     planner = RenderPlanner(RendererPool(choice), cache)
     views = ViewCache(planner, summarizer, calibration_states=make_start_states(startup))

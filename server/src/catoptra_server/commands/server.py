@@ -55,12 +55,13 @@ from catoptra_server.frames.frame import load_opencv
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
+from catoptra_server.frames.plan.costs import CostCache
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.render_thread import RenderThread
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import AUTO
+from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.serve.limits import (
@@ -354,7 +355,7 @@ class ServerThreads:
         views = ViewCache(
             RenderPlanner(
                 RendererPool(choice, may_replace=is_realtime),
-                CostCache(default_cache_folder(), startup.scene),
+                CostCache(find_cache_folder("costs"), startup.scene),
             ),
             summarizer,
             calibration_states=make_start_states(startup),

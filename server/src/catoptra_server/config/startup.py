@@ -22,7 +22,7 @@ from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, r
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.image_port import mounted_camera_state
-from catoptra_server.frames.plan.costs import default_cache_folder
+from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
@@ -170,8 +170,8 @@ def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
 
     if not occlusion_cache.wants_occlusion(scene, world):
         return scene
-    folder = default_cache_folder().parent / "occlusion"
-    return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
+    occlusion = occlusion_cache.find_occlusion(scene, find_cache_folder("occlusion"))
+    return replace(scene, occlusion=occlusion)
 
 
 class _LazyRayCaster:

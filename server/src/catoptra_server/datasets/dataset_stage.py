@@ -28,9 +28,10 @@ from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
 from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.plan.camera import OmniCameraSpec
-from catoptra_server.frames.plan.costs import default_cache_folder, hash_scene
+from catoptra_server.frames.plan.costs import hash_scene
 from catoptra_server.render.trace.occlusion import occlusion_cache
 from catoptra_server.render.trace.ray_caster import SceneRayCaster, commit_to_kernel
+from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
@@ -79,6 +80,8 @@ class DatasetStage:
         for world in worlds:
             for scene_hash in (hash_scene(world.scene), occlusion_cache.hash_scene(world.scene)):
                 digest.update(scene_hash.encode())
+            if world.world.sky is not None:
+                digest.update(world.world.sky.texels.tobytes())
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             for camera in self.cameras:
                 digest.update(f"{camera.name} {camera.spec!r}".encode())
@@ -148,8 +151,7 @@ class DatasetStage:
         self._files += sorted(meshes - {*self._files})
         scene = build_scene(world, MemoryBudget())
         if occlusion_cache.wants_occlusion(scene, world):
-            folder = default_cache_folder().parent / "occlusion"
-            occlusion = occlusion_cache.find_occlusion(scene, folder)
+            occlusion = occlusion_cache.find_occlusion(scene, find_cache_folder("occlusion"))
             scene = replace(scene, occlusion=occlusion)
         caster = commit_to_kernel(scene)
         return RecipeWorld(choice, world, scene, caster, CollisionIndex(scene, caster))

@@ -18,7 +18,6 @@ from catoptra_server.frames.plan.costs import (
     CostModel,
     PlanTiming,
     added_ms,
-    default_cache_folder,
     describe_rates,
     fit_cost_model,
     hash_scene,
@@ -163,13 +162,6 @@ def test_digest_of_a_scene_counts_its_ambient_occlusion() -> None:
     occluded = bake_scene(make_box_world())
     assert occluded.occlusion is not None
     assert hash_scene(occluded) != hash_scene(replace(occluded, occlusion=None))
-
-
-def test_default_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert default_cache_folder() == Path("/somewhere/catoptra/costs")
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")
-    assert default_cache_folder() == Path.home() / ".cache/catoptra/costs"
 
 
 @pytest.mark.parametrize(

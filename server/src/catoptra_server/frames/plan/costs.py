@@ -24,9 +24,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import logging
 import math
-import os
 import platform
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
@@ -41,11 +39,9 @@ from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.render.renderer import MirrorSurface, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.array_cache import write_cache_file
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
-
-log = logging.getLogger(__name__)
-
 
 Rates = Mapping[str, tuple[float, ...]]  # ms for one unit of each quantity, by stage
 
@@ -173,14 +169,6 @@ _FORMAT_VERSION = 4
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
-def default_cache_folder() -> Path:
-    """Cache folder of this user, under XDG_CACHE_HOME."""
-    configured = os.environ.get("XDG_CACHE_HOME", "")
-    # The XDG specification ignores relative paths.
-    root = Path(configured) if configured.startswith("/") else Path.home() / ".cache"
-    return root / "catoptra" / "costs"
-
-
 class CostCache:
     """Cost files of one scene."""
 
@@ -211,15 +199,7 @@ class CostCache:
             return
         import json
 
-        file = self._path(key)
-        # A file of the process's own, then renamed: another server never reads half a file.
-        unfinished = file.with_suffix(f".{os.getpid()}")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            unfinished.write_text(json.dumps(rates, indent=1), encoding="utf-8")
-            unfinished.replace(file)
-        except OSError as error:
-            log.warning("frame costs cannot be stored in %s: %s", self._folder, error)
+        write_cache_file(self._path(key), json.dumps(rates, indent=1).encode())
 
     def make_key(
         self, renderer_description: str, camera: OmniCamera, surface: MirrorSurface

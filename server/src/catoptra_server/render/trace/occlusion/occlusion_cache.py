@@ -1,22 +1,19 @@
 """Occlusion maps on disk: a restarted server does not cast the rays again.
 
-A file belongs to one content of a scene and one way to bake it. A digest of the rest comes first: a
-file that is cut off, changed or of another program only means that the map is baked anew.
+A file belongs to one content of a scene and one way to bake it (`runtime/array_cache.py`).
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import logging
-import os
 import time
 from pathlib import Path
 
 import numpy as np
-from numpy.lib.format import read_array
 
 from catoptra_server import __version__
+from catoptra_server.runtime.array_cache import ArrayCache
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
@@ -28,13 +25,9 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
-_DIGEST_BYTES = 32
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
 # nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
 MANY_TRIANGLES, MIN_SIDE_M = 12_000, 0.1
-# The largest atlas and the arrays of its grids, and what each triangle adds; a larger file was not
-# written here.
-_MAX_BYTES, _BYTES_PER_TRIANGLE = 32 * 2**20, 4
 
 
 def wants_occlusion(scene: SceneMesh, world: World) -> bool:
@@ -64,9 +57,11 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
         scene: Triangles of a world that wants a map.
         folder: Folder of the cache; None for no cache.
     """
-    file = None if folder is None else folder / f"{hash_scene(scene)}.bin"
-    cached = None if file is None else _read(file, len(scene))
-    if cached is not None:
+    cache = ArrayCache(folder)
+    key = "" if folder is None else hash_scene(scene)
+    arrays = cache.read(key, len(_ARRAYS))
+    cached = None if arrays is None else OcclusionMap(*arrays)
+    if cached is not None and _is_sound(cached, len(scene)):
         return cached if len(cached.bounds) else None
     # Loaded where it is needed: most starts find a map.
     from catoptra_server.render.trace.occlusion.baking import bake_occlusion
@@ -79,8 +74,8 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
     # Some 20 MiB in a world of a hundred meshes.
     release_freed_memory()
     log.info("ambient occlusion baked in %.2f s", time.perf_counter() - start)
-    if file is not None:
-        _write(file, _make_open_map(len(scene)) if occlusion is None else occlusion)
+    stored = _make_open_map(len(scene)) if occlusion is None else occlusion
+    cache.write(key, [getattr(stored, name) for name in _ARRAYS])
     return occlusion
 
 
@@ -103,23 +98,6 @@ def hash_scene(scene: SceneMesh) -> str:
     return digest.hexdigest()
 
 
-def _read(file: Path, num_triangles: int) -> OcclusionMap | None:
-    """Map of a file; None for an absent or unusable one."""
-    try:
-        with file.open("rb") as opened:
-            content = opened.read(_MAX_BYTES + _BYTES_PER_TRIANGLE * num_triangles + 1)
-        body = content[_DIGEST_BYTES:]
-        if hashlib.sha256(body).digest() != content[:_DIGEST_BYTES]:
-            return None
-        # One after the other: an archive of NumPy's takes a module of 2 ms.
-        arrays = io.BytesIO(body)
-        occlusion = OcclusionMap(*(read_array(arrays, allow_pickle=False) for _ in _ARRAYS))
-    # Whatever is wrong with the form: NumPy raises any of these.
-    except (OSError, ValueError, TypeError):
-        return None
-    return occlusion if _is_sound(occlusion, num_triangles) else None
-
-
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
     """Whether no index of a map leads out of its arrays: the kernel checks no index again."""
     count, (height, width) = len(occlusion.bounds), occlusion.texels.shape
@@ -133,19 +111,3 @@ def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
         and height % BLOCK == width % BLOCK == 0
         and bool(((first >= 0) & (first < last) & (last < (width, height))).all())
     )
-
-
-def _write(file: Path, occlusion: OcclusionMap) -> None:
-    """Store a map, atomically."""
-    body = io.BytesIO()
-    for name in _ARRAYS:
-        np.save(body, getattr(occlusion, name))
-    content = hashlib.sha256(body.getvalue()).digest() + body.getvalue()
-    # A file of the process's own, then renamed: another server never reads half a file.
-    unfinished = file.with_suffix(f".{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.write_bytes(content)
-        unfinished.replace(file)
-    except OSError as error:
-        log.warning("ambient occlusion cannot be stored in %s: %s", file.parent, error)
