@@ -257,10 +257,9 @@ def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
 
 
 def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
-    size, repeat = (
-        item.get_struct("Size"),
-        item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=MAX_LENGTH_M),
-    )
+    size, repeat = item.get_struct("Size"), (1.0, 1.0, 0.0)
+    if _counts_tiles(item):
+        repeat = item.get_vector("Repeat", max_value=MAX_LENGTH_M)
     return Rectangle(
         size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2]
     )
@@ -330,7 +329,10 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         and not struct.has_key("Colour")
         and not struct.has_key("Texture")
     )
-    material = None if has_own_material else _read_material(struct, folder)
+    is_rectangle = isinstance(shape, Rectangle)
+    material = None
+    if not has_own_material:
+        material = _read_material(struct, folder, is_rectangle=is_rectangle)
     # None: as the mesh file says.
     has_unlit = has_own_material and struct.has_key("Unlit")
     unlit = struct.get_bool("Unlit", False) if has_unlit else None
@@ -370,15 +372,26 @@ def _read_factor(struct: SectionReader, axis: str) -> float:
     return factor
 
 
-def _read_material(struct: SectionReader, folder: Path) -> Material:
+def _read_material(struct: SectionReader, folder: Path, *, is_rectangle: bool) -> Material:
     texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
     # A texture is multiplied by the colour: white leaves the image as drawn.
     white = (255, 255, 255)
+    r, g, b = albedo = _read_colour(struct, "Colour", white if texture else (128, 128, 128))
+    # Times white's radiance: a lamp is some hundred times as bright as what it lights.
+    emission = struct.get_float("Emission", 0.0, min_value=0.0, max_value=1e6)
+    has_tile = struct.has_key("Repeat") and not (is_rectangle and _counts_tiles(struct))
     return Material(
-        albedo=_read_colour(struct, "Colour", white if texture else (128, 128, 128)),
+        albedo=albedo,
         texture=texture,
         unlit=struct.get_bool("Unlit", False),
+        tile_m=_read_length(struct, "Repeat") if has_tile else 0.0,
+        emission=(emission * r, emission * g, emission * b),
     )
+
+
+def _counts_tiles(struct: SectionReader) -> bool:
+    """Whether Repeat is a rectangle's number of tiles along each side, not the side of a tile."""
+    return struct.has_key("Repeat") and struct.get_str("Repeat").startswith("(")
 
 
 def _read_length(item: SectionReader, key: str) -> float:

@@ -38,7 +38,13 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.world.shading import MAX_LAYERS, OcclusionMap
-from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
+from catoptra_server.world.shapes import (
+    bounding_box,
+    build_shape,
+    facet_normals,
+    max_triangles,
+    project_tiles,
+)
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
@@ -404,7 +410,7 @@ class _ItemLoader:
             value=f"{num_triangles} triangles",
             remedy="fewer items, Sectors or Rings",
         )
-        patch = build_shape(shape)
+        patch = build_shape(shape, item.material.tile_m)
         look = self._apply_material(patch.uv, item.material)
         corners, look = _stretch(patch.corners, look, item.scale)
         corners = item.world_from_item.transform_points(corners)
@@ -440,7 +446,9 @@ class _ItemLoader:
         for mesh in self._load_mesh_file(shape):
             appearance = mesh.appearance
             if item.material is not None:
-                appearance = self._apply_material(appearance.uv, item.material)
+                tile_m = item.material.tile_m
+                uv = project_tiles(mesh.corners, tile_m) if tile_m else appearance.uv
+                appearance = self._apply_material(uv, item.material)
             if item.unlit is not None:
                 appearance = replace(appearance, unlit=item.unlit)
             corners, normals = mesh.corners, mesh.normals
@@ -461,7 +469,9 @@ class _ItemLoader:
         """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
         albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
         texture = None if material.texture is None else self._textures.load(material.texture)
-        return MeshAppearance(uv, albedo, None, texture, unlit=material.unlit)
+        return MeshAppearance(
+            uv, albedo, None, texture, unlit=material.unlit, emission=material.emission
+        )
 
 
 def _stretch(

@@ -83,6 +83,10 @@ class Material:
     """Image file whose colours multiply the albedo."""
     unlit: bool = False
     """Show the albedo whatever the lights, for markers and luminous panels."""
+    tile_m: float = 0.0
+    """Side of a tile of the texture, before the item's scale; 0: by the shape or the mesh file."""
+    emission: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of its own, added to reflected light; 1 is white at full scale."""
 
 
 @dataclass(frozen=True, slots=True)
