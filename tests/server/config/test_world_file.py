@@ -233,6 +233,16 @@ def test_material_has_a_tile_in_metres_and_glows_in_its_colour(tmp_path: Path) -
     assert tiled.material.tile_m == 0.25
 
 
+def test_texture_by_name_has_the_tile_of_its_kind_unless_stated(tmp_path: Path) -> None:
+    lines = "Boxes=(Size=(X=1,Y=1,Z=1),Texture=catoptra:brick{})"
+    texts = "\n".join(lines.format(more) for more in ("", ",Repeat=0.5"))
+    materials = [item.material for item in read_world_text(tmp_path, texts).items[-2:]]
+    white = (1.0, 1.0, 1.0)
+    assert materials == [Material(white, "brick", tile_m=side) for side in (1.0, 0.5)]
+    with pytest.raises(ConfigError, match="one of .*catoptra:brick"):
+        read_world_text(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1),Texture=catoptra:bricks)")
+
+
 @pytest.mark.parametrize(
     "members", ["Repeat=0", "Repeat=(X=1,Y=1)", "Emission=-1", "Emission=inf", "Emission=nan"]
 )

@@ -373,20 +373,40 @@ def _read_factor(struct: SectionReader, axis: str) -> float:
 
 
 def _read_material(struct: SectionReader, folder: Path, *, is_rectangle: bool) -> Material:
-    texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
+    texture, tile_m = _read_texture(struct, folder)
     # A texture is multiplied by the colour: white leaves the image as drawn.
     white = (255, 255, 255)
     r, g, b = albedo = _read_colour(struct, "Colour", white if texture else (128, 128, 128))
     # Times white's radiance: a lamp is some hundred times as bright as what it lights.
     emission = struct.get_float("Emission", 0.0, min_value=0.0, max_value=1e6)
-    has_tile = struct.has_key("Repeat") and not (is_rectangle and _counts_tiles(struct))
+    if struct.has_key("Repeat"):
+        counts_tiles = is_rectangle and _counts_tiles(struct)
+        tile_m = 0.0 if counts_tiles else _read_length(struct, "Repeat")
     return Material(
         albedo=albedo,
         texture=texture,
         unlit=struct.get_bool("Unlit", False),
-        tile_m=_read_length(struct, "Repeat") if has_tile else 0.0,
+        tile_m=tile_m,
         emission=(emission * r, emission * g, emission * b),
     )
+
+
+_NAMED_TEXTURE = "catoptra:"
+
+
+def _read_texture(struct: SectionReader, folder: Path) -> tuple[Path | str | None, float]:
+    """Image file or name of a texture, and the side of its tile where the texture has one."""
+    text = struct.get_str("Texture", "")
+    if not text.startswith(_NAMED_TEXTURE):
+        return struct.get_path("Texture", folder) if text else None, 0.0
+    # Imported on demand: many worlds have none.
+    from catoptra_server.world.named_textures import NAMED_TEXTURES
+
+    name = text.removeprefix(_NAMED_TEXTURE)
+    if name not in NAMED_TEXTURES:
+        names = ", ".join(_NAMED_TEXTURE + one for one in NAMED_TEXTURES)
+        raise struct.make_error("Texture", expected=f"an image file, or one of {names}")
+    return name, NAMED_TEXTURES[name].tile_m
 
 
 def _counts_tiles(struct: SectionReader) -> bool:

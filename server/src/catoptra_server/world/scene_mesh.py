@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cache, cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -468,7 +469,11 @@ class _ItemLoader:
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
         """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
         albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
-        texture = None if material.texture is None else self._textures.load(material.texture)
+        texture = None
+        if isinstance(material.texture, Path):
+            texture = self._textures.load(material.texture)
+        elif material.texture is not None:
+            texture = self._textures.load_named(material.texture)
         return MeshAppearance(
             uv, albedo, None, texture, unlit=material.unlit, emission=material.emission
         )

@@ -79,8 +79,8 @@ class Material:
     """Lambertian surface."""
 
     albedo: Rgb
-    texture: Path | None = None
-    """Image file whose colours multiply the albedo."""
+    texture: Path | str | None = None
+    """Image file, or name of a texture of `named_textures`, whose colours multiply the albedo."""
     unlit: bool = False
     """Show the albedo whatever the lights, for markers and luminous panels."""
     tile_m: float = 0.0
