@@ -239,7 +239,7 @@ def test_texture_by_name_has_the_tile_of_its_kind_unless_stated(tmp_path: Path) 
     materials = [item.material for item in read_world_text(tmp_path, texts).items[-2:]]
     white = (1.0, 1.0, 1.0)
     assert materials == [Material(white, "brick", tile_m=side) for side in (1.0, 0.5)]
-    with pytest.raises(ConfigError, match="one of .*catoptra:brick"):
+    with pytest.raises(ConfigError, match=r"one of .*catoptra:brick"):
         read_world_text(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1),Texture=catoptra:bricks)")
 
 

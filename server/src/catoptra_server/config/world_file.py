@@ -34,6 +34,7 @@ from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
+    Gloss,
     GpsOrigin,
     HemisphereLight,
     Item,
@@ -388,6 +389,18 @@ def _read_material(struct: SectionReader, folder: Path, *, is_rectangle: bool) -
         unlit=struct.get_bool("Unlit", False),
         tile_m=tile_m,
         emission=(emission * r, emission * g, emission * b),
+        gloss=_read_gloss(struct),
+    )
+
+
+def _read_gloss(struct: SectionReader) -> Gloss | None:
+    if not struct.has_key("Gloss"):
+        return None
+    gloss = struct.get_struct("Gloss", example="(F0=0.04,Roughness=0.1)")
+    return Gloss(
+        # Below the least one no mirrored light is visible, but at grazing angles.
+        reflectance=gloss.get_float("F0", 0.04, min_value=0.001, max_value=1.0),
+        roughness=gloss.get_float("Roughness", 0.1, min_value=0.0, max_value=1.0),
     )
 
 

@@ -432,6 +432,8 @@ class MeshAppearance:
     coverage: Floats | None = None
     """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
     texture's opacity: holes are where it is below 1. None without holes."""
+    gloss: tuple[float, float] = (0.0, 0.0)
+    """Reflectance along the normal, and roughness, as of `world_description.Gloss`; 0: matt."""
     blends: bool = False
     """Whether what lies behind shows through, by an opacity of half the coverage."""
 

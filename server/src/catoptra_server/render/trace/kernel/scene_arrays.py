@@ -110,6 +110,7 @@ def scene_arrays(
         flags,
         corner_albedo=_float32(scene.corner_albedo),
         emission=_float32(scene.emission),
+        gloss=_float32(scene.gloss),
         corner_normals=_float32(scene.corner_normals),
         **filtered,
         blended=None if scene.blended is None else scene.blended.astype(np.uint8),
@@ -415,7 +416,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "albedo": scene.albedo,
         "uv": scene.uv if scene.textures else None,
         "texture": scene.texture_index,
-        "object": scene.object_index,
+        "object": scene.object_index + _number_glosses(scene) * np.int32(len(scene.objects)),
         "unlit": scene.unlit,
         "has_colours": _has_own_shading(scene),
     }
@@ -427,6 +428,13 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
     facets = FacetSource(len(scene), tuple(scene.centre), **addresses)
     count = device.find_surfaces(facets, surface, outer_edges, largest)
     return FlatSurfaces(surface, outer_edges, largest[:count].copy())
+
+
+def _number_glosses(scene: SceneMesh) -> _Indices:
+    """(n,) numbers of materials by their gloss, of which a surface has one."""
+    if scene.gloss is None:
+        return np.zeros(len(scene), dtype=np.int32)
+    return np.unique(scene.gloss, axis=0, return_inverse=True)[1].astype(np.int32).reshape(-1)
 
 
 def surfaces_struct(surfaces: FlatSurfaces) -> OwningStruct:

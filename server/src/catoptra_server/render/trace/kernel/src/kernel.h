@@ -84,6 +84,7 @@ typedef struct {
      * or NULL. */
     const uint8_t *blended;
     const Texture *textures; /* of `texture`, for holes; or NULL */
+    const float *gloss; /* (n, 2) reflectance along the normal, 0 for matt; roughness. Or NULL */
 } MeshArrays;
 
 typedef struct {
@@ -252,6 +253,10 @@ typedef struct {
     float fog_density;     /* extinction per metre; 0: clear air */
     float airlight[3];     /* linear radiance */
     int32_t measures_fog;  /* fog_change of the counts is wanted */
+    int32_t has_gloss;
+    int32_t measures_gloss; /* gloss_change of the counts is wanted */
+    float gloss_limit; /* grey levels up to which no mirrored ray is cast; negative: all are */
+    float brightest;   /* largest radiance of anything */
     const Labels *labels;  /* alone, with OUTPUT_LABELS, or beside an image at rest; or NULL */
     const Flow *flow;      /* of OUTPUT_FLOW */
 } Frame;
@@ -273,6 +278,7 @@ typedef struct {
     PixelChange rolling_change; /* bound of the change by the rows' own times */
     float blur_ms;              /* time for the instants */
     PixelChange fog_change;
+    PixelChange gloss_change; /* pixels counted by their samples */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

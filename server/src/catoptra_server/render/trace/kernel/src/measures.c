@@ -109,3 +109,18 @@ void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, con
                   const PixelSums *other) {
     note_largest_changes(state, tile, measure, 1, &one, &other);
 }
+
+void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
+                  float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]) {
+    float largest = 0.0f, brightest = 0.0f;
+    int visible = 0;
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        Vec3 before = get_lane(one, lane), after = get_lane(other, lane);
+        float change = colour_change(state->frame, before, after);
+        visible += change > unseen_levels(state, measure);
+        largest = fmaxf(largest, change);
+        brightest = fmaxf(brightest, brighter(before, after));
+    }
+    note_levels(state, measure, visible, largest, brightest);
+}

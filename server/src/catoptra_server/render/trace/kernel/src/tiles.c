@@ -11,6 +11,7 @@
 #include "flow.h"
 #include "fog.h"
 #include "fog_tile.h"
+#include "gloss.h"
 #include "hit_points.h"
 #include "instances.h"
 #include "labels.h"
@@ -170,14 +171,17 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
     if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
         state->frame->inverse_range || has_fog(state) || state->scene->mesh->arrays.blended)
         return 0;
-    int meets_object = 0;
+    int meets_object = 0, meets_gloss = 0;
     uint8_t flags = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-        if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
-            flags |= facets[hits->triangle[lane]];
+        if (!(rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC))
+            continue;
+        flags |= facets[hits->triangle[lane]];
+        meets_gloss |= is_glossy(state, hits->triangle[lane]);
     }
     return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_OCCLUDED | FACET_TWO_SIDED)) &&
+           !meets_gloss &&
            (!meets_object || state->object_radiance) &&
            (state->is_constant || sees_all_lights(state, rays, hits));
 }
@@ -244,6 +248,7 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
     }
     *entry = (size_t)content->triangle;
     return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
+           !is_glossy(state, content->triangle) &&
            (content->is_open || !has_occlusion(state->scene, content->triangle)) &&
            find_plane_light(state, content->triangle, content->proof, light);
 }
@@ -283,11 +288,14 @@ static int measures_fog(const FrameState *state) {
     return state->frame->measures_fog && has_fog(state);
 }
 
-/* Shade and fog a block's hits; their radiance in clear air, where that is wanted. */
-static void shade_hits(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                         const TileContent *content, float radiance[3][BLOCK_RAYS],
-                         LostLight *lost, float clear[3][BLOCK_RAYS]) {
+/* Shade, mirror and fog a block's hits; their radiance in clear air, where that is wanted. */
+static void shade_hits(const FrameState *state, int tile, const RayBlock *rays,
+                       const HitBlock *hits, const TileContent *content,
+                       float radiance[3][BLOCK_RAYS], LostLight *lost,
+                       float clear[3][BLOCK_RAYS]) {
     shade(state, rays, hits, content, radiance, lost);
+    /* Changes are those of the sharp frame, whose tiles have a number. */
+    add_gloss(state, rays, hits, tile != NO_PLAN, radiance, lost);
     if (!has_fog(state))
         return;
     if (clear)
@@ -347,7 +355,7 @@ static void shade_layers(const FrameState *state, int tile, int32_t object, RayB
                        hits);
         if (state->plan && tile != NO_PLAN)
             note_hits(state, tile, rays, hits);
-        shade_hits(state, rays, hits, &content, light, lost ? &layer_lost : NULL,
+        shade_hits(state, tile, rays, hits, &content, light, lost ? &layer_lost : NULL,
                    clear ? clear_light : NULL);
         uint32_t lanes = rays->active, blended = find_blended(state, rays, hits);
         for (uint32_t left = lanes; left; left &= left - 1) {
@@ -380,7 +388,7 @@ static void shade_in_fog(const FrameState *state, int tile, const RayBlock *rays
                          float radiance[3][BLOCK_RAYS], LostLight *lost,
                          float clear[3][BLOCK_RAYS]) {
     if (!may_blend(state, content)) {
-        shade_hits(state, rays, hits, content, radiance, lost, clear);
+        shade_hits(state, tile, rays, hits, content, radiance, lost, clear);
         return;
     }
     RayBlock rest = *rays, front = *rays;
@@ -389,7 +397,7 @@ static void shade_in_fog(const FrameState *state, int tile, const RayBlock *rays
     front.active = find_blended(state, &front, &layer);
     rest.active &= ~front.active;
     if (rest.active)
-        shade_hits(state, &rest, hits, content, radiance, lost, clear);
+        shade_hits(state, tile, &rest, hits, content, radiance, lost, clear);
     shade_layers(state, tile, content->object, &front, &layer, radiance, lost, clear);
 }
 
