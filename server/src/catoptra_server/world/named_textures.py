@@ -93,7 +93,7 @@ def _mottle(
             tone += amplitude * _noise(random, *size)
         for amplitude, along, down in waves:
             tone += amplitude * sin(2.0 * np.pi * (along * _X + down * _Y))
-        return tone
+        return np.asarray(tone)
 
     return make
 

@@ -23,11 +23,19 @@ static float find_fresnel(const float gloss[2], float cosine) {
 
 static Vec3 mix(float part, Vec3 from, Vec3 to) { return add(from, scale(part, subtract(to, from))); }
 
+/* Least slope of the sRGB curve, grey levels: at white. */
+#define LEAST_SLOPE 112.0f
+
 /* Whether nobody misses what a facet mirrors: neither the brightest light nor black. */
 static int is_unseen(const Frame *frame, float part, Vec3 own) {
     float limit = frame->gloss_limit, most = frame->brightest;
     Vec3 brightest = {most, most, most};
-    return limit >= 0.0f && colour_change(frame, own, mix(part, own, (Vec3){0, 0, 0})) <= limit &&
+    float room = 1.0f - frame->largest_gain * own.x;
+    float rise = frame->largest_gain * part * (most - own.x);
+    /* Mostly it is plain, without the curve. */
+    if (limit < 0.0f || LEAST_SLOPE * (room < rise ? room : rise) > limit)
+        return 0;
+    return colour_change(frame, own, mix(part, own, (Vec3){0, 0, 0})) <= limit &&
            colour_change(frame, own, mix(part, own, brightest)) <= limit;
 }
 
