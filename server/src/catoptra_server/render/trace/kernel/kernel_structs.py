@@ -49,7 +49,7 @@ class TextureStruct(ctypes.Structure):
         ("num_levels", c_int32),
         ("sampling", c_int32),
         ("channels", c_int32),
-        *_addresses("levels", "light"),
+        ("levels", c_void_p),
     ]
 
 

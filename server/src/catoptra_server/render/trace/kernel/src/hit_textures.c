@@ -52,24 +52,89 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
                                    hits->triangle[__builtin_ctz(left)], points);
 }
 
+/* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
+ * exponent and the fraction of the number itself. Bit mask of the rays that read two levels. */
+static uint32_t choose_levels(const Texture *const textures[BLOCK_RAYS],
+                              const TexturePoints *points, uint32_t lanes,
+                              int32_t level[BLOCK_RAYS], float weight[BLOCK_RAYS]) {
+    _Alignas(64) int32_t last[BLOCK_RAYS] = {0};
+    for (uint32_t left = lanes; left; left &= left - 1)
+        last[__builtin_ctz(left)] = textures[__builtin_ctz(left)]->num_levels - 1;
+    Floats16 texels = load16(points->texels);
+    Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127, coarsest = load_ints16(last);
+    /* Also false for what is not a number, of a plane that holds the viewpoint. */
+    Ints16 is_large = texels > splat16(1.0f), is_mixed = is_large & (found < coarsest);
+    found = (found & is_mixed) | (coarsest & is_large & ~is_mixed);
+    /* Below one and a half of its texels a level is read alone: half of the second look-ups. */
+    Floats16 part = 2.0f * (Floats16)((bits & 0x7fffff) | 0x3f800000) - 3.0f;
+    is_mixed &= part > splat16(0.0f);
+    store_ints16(found, level);
+    store16(select16(is_mixed, part, splat16(0.0f)), weight);
+    return bits16(is_mixed) & lanes;
+}
+
+/* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
+ * `sharp` rays read the image alone. Vector code but for what is loaded. */
+static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t level[BLOCK_RAYS],
+                        uint32_t lanes, uint32_t sharp, const TexturePoints *points,
+                        TexelSquare squares[BLOCK_RAYS]) {
+    _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS], fx[BLOCK_RAYS], fy[BLOCK_RAYS];
+    int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0}, column[BLOCK_RAYS], row[BLOCK_RAYS];
+    memcpy(u, points->u, sizeof u);
+    memcpy(v, points->v, sizeof v);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        const Texture *texture = textures[lane];
+        width[lane] = texture->levels[level[lane]].width;
+        height[lane] = texture->levels[level[lane]].height;
+        if (__builtin_expect(texture->sampling, 0))
+            adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        column[lane] = find_texel(u[lane], width[lane], &fx[lane]);
+        row[lane] = find_texel(v[lane], height[lane], &fy[lane]);
+    }
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        squares[lane].fx = fx[lane], squares[lane].fy = fy[lane];
+        place_texels(textures[lane], textures[lane]->levels + level[lane], column[lane], row[lane],
+                     &squares[lane]);
+    }
+}
+
+void read_textures(const Texture *const textures[BLOCK_RAYS], const TexturePoints *points,
+                   uint32_t lanes, float colours[3][BLOCK_RAYS]) {
+    TexelSquare fine[BLOCK_RAYS], coarse[BLOCK_RAYS];
+    _Alignas(64) int32_t level[BLOCK_RAYS];
+    float weight[BLOCK_RAYS];
+    uint32_t mixed = choose_levels(textures, points, lanes, level, weight);
+    uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
+    /* All texels are requested before the first is used. */
+    place_block(textures, level, lanes, sharp, points, fine);
+    if (mixed) {
+        store_ints16(load_ints16(level) - mask16(mixed), level);
+        place_block(textures, level, mixed, 0, points, coarse);
+    }
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        Texel colour = mix_texels(&fine[lane]);
+        if (mixed >> lane & 1)
+            colour += weight[lane] * (mix_texels(&coarse[lane]) - colour);
+        set_lane(colours, lane, (Vec3){colour[0], colour[1], colour[2]});
+    }
+}
+
 void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                        const SurfaceBlock *surface, float colours[3][BLOCK_RAYS]) {
     TexturePoints points;
+    const Texture *textures[BLOCK_RAYS] = {NULL};
     find_texture_points(state, rays, hits, surface, &points);
     measure_footprints(&points);
-    TexelChoice texels[BLOCK_RAYS];
-    /* All texels are requested before the first is used. */
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(surface->textured >> lane & 1))
-            continue;
+    for (uint32_t left = surface->textured; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
         int32_t number = state->scene->mesh->arrays.texture[hits->triangle[lane]];
-        const Texture *texture = state->scene->textures + number;
-        texels[lane] = find_level_texels(texture, choose_level(texture, points.texels[lane]),
-                                         points.u[lane], points.v[lane]);
+        textures[lane] = state->scene->textures + number;
     }
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(colours, lane, (Vec3){1, 1, 1});
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (surface->textured >> lane & 1)
-            set_lane(colours, lane, mix_levels(&texels[lane]));
+    set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
+    read_textures(textures, &points, surface->textured, colours);
 }

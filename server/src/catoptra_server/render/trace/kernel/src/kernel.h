@@ -46,12 +46,12 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
-/* The image itself: (height, width, channels) sRGB bytes. Coarser levels: linear light as uint16,
- * 65535 = white, (height + 2, width + 2, channels), with a border of one texel repeated from the
- * other side, and two readable bytes behind the last. */
+/* The image or a coarser level: linear light as uint16, 65535 = white,
+ * (height + 2, width + 2, channels), with a border of one texel repeated from the other side, and
+ * two readable bytes behind the last. */
 typedef struct {
     int32_t width, height; /* without border */
-    const void *texels;
+    const uint16_t *texels;
 } TextureLevel;
 
 enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
@@ -61,7 +61,6 @@ typedef struct {
     int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
     int32_t channels; /* 3, or 4 with opacity */
     const TextureLevel *levels; /* the image, then each of half the sides of the one before */
-    const float *light; /* (256,) linear light of sRGB bytes, 65535 = white */
 } Texture;
 
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
