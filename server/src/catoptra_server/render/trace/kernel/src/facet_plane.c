@@ -111,8 +111,8 @@ find_coordinates(const FacetPlane *plane, const RayBlock *rays, int has_origins,
     }
 }
 
-void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
-                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                        const RayBlock *rays, struct PlacedTexels *placed) {
     const Texture *texture =
         state->scene->textures + state->scene->mesh->arrays.texture[triangle];
     RaySteps ray_steps = find_ray_steps(state, rays);
@@ -126,9 +126,20 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         textures[lane] = texture;
     measure_footprints(&points);
-    read_textures(textures, &points, 0xffff, result);
+    place_textures(textures, &points, 0xffff, placed);
+}
+
+void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]) {
     float factors[3] = {radiance.x, radiance.y, radiance.z};
+    mix_textures(placed, result);
     for (int channel = 0; channel < 3; channel++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             result[channel][lane] *= factors[channel];
+}
+
+void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+    PlacedTexels placed;
+    place_plane_texels(state, triangle, plane, rays, &placed);
+    light_texels(&placed, radiance, result);
 }

@@ -73,12 +73,40 @@ static uint32_t choose_levels(const Texture *const textures[BLOCK_RAYS],
     return bits16(is_mixed) & lanes;
 }
 
+/* Columns and rows in the bordered level of `find_texel`, of coordinates as by vector code. */
+static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BLOCK_RAYS],
+                        const float u[BLOCK_RAYS], const float v[BLOCK_RAYS],
+                        int32_t column[BLOCK_RAYS], int32_t row[BLOCK_RAYS], TexelSquares *squares) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        column[lane] = find_texel(u[lane], width[lane], &squares->fx[lane]);
+        row[lane] = find_texel(v[lane], height[lane], &squares->fy[lane]);
+    }
+}
+
+/* Texels of one level of a texture, around all rays of a block. */
+static void place_alike(const Texture *texture, const TextureLevel *level,
+                        const TexturePoints *points, TexelSquares *squares) {
+    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
+    int32_t stride = texture->channels * (level->width + 2);
+    store_ints16((Ints16){0} + level->width, width);
+    store_ints16((Ints16){0} + level->height, height);
+    store_ints16((Ints16){0} + stride, squares->stride);
+    store_ints16((Ints16){0} + texture->channels, squares->channels);
+    find_texels(width, height, points->u, points->v, column, row, squares);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        squares->upper[lane] =
+            level->texels + (ptrdiff_t)stride * row[lane] + texture->channels * column[lane];
+        __builtin_prefetch(squares->upper[lane]);
+        __builtin_prefetch(squares->upper[lane] + stride);
+    }
+}
+
 /* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
  * `sharp` rays read the image alone. Vector code but for what is loaded. */
 static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t level[BLOCK_RAYS],
                         uint32_t lanes, uint32_t sharp, const TexturePoints *points,
-                        TexelSquare squares[BLOCK_RAYS]) {
-    _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS], fx[BLOCK_RAYS], fy[BLOCK_RAYS];
+                        TexelSquares *squares) {
+    _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
     int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0}, column[BLOCK_RAYS], row[BLOCK_RAYS];
     memcpy(u, points->u, sizeof u);
     memcpy(v, points->v, sizeof v);
@@ -90,36 +118,51 @@ static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t
         if (__builtin_expect(texture->sampling, 0))
             adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
     }
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        column[lane] = find_texel(u[lane], width[lane], &fx[lane]);
-        row[lane] = find_texel(v[lane], height[lane], &fy[lane]);
-    }
+    find_texels(width, height, u, v, column, row, squares);
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        squares[lane].fx = fx[lane], squares[lane].fy = fy[lane];
-        place_texels(textures[lane], textures[lane]->levels + level[lane], column[lane], row[lane],
-                     &squares[lane]);
+        const TextureLevel *from = textures[lane]->levels + level[lane];
+        int32_t channels = textures[lane]->channels, stride = channels * (from->width + 2);
+        squares->stride[lane] = stride, squares->channels[lane] = channels;
+        squares->upper[lane] = from->texels + (ptrdiff_t)stride * row[lane] + channels * column[lane];
+        __builtin_prefetch(squares->upper[lane]);
+        __builtin_prefetch(squares->upper[lane] + stride);
     }
 }
 
-void read_textures(const Texture *const textures[BLOCK_RAYS], const TexturePoints *points,
-                   uint32_t lanes, float colours[3][BLOCK_RAYS]) {
-    TexelSquare fine[BLOCK_RAYS], coarse[BLOCK_RAYS];
+static Texel mix_lane(const TexelSquares *squares, int lane) {
+    TexelSquare square = {squares->upper[lane], squares->stride[lane], squares->channels[lane],
+                          squares->fx[lane], squares->fy[lane]};
+    return mix_texels(&square);
+}
+
+void place_textures(const Texture *const textures[BLOCK_RAYS], const TexturePoints *points,
+                    uint32_t lanes, PlacedTexels *placed) {
     _Alignas(64) int32_t level[BLOCK_RAYS];
-    float weight[BLOCK_RAYS];
-    uint32_t mixed = choose_levels(textures, points, lanes, level, weight);
+    uint32_t mixed = choose_levels(textures, points, lanes, level, placed->weight);
     uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
-    /* All texels are requested before the first is used. */
-    place_block(textures, level, lanes, sharp, points, fine);
-    if (mixed) {
-        store_ints16(load_ints16(level) - mask16(mixed), level);
-        place_block(textures, level, mixed, 0, points, coarse);
-    }
-    for (uint32_t left = lanes; left; left &= left - 1) {
+    const Texture *first = textures[__builtin_ctz(lanes)];
+    int is_alike = lanes == 0xffff && !first->sampling &&
+                   bits16(load_ints16(level) == level[0]) == 0xffff;
+    for (int lane = 1; is_alike && lane < BLOCK_RAYS; lane++)
+        is_alike = textures[lane] == first;
+    placed->lanes = lanes, placed->mixed = mixed;
+    if (is_alike)
+        place_alike(first, first->levels + level[0], points, &placed->fine);
+    else
+        place_block(textures, level, lanes, sharp, points, &placed->fine);
+    if (!mixed)
+        return;
+    store_ints16(load_ints16(level) - mask16(mixed), level);
+    place_block(textures, level, mixed, 0, points, &placed->coarse);
+}
+
+void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
+    for (uint32_t left = placed->lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        Texel colour = mix_texels(&fine[lane]);
-        if (mixed >> lane & 1)
-            colour += weight[lane] * (mix_texels(&coarse[lane]) - colour);
+        Texel colour = mix_lane(&placed->fine, lane);
+        if (placed->mixed >> lane & 1)
+            colour += placed->weight[lane] * (mix_lane(&placed->coarse, lane) - colour);
         set_lane(colours, lane, (Vec3){colour[0], colour[1], colour[2]});
     }
 }
@@ -136,5 +179,7 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
         textures[lane] = state->scene->textures + number;
     }
     set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
-    read_textures(textures, &points, surface->textured, colours);
+    PlacedTexels placed;
+    place_textures(textures, &points, surface->textured, &placed);
+    mix_textures(&placed, colours);
 }

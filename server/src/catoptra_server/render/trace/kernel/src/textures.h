@@ -8,6 +8,7 @@
 #define CATOPTRA_TEXTURES_H
 
 #include "kernel.h"
+#include "lanes.h"
 #include "vectors.h"
 
 #include <stddef.h>
@@ -79,25 +80,29 @@ static inline TexelSquare sample_texels(const Texture *texture, int32_t level, f
 }
 
 typedef float Texel __attribute__((vector_size(16)));
-typedef uint16_t TexelBits __attribute__((vector_size(8)));
+typedef uint16_t TexelBits __attribute__((vector_size(16)));
 
-/* With the next texel's red in place of an opacity that is not there. */
-static inline Texel load_texel(const uint16_t *texel) {
+/* Texels of both rows, one above the other; with the next texel's red in place of an opacity that
+ * is not there. */
+static inline Floats8 load_texels(const uint16_t *upper, const uint16_t *lower) {
+    uint64_t pair[2];
     TexelBits bits;
-    __builtin_memcpy(&bits, texel, sizeof bits);
-    return __builtin_convertvector(bits, Texel);
+    __builtin_memcpy(pair, upper, sizeof *pair);
+    __builtin_memcpy(pair + 1, lower, sizeof *pair);
+    __builtin_memcpy(&bits, pair, sizeof bits);
+    return __builtin_convertvector(bits, Floats8);
 }
 
-/* Linear colour and opacity at the point. a + f (b - a) is exact for equal texels. */
+/* Linear colour, and opacity of four channels, at the point. a + f (b - a) is exact for equal
+ * texels. */
 static inline Texel mix_texels(const TexelSquare *square) {
-    const uint16_t *upper_texel = square->upper, *lower_texel = upper_texel + square->stride;
-    Texel a = load_texel(upper_texel), b = load_texel(upper_texel + square->channels);
-    Texel c = load_texel(lower_texel), d = load_texel(lower_texel + square->channels);
-    Texel upper = a + square->fx * (b - a), lower = c + square->fx * (d - c);
-    Texel mixed = (upper + square->fy * (lower - upper)) * (1.0f / MAX_TEXEL);
-    if (square->channels == 3)
-        mixed[3] = 1.0f;
-    return mixed;
+    const uint16_t *upper = square->upper, *lower = upper + square->stride;
+    Floats8 left = load_texels(upper, lower);
+    Floats8 right = load_texels(upper + square->channels, lower + square->channels);
+    Floats8 rows = left + square->fx * (right - left);
+    Texel above = __builtin_shufflevector(rows, rows, 0, 1, 2, 3);
+    Texel below = __builtin_shufflevector(rows, rows, 4, 5, 6, 7);
+    return (above + square->fy * (below - above)) * (1.0f / MAX_TEXEL);
 }
 
 #endif

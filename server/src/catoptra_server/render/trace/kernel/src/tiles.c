@@ -12,6 +12,7 @@
 #include "fog.h"
 #include "fog_tile.h"
 #include "gloss.h"
+#include "hit_textures.h"
 #include "hit_points.h"
 #include "instances.h"
 #include "labels.h"
@@ -36,13 +37,18 @@ static void clear_hits(HitBlock *hits) {
     memset(hits->object, 0xff, sizeof hits->object);
 }
 
+static FacetPlane plane_of(const FrameState *state, const TileContent *content) {
+    return content->plane ? *content->plane : find_facet_plane(state, content->triangle);
+}
+
 /* The hits of rays that all meet one facet's plane; their distances limit the rays. */
-static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, int32_t triangle) {
+static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                     const TileContent *content) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        hits->triangle[lane] = triangle;
+        hits->triangle[lane] = content->triangle;
         hits->object[lane] = OBJECT_STATIC;
     }
-    FacetPlane plane = find_facet_plane(state, triangle);
+    FacetPlane plane = plane_of(state, content);
     find_distances(&plane, rays, rays->limit);
 }
 
@@ -82,7 +88,7 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
     if (content->triangle == SURFACE_UNKNOWN)
         intersect_scene(state, content->short_list, rays, hits);
     else if (content->triangle >= 0)
-        set_hits(state, rays, hits, content->triangle);
+        set_hits(state, rays, hits, content);
     intersect_objects(state, content->object, rays, hits);
 }
 
@@ -254,10 +260,11 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
 }
 
 /* One radiance times the facet's texture, if it has one. */
-static void fill_block(const FrameState *state, int32_t triangle, const RayBlock *rays,
+static void fill_block(const FrameState *state, const TileContent *content, const RayBlock *rays,
                        Vec3 light, float radiance[3][BLOCK_RAYS]) {
+    int32_t triangle = content->triangle;
     if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
-        FacetPlane plane = find_facet_plane(state, triangle);
+        FacetPlane plane = plane_of(state, content);
         texture_block(state, triangle, &plane, rays, light, radiance);
         return;
     }
@@ -275,11 +282,11 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
                     is_known && content->is_open, radiance, lost);
         return;
     }
-    fill_block(state, content->triangle, rays, light.radiance, radiance);
+    fill_block(state, content, rays, light.radiance, radiance);
     if (!content->is_open && has_occlusion(state->scene, content->triangle))
         hide_sky_in_block(state, content->triangle, rays, light.radiance, radiance);
     if (lost && max_abs(light.lost) > 0.0f) {
-        fill_block(state, content->triangle, rays, light.lost, lost->radiance);
+        fill_block(state, content, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;
     }
 }
@@ -696,6 +703,36 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
            find_single_radiance(state, content, &light, &entry);
 }
 
+/* Draw a tile of one radiance times a texture; 0 if it has several, or more is wanted of it. */
+static int fill_textured_tile(const FrameState *state, int tile, const TileContent *content) {
+    int blocks = state->rays->samples * state->rays->samples;
+    PlaneLight light;
+    PixelSums sums;
+    if (content->triangle < 0 || state->plan || state->frame->inverse_range || has_fog(state) ||
+        !may_fill(state, tile, content) || is_glossy(state, content->triangle) ||
+        !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
+        !(content->is_open || !has_occlusion(state->scene, content->triangle)) ||
+        !find_plane_light(state, content->triangle, content->proof, &light) ||
+        (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        return 0;
+    /* The texels of a block are on their way while those of the one before are mixed. */
+    PlacedTexels placed[2];
+    for (int block = 0; block <= blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
+        if (block < blocks) {
+            RayBlock rays;
+            load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+            place_plane_texels(state, content->triangle, content->plane, &rays, &placed[block & 1]);
+        }
+        if (block == 0)
+            continue;
+        light_texels(&placed[(block - 1) & 1], light.radiance, radiance);
+        add_samples(state, block - 1, 0xffff, radiance, &sums);
+    }
+    write_pixels(state, tile, &sums);
+    return 1;
+}
+
 /* Draw a tile of one radiance, in one air; 0 if it has several. */
 static int fill_single_tile(const FrameState *state, int tile, const TileContent *content) {
     PlaneLight light;
@@ -725,19 +762,31 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         flow_tile(state, tile);
         return;
     }
-    TileLabels labels;
-    if (!fill_single_tile(state, tile, content)) {
+    if (fill_single_tile(state, tile, content)) {
         if (state->frame->labels)
-            label_centres(state, tile, content, &labels);
-        if (state->is_rolling)
-            render_rows(state, tile, content);
-        else
-            render_samples(state, tile, content, state->frame->labels ? &labels : NULL);
-        if (state->plan && content->may_be_thin)
-            note_thin(state, tile);
-        if (state->frame->labels)
-            write_agreement(state, tile, &labels);
-    } else if (state->frame->labels) {
-        label_filled_tile(state, tile, content);
+            label_filled_tile(state, tile, content);
+        return;
     }
+    TileContent known = *content;
+    FacetPlane plane;
+    if (content->triangle >= 0) {
+        plane = find_facet_plane(state, content->triangle);
+        known.plane = &plane;
+    }
+    if (fill_textured_tile(state, tile, &known)) {
+        if (state->frame->labels)
+            label_filled_tile(state, tile, content);
+        return;
+    }
+    TileLabels labels;
+    if (state->frame->labels)
+        label_centres(state, tile, content, &labels);
+    if (state->is_rolling)
+        render_rows(state, tile, &known);
+    else
+        render_samples(state, tile, &known, state->frame->labels ? &labels : NULL);
+    if (state->plan && content->may_be_thin)
+        note_thin(state, tile);
+    if (state->frame->labels)
+        write_agreement(state, tile, &labels);
 }
