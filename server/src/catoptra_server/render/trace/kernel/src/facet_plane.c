@@ -122,11 +122,10 @@ void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPl
         find_coordinates(plane, rays, 1, texture->levels, &steps, &points);
     else
         find_coordinates(plane, rays, 0, texture->levels, &steps, &points);
-    const Texture *textures[BLOCK_RAYS];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        textures[lane] = texture;
+    TextureChoice from;
+    from.common = texture;
     measure_footprints(&points);
-    place_textures(textures, &points, 0xffff, placed);
+    place_textures(&from, &points, 0xffff, placed);
 }
 
 void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]) {

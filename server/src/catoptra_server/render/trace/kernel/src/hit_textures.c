@@ -54,14 +54,10 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
 
 /* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
  * exponent and the fraction of the number itself. Bit mask of the rays that read two levels. */
-static uint32_t choose_levels(const Texture *const textures[BLOCK_RAYS],
-                              const TexturePoints *points, uint32_t lanes,
+static uint32_t choose_levels(Ints16 coarsest, const TexturePoints *points, uint32_t lanes,
                               int32_t level[BLOCK_RAYS], float weight[BLOCK_RAYS]) {
-    _Alignas(64) int32_t last[BLOCK_RAYS] = {0};
-    for (uint32_t left = lanes; left; left &= left - 1)
-        last[__builtin_ctz(left)] = textures[__builtin_ctz(left)]->num_levels - 1;
     Floats16 texels = load16(points->texels);
-    Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127, coarsest = load_ints16(last);
+    Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127;
     /* Also false for what is not a number, of a plane that holds the viewpoint. */
     Ints16 is_large = texels > splat16(1.0f), is_mixed = is_large & (found < coarsest);
     found = (found & is_mixed) | (coarsest & is_large & ~is_mixed);
@@ -71,6 +67,10 @@ static uint32_t choose_levels(const Texture *const textures[BLOCK_RAYS],
     store_ints16(found, level);
     store16(select16(is_mixed, part, splat16(0.0f)), weight);
     return bits16(is_mixed) & lanes;
+}
+
+static const Texture *texture_of(const TextureChoice *from, int lane) {
+    return from->common ? from->common : from->own[lane];
 }
 
 /* Columns and rows in the bordered level of `find_texel`, of coordinates as by vector code. */
@@ -103,7 +103,7 @@ static void place_alike(const Texture *texture, const TextureLevel *level,
 
 /* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
  * `sharp` rays read the image alone. Vector code but for what is loaded. */
-static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t level[BLOCK_RAYS],
+static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAYS],
                         uint32_t lanes, uint32_t sharp, const TexturePoints *points,
                         TexelSquares *squares) {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
@@ -112,7 +112,7 @@ static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t
     memcpy(v, points->v, sizeof v);
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        const Texture *texture = textures[lane];
+        const Texture *texture = texture_of(from, lane);
         width[lane] = texture->levels[level[lane]].width;
         height[lane] = texture->levels[level[lane]].height;
         if (__builtin_expect(texture->sampling, 0))
@@ -121,10 +121,11 @@ static void place_block(const Texture *const textures[BLOCK_RAYS], const int32_t
     find_texels(width, height, u, v, column, row, squares);
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        const TextureLevel *from = textures[lane]->levels + level[lane];
-        int32_t channels = textures[lane]->channels, stride = channels * (from->width + 2);
+        const Texture *texture = texture_of(from, lane);
+        const uint16_t *texels = texture->levels[level[lane]].texels;
+        int32_t channels = texture->channels, stride = channels * (width[lane] + 2);
         squares->stride[lane] = stride, squares->channels[lane] = channels;
-        squares->upper[lane] = from->texels + (ptrdiff_t)stride * row[lane] + channels * column[lane];
+        squares->upper[lane] = texels + (ptrdiff_t)stride * row[lane] + channels * column[lane];
         __builtin_prefetch(squares->upper[lane]);
         __builtin_prefetch(squares->upper[lane] + stride);
     }
@@ -136,25 +137,25 @@ static Texel mix_lane(const TexelSquares *squares, int lane) {
     return mix_texels(&square);
 }
 
-void place_textures(const Texture *const textures[BLOCK_RAYS], const TexturePoints *points,
-                    uint32_t lanes, PlacedTexels *placed) {
-    _Alignas(64) int32_t level[BLOCK_RAYS];
-    uint32_t mixed = choose_levels(textures, points, lanes, level, placed->weight);
+void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
+                    PlacedTexels *placed) {
+    _Alignas(64) int32_t level[BLOCK_RAYS], last[BLOCK_RAYS] = {0};
+    Ints16 coarsest = {0};
+    for (uint32_t left = lanes; !from->common && left; left &= left - 1)
+        last[__builtin_ctz(left)] = from->own[__builtin_ctz(left)]->num_levels - 1;
+    coarsest = from->common ? coarsest + (from->common->num_levels - 1) : load_ints16(last);
+    uint32_t mixed = choose_levels(coarsest, points, lanes, level, placed->weight);
     uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
-    const Texture *first = textures[__builtin_ctz(lanes)];
-    int is_alike = lanes == 0xffff && !first->sampling &&
-                   bits16(load_ints16(level) == level[0]) == 0xffff;
-    for (int lane = 1; is_alike && lane < BLOCK_RAYS; lane++)
-        is_alike = textures[lane] == first;
     placed->lanes = lanes, placed->mixed = mixed;
-    if (is_alike)
-        place_alike(first, first->levels + level[0], points, &placed->fine);
+    if (from->common && !from->common->sampling &&
+        bits16(load_ints16(level) == level[0]) == 0xffff)
+        place_alike(from->common, from->common->levels + level[0], points, &placed->fine);
     else
-        place_block(textures, level, lanes, sharp, points, &placed->fine);
+        place_block(from, level, lanes, sharp, points, &placed->fine);
     if (!mixed)
         return;
     store_ints16(load_ints16(level) - mask16(mixed), level);
-    place_block(textures, level, mixed, 0, points, &placed->coarse);
+    place_block(from, level, mixed, 0, points, &placed->coarse);
 }
 
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
@@ -170,16 +171,16 @@ void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
 void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                        const SurfaceBlock *surface, float colours[3][BLOCK_RAYS]) {
     TexturePoints points;
-    const Texture *textures[BLOCK_RAYS] = {NULL};
+    TextureChoice from = {.common = NULL};
     find_texture_points(state, rays, hits, surface, &points);
     measure_footprints(&points);
     for (uint32_t left = surface->textured; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         int32_t number = state->scene->mesh->arrays.texture[hits->triangle[lane]];
-        textures[lane] = state->scene->textures + number;
+        from.own[lane] = state->scene->textures + number;
     }
     set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
     PlacedTexels placed;
-    place_textures(textures, &points, surface->textured, &placed);
+    place_textures(&from, &points, surface->textured, &placed);
     mix_textures(&placed, colours);
 }

@@ -19,10 +19,15 @@ typedef struct PlacedTexels {
     float weight[BLOCK_RAYS];
 } PlacedTexels;
 
-/* Find the texels of some rays, of a texture each, by points whose footprints are measured, and
- * request them from memory: all before the first is used. */
-void place_textures(const Texture *const textures[BLOCK_RAYS], const TexturePoints *points,
-                    uint32_t lanes, PlacedTexels *placed);
+/* One texture of all rays, or NULL and one of each. */
+typedef struct {
+    const Texture *common, *own[BLOCK_RAYS];
+} TextureChoice;
+
+/* Find the texels of some rays by points whose footprints are measured, and request them from
+ * memory: all before the first is used. */
+void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
+                    PlacedTexels *placed);
 
 /* Colours, (3, 16), of these rays. */
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]);
