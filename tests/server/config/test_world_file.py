@@ -222,6 +222,36 @@ def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
     assert not item.casts_shadows
 
 
+def test_material_has_a_tile_in_metres_and_glows_in_its_colour(tmp_path: Path) -> None:
+    lines = (
+        "Boxes=(Size=(X=1,Y=1,Z=1),Repeat=0.5,Colour=(R=255,B=0),Emission=40)",
+        "Rectangles=(Size=(X=1,Y=2),Repeat=0.25)",
+    )
+    glowing, tiled = read_world_text(tmp_path, "\n".join(lines)).items[-2:]
+    assert glowing.material == Material((1.0, 0.0, 0.0), tile_m=0.5, emission=(40.0, 0.0, 0.0))
+    assert tiled.material is not None
+    assert tiled.material.tile_m == 0.25
+
+
+def test_texture_by_name_has_the_tile_of_its_kind_unless_stated(tmp_path: Path) -> None:
+    lines = "Boxes=(Size=(X=1,Y=1,Z=1),Texture=catoptra:brick{})"
+    texts = "\n".join(lines.format(more) for more in ("", ",Repeat=0.5"))
+    materials = [item.material for item in read_world_text(tmp_path, texts).items[-2:]]
+    white = (1.0, 1.0, 1.0)
+    assert materials == [Material(white, "brick", tile_m=side) for side in (1.0, 0.5)]
+    with pytest.raises(ConfigError, match=r"one of .*catoptra:brick"):
+        read_world_text(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1),Texture=catoptra:bricks)")
+
+
+@pytest.mark.parametrize(
+    "members", ["Repeat=0", "Repeat=(X=1,Y=1)", "Emission=-1", "Emission=inf", "Emission=nan"]
+)
+def test_unusable_material_is_an_error_of_one_line(tmp_path: Path, members: str) -> None:
+    with pytest.raises(ConfigError, match=members.split("=")[0]) as caught:
+        read_world_text(tmp_path, f"Boxes=(Size=(X=1,Y=1,Z=1),{members})")
+    assert "\n" not in str(caught.value)
+
+
 def test_item_is_scaled_along_each_axis(tmp_path: Path) -> None:
     (tmp_path / "m.stl").touch()
     lines = "Meshes=(File=m.stl,Scale=(X=2,Y=-3))", "Boxes=(Size=(X=1,Y=1,Z=1),Scale=(Z=0.5))"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,14 @@ from catoptra_server.world.shapes import (
     grid,
 )
 from catoptra_server.world.triangles import ROWS_PER_BLOCK
-from catoptra_server.world.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
+from catoptra_server.world.world_description import (
+    Box,
+    Cylinder,
+    Primitive,
+    Rectangle,
+    Ring,
+    SphereBand,
+)
 
 CORNERS = np.random.default_rng(1).normal(size=(2 * ROWS_PER_BLOCK + 7, 3, 3))
 UNIT_TRIANGLE = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
@@ -124,6 +132,46 @@ def test_box_when_textured_shows_the_image_once_and_unmirrored_on_each_side() ->
     assert_texture_is_upright(patch)
     for side in patch.uv.reshape(6, 6, 2):
         assert {tuple(corner) for corner in side} == {(0, 0), (0, 1), (1, 0), (1, 1)}
+
+
+BAND = SphereBand(2.0, 0.3, 2.0, 64, 16, is_solid=True)
+TILED = [
+    Box((1.0, 2.0, 3.0)),
+    Rectangle((3.0, 2.0)),
+    Cylinder(0.5, 2.0),
+    Ring(0.5, 2.0),
+    BAND,
+    replace(BAND, is_solid=False),
+]
+
+
+@pytest.mark.parametrize("shape", TILED, ids=lambda shape: type(shape).__name__)
+def test_tiles_have_their_metres_upright_on_each_face(shape: Primitive) -> None:
+    patch = build_shape(shape, 0.25)
+    assert_texture_is_upright(patch)
+    edges = patch.corners[:, 1:] - patch.corners[:, :1]
+    steps = patch.uv[:, 1:] - patch.uv[:, :1]
+    per_tile = np.linalg.norm(np.linalg.solve(steps, edges), axis=-1)
+    # Whole tiles close a circle: half of one in 12; and parallels shrink towards the poles.
+    is_closed = isinstance(shape, Cylinder | SphereBand)
+    assert per_tile.max() == pytest.approx(0.25, rel=0.05 if is_closed else 1e-9)
+    if not isinstance(shape, SphereBand):
+        assert per_tile.min() == pytest.approx(0.25, rel=0.05 if is_closed else 1e-9)
+
+
+def test_box_when_tiled_begins_with_a_whole_tile_at_its_foot() -> None:
+    patch = build_shape(Box((1.0, 2.0, 3.0)), 0.7)
+    sides = np.abs(patch.corners[..., 2].max(axis=1) - patch.corners[..., 2].min(axis=1)) > 0.0
+    at_foot = patch.corners[..., 2] == 1.5
+    np.testing.assert_allclose(patch.uv[sides][at_foot[sides]][:, 1], 0.0)
+
+
+@pytest.mark.parametrize("is_solid", [True, False])
+def test_band_when_textured_shows_the_image_once(is_solid: bool) -> None:
+    patch = build_shape(replace(BAND, is_solid=is_solid))
+    assert_texture_is_upright(patch)
+    np.testing.assert_allclose(patch.uv.min(axis=(0, 1)), 0.0, atol=1e-12)
+    np.testing.assert_allclose(patch.uv.max(axis=(0, 1)), 1.0, atol=1e-12)
 
 
 def test_box_when_textured_has_upright_images() -> None:

@@ -37,6 +37,7 @@ from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
+    Gloss,
     GpsOrigin,
     HemisphereLight,
     Item,
@@ -306,10 +307,9 @@ def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
 
 
 def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
-    size, repeat = (
-        item.get_struct("Size"),
-        item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=MAX_LENGTH_M),
-    )
+    size, repeat = item.get_struct("Size"), (1.0, 1.0, 0.0)
+    if _counts_tiles(item):
+        repeat = item.get_vector("Repeat", max_value=MAX_LENGTH_M)
     return Rectangle(
         size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2]
     )
@@ -379,7 +379,10 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         and not struct.has_key("Colour")
         and not struct.has_key("Texture")
     )
-    material = None if has_own_material else _read_material(struct, folder)
+    is_rectangle = isinstance(shape, Rectangle)
+    material = None
+    if not has_own_material:
+        material = _read_material(struct, folder, is_rectangle=is_rectangle)
     # None: as the mesh file says.
     has_unlit = has_own_material and struct.has_key("Unlit")
     unlit = struct.get_bool("Unlit", False) if has_unlit else None
@@ -419,15 +422,58 @@ def _read_factor(struct: SectionReader, axis: str) -> float:
     return factor
 
 
-def _read_material(struct: SectionReader, folder: Path) -> Material:
-    texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
+def _read_material(struct: SectionReader, folder: Path, *, is_rectangle: bool) -> Material:
+    texture, tile_m = _read_texture(struct, folder)
     # A texture is multiplied by the colour: white leaves the image as drawn.
     white = (255, 255, 255)
+    r, g, b = albedo = _read_colour(struct, "Colour", white if texture else (128, 128, 128))
+    # Times white's radiance: a lamp is some hundred times as bright as what it lights.
+    emission = struct.get_float("Emission", 0.0, min_value=0.0, max_value=1e6)
+    if struct.has_key("Repeat"):
+        counts_tiles = is_rectangle and _counts_tiles(struct)
+        tile_m = 0.0 if counts_tiles else _read_length(struct, "Repeat")
     return Material(
-        albedo=_read_colour(struct, "Colour", white if texture else (128, 128, 128)),
+        albedo=albedo,
         texture=texture,
         unlit=struct.get_bool("Unlit", False),
+        tile_m=tile_m,
+        emission=(emission * r, emission * g, emission * b),
+        gloss=_read_gloss(struct),
     )
+
+
+def _read_gloss(struct: SectionReader) -> Gloss | None:
+    if not struct.has_key("Gloss"):
+        return None
+    gloss = struct.get_struct("Gloss", example="(F0=0.04,Roughness=0.1)")
+    return Gloss(
+        # Below the least one no mirrored light is visible, but at grazing angles.
+        reflectance=gloss.get_float("F0", 0.04, min_value=0.001, max_value=1.0),
+        roughness=gloss.get_float("Roughness", 0.1, min_value=0.0, max_value=1.0),
+    )
+
+
+_NAMED_TEXTURE = "catoptra:"
+
+
+def _read_texture(struct: SectionReader, folder: Path) -> tuple[Path | str | None, float]:
+    """Image file or name of a texture, and the side of its tile where the texture has one."""
+    text = struct.get_str("Texture", "")
+    if not text.startswith(_NAMED_TEXTURE):
+        return struct.get_path("Texture", folder) if text else None, 0.0
+    # Imported on demand: many worlds have none.
+    from catoptra_server.world.named_textures import NAMED_TEXTURES
+
+    name = text.removeprefix(_NAMED_TEXTURE)
+    if name not in NAMED_TEXTURES:
+        names = ", ".join(_NAMED_TEXTURE + one for one in NAMED_TEXTURES)
+        raise struct.make_error("Texture", expected=f"an image file, or one of {names}")
+    return name, NAMED_TEXTURES[name].tile_m
+
+
+def _counts_tiles(struct: SectionReader) -> bool:
+    """Whether Repeat is a rectangle's number of tiles along each side, not the side of a tile."""
+    return struct.has_key("Repeat") and struct.get_str("Repeat").startswith("(")
 
 
 def _read_length(item: SectionReader, key: str) -> float:

@@ -240,6 +240,8 @@ class SceneSummary:
     """Largest loss in the shadow of scene and dynamic objects, as light of the finished picture."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
     """The same where the robot that carries the camera casts shadows, too."""
+    max_fresnel: float = 0.0
+    """Largest part of its light that a glossy surface mirrors; 0 without such surfaces."""
     camera_key: tuple[int, int] | None = None
     """Key of the camera's own patterns (`NoiseSeed.camera_key`); None if unknown."""
     ego_body_max_radiance: float = 0.0
@@ -513,6 +515,7 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
     {
         "SelfView": "scene.self_view.EFFECT_TYPE",
         "Shadows": "scene.shadows.EFFECT_TYPE",
+        "Gloss": "scene.gloss.EFFECT_TYPE",
         "Fog": "scene.fog.EFFECT_TYPE",
         "RollingShutter": "scene.rolling_shutter.EFFECT_TYPE",
         "MotionBlur": "scene.motion_blur.EFFECT_TYPE",

@@ -36,9 +36,9 @@ MAX_LIMIT_MIB = 2**20
 # A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 590, with
 # colours at its corners 670; texture coordinates add 60.
 BYTES_PER_TRIANGLE = 750
-# Held: three bytes, which both renderers share; trace adds two of coarser levels, raster four on
+# Held: three bytes, which both renderers share; trace adds eight of coarser levels, raster four on
 # the device with a third more for those. For one texture at a time: Pillow's pixels, then float32s.
-BYTES_PER_TEXEL = 9
+BYTES_PER_TEXEL = 11
 PEAK_BYTES_PER_TEXEL = 24
 
 # Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.

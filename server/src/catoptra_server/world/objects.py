@@ -289,6 +289,8 @@ class CameraState:
     to `objects`."""
     has_shadows: bool = False
     """Whether surfaces occlude directional and point lights."""
+    has_gloss: bool = False
+    """Whether glossy surfaces show what they mirror."""
     fog: FogMedium | None = None
     """Air between camera and surfaces; None for clear air."""
     shutter: Shutter | None = None

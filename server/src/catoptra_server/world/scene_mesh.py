@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cache, cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,13 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.world.shading import MAX_LAYERS, OcclusionMap
-from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
+from catoptra_server.world.shapes import (
+    bounding_box,
+    build_shape,
+    facet_normals,
+    max_triangles,
+    project_tiles,
+)
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
@@ -107,6 +114,8 @@ class SceneMesh:
     scene whose triangles have one albedo each."""
     emission: Floats | None = None
     """(n, 3) linear radiance of their own; None in a scene whose triangles only reflect."""
+    gloss: Floats | None = None
+    """(n, 2) reflectance along the normal, 0 for a matt triangle, and roughness; None: all are."""
     corner_normals: Floats | None = None
     """(n, 3, 3) unit normals at corners, by which light is reflected between, geometry left as it
     is; None in a scene of flat triangles."""
@@ -175,6 +184,14 @@ class SceneMesh:
         # Plain floats: for each frame, in a fifth of the time of arrays.
         pairs = zip(point.tolist(), self.centre.tolist(), strict=True)
         return any(abs(at - middle) > MAX_FLOAT_REACH_M for at, middle in pairs)
+
+    @property
+    def max_fresnel(self) -> float:
+        """Largest part of light that any triangle mirrors, at a grazing angle; 0 without gloss."""
+        if self.gloss is None:
+            return 0.0
+        reflectance, roughness = self.gloss[self.gloss[:, 0] > 0.0].T
+        return float(np.maximum(reflectance, 1.0 - roughness).max(initial=0.0))
 
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""
@@ -279,6 +296,7 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         albedo=_concatenate([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
         emission=_repeat_rows([look.emission for look in looks], counts),
+        gloss=_repeat_rows([look.gloss for look in looks], counts),
         corner_normals=_concatenate_corner_normals(parts),
         two_sided=_repeat_flags([look.two_sided for look in looks], counts),
         single_sided=_repeat_flags([look.single_sided for look in looks], counts),
@@ -322,8 +340,8 @@ def _albedos_at_corners(look: MeshAppearance) -> Floats:
     return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))
 
 
-def _repeat_rows(rows: list[Rgb], counts: Sequence[int]) -> Floats | None:
-    """(n, 3) rows by the number of each; None where all are zero."""
+def _repeat_rows(rows: Sequence[tuple[float, ...]], counts: Sequence[int]) -> Floats | None:
+    """(n, k) rows by the number of each; None where all are zero."""
     return np.repeat(np.array(rows), counts, axis=0) if any(map(any, rows)) else None
 
 
@@ -404,7 +422,7 @@ class _ItemLoader:
             value=f"{num_triangles} triangles",
             remedy="fewer items, Sectors or Rings",
         )
-        patch = build_shape(shape)
+        patch = build_shape(shape, item.material.tile_m)
         look = self._apply_material(patch.uv, item.material)
         corners, look = _stretch(patch.corners, look, item.scale)
         corners = item.world_from_item.transform_points(corners)
@@ -440,7 +458,9 @@ class _ItemLoader:
         for mesh in self._load_mesh_file(shape):
             appearance = mesh.appearance
             if item.material is not None:
-                appearance = self._apply_material(appearance.uv, item.material)
+                tile_m = item.material.tile_m
+                uv = project_tiles(mesh.corners, tile_m) if tile_m else appearance.uv
+                appearance = self._apply_material(uv, item.material)
             if item.unlit is not None:
                 appearance = replace(appearance, unlit=item.unlit)
             corners, normals = mesh.corners, mesh.normals
@@ -460,8 +480,21 @@ class _ItemLoader:
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
         """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
         albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
-        texture = None if material.texture is None else self._textures.load(material.texture)
-        return MeshAppearance(uv, albedo, None, texture, unlit=material.unlit)
+        texture = None
+        if isinstance(material.texture, Path):
+            texture = self._textures.load(material.texture)
+        elif material.texture is not None:
+            texture = self._textures.load_named(material.texture)
+        gloss = material.gloss
+        return MeshAppearance(
+            uv,
+            albedo,
+            None,
+            texture,
+            unlit=material.unlit,
+            emission=material.emission,
+            gloss=(0.0, 0.0) if gloss is None else (gloss.reflectance, gloss.roughness),
+        )
 
 
 def _stretch(

@@ -66,19 +66,56 @@ def max_triangles(shape: Primitive) -> int:
             return 2 * shape.sectors * shape.rings
 
 
-def build_shape(shape: Primitive) -> Patch:
-    """Build the triangles of a shape."""
+def build_shape(shape: Primitive, tile_m: float = 0.0) -> Patch:
+    """Build the triangles of a shape.
+
+    Args:
+        shape: Size and number of facets.
+        tile_m: Side of a tile of the texture on every face; 0: a texture covers each face, and no
+            disc. Whole tiles close a circle.
+    """
     match shape:
         case Box():
-            return box(shape)
+            patch = box(shape)
         case Cylinder():
-            return _cylinder(shape)
+            return _cylinder(shape, tile_m)
         case Rectangle():
-            return _rectangle(shape)
+            patch = _rectangle(shape)
         case Ring():
-            return _ring(shape)
+            patch = _ring(shape)
         case SphereBand():
-            return _sphere_band(shape)
+            return _sphere_band(shape, tile_m)
+    return patch if tile_m == 0.0 else Patch(patch.corners, project_tiles(patch.corners, tile_m))
+
+
+# Axes along which texture coordinates grow, to the right and down, on faces by the axis of their
+# normals and its sign: as on a box, whose images are upright and not mirrored from outside.
+_RIGHT = np.array([[[0, 1, 0], [0, -1, 0]], [[-1, 0, 0], [1, 0, 0]], [[0, 1, 0], [0, 1, 0]]])
+_DOWN = np.array([[[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 0, 1]], [[-1, 0, 0], [1, 0, 0]]])
+
+
+def project_tiles(corners: Floats, tile_m: float) -> Floats:
+    """(n, 3, 2) texture coordinates of (n, 3, 3) triangles by square tiles of some metres.
+
+    Along the coordinate plane that each faces most; a tile's lower left corner is in the corner of
+    the box around all, for courses of bricks to begin at the floor.
+    """
+    normals, _ = facet_normals(corners)
+    axis = np.abs(normals).argmax(axis=1)
+    sign = (normals[np.arange(len(axis)), axis] > 0.0).astype(np.intp)
+    along = np.stack((_RIGHT[axis, sign], _DOWN[axis, sign]), axis=1)
+    low, high = bounding_box(corners)
+    # Where a coordinate grows from the left, and ends at the bottom.
+    begin = np.where(along > 0, low, high)
+    begin[:, 1] = np.where(along[:, 1] > 0, high, low)
+    from_corner = np.where(along[:, None] != 0, corners[:, :, None] - begin[:, None], 0.0)
+    tiles: Floats = einsum("nkai,nai->nka", from_corner, along.astype(np.float64)) / tile_m
+    return tiles
+
+
+def _tiles_around(length_m: float, tile_m: float) -> float:
+    """Whole tiles along a closed line; one without a size."""
+    return max(round(length_m / tile_m), 1) if tile_m else 1.0
 
 
 def box(shape: Box) -> Patch:
@@ -111,19 +148,22 @@ def _quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
 
 # Beacons of a field are alike, and so are the meshes of a robot: 0.5 ms each.
 @lru_cache(maxsize=8)
-def _cylinder(shape: Cylinder) -> Patch:
-    """Upright _cylinder with two caps."""
+def _cylinder(shape: Cylinder, tile_m: float) -> Patch:
+    """Upright cylinder with two caps."""
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     x, y = shape.radius_m * cos(angle), shape.radius_m * sin(angle)
     half = 0.5 * shape.height_m
     # Rings from bottom to top: rows of a grid run up.
     wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
     # From outside the angle grows to the left, texture coordinates to the right.
-    u = 1.0 - angle / (2.0 * math.pi)
-    uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
+    u = (1.0 - angle / (2.0 * math.pi)) * _tiles_around(2.0 * math.pi * shape.radius_m, tile_m)
+    top_v = 1.0 - shape.height_m / tile_m if tile_m else 0.0
+    uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, top_v)])
     side = grid(wall, uv)
     centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
     bottom, top = _disc(wall[0], outward=(0, 0, 1)), _disc(wall[1], outward=(0, 0, -1))
+    if tile_m:
+        bottom, top = (Patch(o.corners, project_tiles(o.corners, tile_m)) for o in (bottom, top))
     return concatenate([_orient_outward(side, outward=centres), bottom, top])
 
 
@@ -152,8 +192,8 @@ def _ring(shape: Ring) -> Patch:
     )
 
 
-def _sphere_band(shape: SphereBand) -> Patch:
-    """Band of a sphere between two angles from +z."""
+def _sphere_band(shape: SphereBand, tile_m: float) -> Patch:
+    """Band of a sphere between two angles from +z; u runs right, v down as seen from its side."""
     # The last meridian repeats the first and so closes the band.
     azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
@@ -165,8 +205,15 @@ def _sphere_band(shape: SphereBand) -> Patch:
         ),
         axis=-1,
     )
-    patch = grid(points, np.zeros((*points.shape[:2], 2)))
     side = 1.0 if shape.is_solid else -1.0
+    # From outside the azimuth grows to the left.
+    widest = shape.radius_m * float(sin(min(max(0.5 * math.pi, shape.from_rad), shape.to_rad)))
+    u = (0.5 * (1.0 + side) - side * azimuth / (2.0 * math.pi)) * _tiles_around(
+        2.0 * math.pi * widest, tile_m
+    )
+    length = tile_m / shape.radius_m or shape.to_rad - shape.from_rad or 1.0
+    v = 1.0 - (angle - shape.from_rad) / length
+    patch = grid(points, np.stack(np.broadcast_arrays(u, v), axis=-1))
     return _orient_outward(patch, outward=side * patch.corners.mean(axis=1))
 
 

@@ -82,6 +82,18 @@ class TextureReader:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
+    def load_named(self, name: str) -> Texture:
+        """Texture of a name of `named_textures`."""
+        # Imported on demand: most worlds have none.
+        from catoptra_server.world.named_textures import SIDE_PX, load_named_texture
+
+        key = name.encode(), False
+        if key not in self._textures:
+            size = SIDE_PX if self.has_texels else 1
+            self._reserve(self.memory, BYTES_PER_TEXEL, size, size, SourceLocation(name))
+            self._textures[key] = load_named_texture(name) if self.has_texels else _make_white(3)
+        return self._textures[key]
+
     def load(self, path: Path, *, has_opacity: bool = False) -> Texture:
         """Texture of an image file, as by `decode`; errors likewise."""
         key = path.resolve(), has_opacity
@@ -106,21 +118,11 @@ class TextureReader:
         if key not in self._textures:
             image = _open_image(data, where)
             width, height = image.size
-            for memory, num_bytes in (
-                (self.memory.for_reading(), PEAK_BYTES_PER_TEXEL),
-                (self.memory, BYTES_PER_TEXEL),
-            ):
-                memory.reserve(
-                    num_bytes * width * height,
-                    where=where,
-                    key="Texture",
-                    value=f"{width} x {height} px",
-                    remedy="a smaller image",
-                )
+            self._reserve(self.memory.for_reading(), PEAK_BYTES_PER_TEXEL, width, height, where)
+            self._reserve(self.memory, BYTES_PER_TEXEL, width, height, where)
             channels = 4 if has_opacity and not image.mode.startswith("I") else 3
             if not self.has_texels:
-                white = np.full((1, 1, channels), 255, dtype=np.uint8)
-                return self._textures.setdefault(key, white)
+                return self._textures.setdefault(key, _make_white(channels))
             texture = self._textures[key] = np.zeros((height, width, channels), dtype=np.uint8)
             # Files wait in memory for their threads: not all of them.
             self._busy = [one for one in self._busy if not one.done()]
@@ -131,6 +133,18 @@ class TextureReader:
             self._decoding[id(texture)] = decoding
         return self._textures[key]
 
+    @staticmethod
+    def _reserve(
+        memory: MemoryBudget, num_bytes: int, width: int, height: int, where: SourceLocation
+    ) -> None:
+        memory.reserve(
+            num_bytes * width * height,
+            where=where,
+            key="Texture",
+            value=f"{width} x {height} px",
+            remedy="a smaller image",
+        )
+
     def wait(self, texture: Texture | None) -> None:
         """Wait until a texture is decoded.
 
@@ -139,6 +153,10 @@ class TextureReader:
         """
         if (decoding := self._decoding.pop(id(texture), None)) is not None:
             decoding.result()
+
+
+def _make_white(channels: int) -> Texture:
+    return np.full((1, 1, channels), 255, dtype=np.uint8)
 
 
 # A few a thread, so that no thread waits for files.
@@ -414,6 +432,8 @@ class MeshAppearance:
     coverage: Floats | None = None
     """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
     texture's opacity: holes are where it is below 1. None without holes."""
+    gloss: tuple[float, float] = (0.0, 0.0)
+    """Reflectance along the normal, and roughness, as of `world_description.Gloss`; 0: matt."""
     blends: bool = False
     """Whether what lies behind shows through, by an opacity of half the coverage."""
 

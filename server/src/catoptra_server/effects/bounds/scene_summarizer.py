@@ -64,7 +64,7 @@ from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
-_RADIANCE_FIELDS = frozenset({"max_radiance", "background_radiance", "camera_key"})
+_RADIANCE_FIELDS = frozenset({"max_radiance", "background_radiance", "camera_key", "max_fresnel"})
 _DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
 
@@ -147,6 +147,7 @@ class SceneSummarizer:
             # and walls of the bundled worlds merely touch.
             "background_radiance": self._world.background_range,
             "camera_key": camera_state.noise_seed.camera_key,
+            "max_fresnel": self.scene.max_fresnel,
         }
         if "max_radiance" in fields:
             values["max_radiance"] = max(self.max_radiance, self._bound_objects(objects))

@@ -108,7 +108,7 @@ def build_label_rays(source: RaySource, samples: int) -> RayTable:
 def label_exposure(camera_state: CameraState) -> TracedExposure:
     """The exposure as its labels see it: sharp, at its middle or at each row's time."""
     # Neither light nor air has labels.
-    plain = replace(camera_state, has_shadows=False, fog=None)
+    plain = replace(camera_state, has_shadows=False, has_gloss=False, fog=None)
     shutter = plain.shutter
     if shutter is None or shutter.readout_s == 0.0:
         return replace(plain, shutter=None)

@@ -474,7 +474,7 @@ def _find_flow(
 
 def _sharp(other: CameraState) -> CameraState:
     """The middle of an exposure, without light and air."""
-    return replace(other, shutter=None, has_shadows=False, fog=None)
+    return replace(other, shutter=None, has_shadows=False, has_gloss=False, fog=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

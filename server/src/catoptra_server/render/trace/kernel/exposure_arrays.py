@@ -101,6 +101,7 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
     struct.camera = array.ctypes.data
     struct.object_poses = struct.camera + len(states) * array.strides[0]
     struct.has_shadows = states[0].has_shadows
+    struct.has_gloss = states[0].has_gloss
     struct.exposure = exposure_fraction
     struct.readout = readout_fraction
     struct.max_instants = max_instants

@@ -68,6 +68,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     TracedFrame,
     TraceRequest,
+    camera_states,
     find_ego_body,
     first_state,
     invert_ranges,
@@ -79,6 +80,7 @@ from catoptra_server.world.shading import hemisphere_lights
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:
+    from catoptra_server.effects.bounds.light_loss import ObjectRadiances
     from catoptra_server.render.trace.kernel.image import KernelImageChanger
 
 # Fewer rays take less time than proofs of what fills parts of the image, in all bundled worlds:
@@ -253,6 +255,8 @@ def _read_changes(
     spread = _spread(thresholds)
     if state.has_shadows:
         changes["Shadows"] = read_change(counts.shadow_change, num_pixels, spread)
+    if state.has_gloss:
+        changes["Gloss"] = read_change(counts.gloss_change, num_pixels, spread)
     if state.fog is not None:
         changes["Fog"] = read_change(counts.fog_change, num_pixels, spread)
     if find_ego_body(state):
@@ -320,6 +324,7 @@ class KernelEngine:
         self._meshes: list[CommittedScene] = []
         self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
+        self._radiances: tuple[float, ObjectRadiances] | None = None
         try:
             self._scene = self._make_scene()
         except BaseException:
@@ -433,6 +438,10 @@ class KernelEngine:
         struct.output = output
         struct.measures_shadows = _measures(thresholds, "Shadows")
         struct.measures_fog = _measures(thresholds, "Fog")
+        if struct.has_gloss:
+            struct.measures_gloss = _measures(thresholds, "Gloss")
+            struct.gloss_limit = thresholds["Gloss"].plain_change if struct.measures_gloss else -1.0
+            struct.brightest = self._max_radiance(camera_states(exposure)[0])
         if _measures(thresholds, "SelfView"):
             struct.watched_object = find_ego_body(exposure)
         if _measures(thresholds, "MotionBlur"):
@@ -448,6 +457,17 @@ class KernelEngine:
         for name, value in members.items():
             setattr(struct, name, value)
         return self._device.render(self._scene, view, struct)
+
+    def _max_radiance(self, state: CameraState) -> float:
+        """Largest radiance of anything that glossy surfaces may mirror."""
+        if self._radiances is None:
+            # Loaded with the first glossy surface.
+            from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
+
+            of_scene = max_radiance(self.scene, self._world)
+            self._radiances = of_scene, ObjectRadiances(self._world)
+        of_scene, of_objects = self._radiances
+        return max(of_scene, of_objects.max_radiance(state.objects))
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""

@@ -32,7 +32,7 @@ class MeshArrays(ctypes.Structure):
         ("num_triangles", c_int32),
         *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
         *_addresses("fine_corners", "emission", "corner_normals", "coverage", "blended"),
-        *_addresses("textures"),
+        *_addresses("textures", "gloss"),
     ]
 
 
@@ -49,7 +49,7 @@ class TextureStruct(ctypes.Structure):
         ("num_levels", c_int32),
         ("sampling", c_int32),
         ("channels", c_int32),
-        *_addresses("levels", "light"),
+        ("levels", c_void_p),
     ]
 
 
@@ -228,6 +228,10 @@ class FrameStruct(ctypes.Structure):
         ("fog_density", c_float),
         ("airlight", c_float * 3),
         ("measures_fog", c_int32),
+        ("has_gloss", c_int32),
+        ("measures_gloss", c_int32),
+        ("gloss_limit", c_float),
+        ("brightest", c_float),
         ("labels", c_void_p),
         ("flow", c_void_p),
     ]
@@ -250,6 +254,7 @@ class FrameCounts(ctypes.Structure):
         ("rolling_change", PixelChange),
         ("blur_ms", c_float),
         ("fog_change", PixelChange),
+        ("gloss_change", PixelChange),
     ]
 
 

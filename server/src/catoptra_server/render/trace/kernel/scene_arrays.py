@@ -110,6 +110,7 @@ def scene_arrays(
         flags,
         corner_albedo=_float32(scene.corner_albedo),
         emission=_float32(scene.emission),
+        gloss=_float32(scene.gloss),
         corner_normals=_float32(scene.corner_normals),
         **filtered,
         blended=None if scene.blended is None else scene.blended.astype(np.uint8),
@@ -274,18 +275,16 @@ def texture_array(
     with ThreadPoolExecutor(count_processors()) as pool:
         levels = pool.map(lambda image: _texture_levels(find_levels(image)), images.values())
         owned = dict(zip(images, levels, strict=True))
-    light = np.rint(_MAX_TEXEL * light_of_bytes())
     structs = [
         TextureStruct(
             len(owned[id(image)].struct),
             _sampling_bits(sampling),
             image.shape[-1],
             ctypes.addressof(owned[id(image)].struct),
-            light.ctypes.data,
         )
         for image, sampling in zip(scene.textures, scene.samplings, strict=True)
     ]
-    owners = (*owned.values(), light)
+    owners = tuple(owned.values())
     return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), owners)
 
 
@@ -296,7 +295,7 @@ def _sampling_bits(sampling: TextureSampling) -> int:
 
 def _texture_levels(levels: Levels) -> OwningStruct:
     """The levels of one texture."""
-    texels = (np.ascontiguousarray(levels[0]), *map(_pad_texels, levels[1:]))
+    texels = (_pad_texels(_decode_image(levels[0])), *map(_pad_texels, levels[1:]))
     structs = [
         TextureLevelStruct(level.shape[1], level.shape[0], owned.ctypes.data)
         for level, owned in zip(levels, texels, strict=True)
@@ -304,13 +303,24 @@ def _texture_levels(levels: Levels) -> OwningStruct:
     return OwningStruct((TextureLevelStruct * len(structs))(*structs), texels)
 
 
-def _pad_texels(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """(h + 2, w + 2, c) texels of (h, w, c) linear light, or of light and opacity."""
+def _decode_image(image: Texture) -> npt.NDArray[np.uint16]:
+    """(h, w, c) linear light and opacity, by a table: no float of each texel of a large image."""
+    light = np.rint(_MAX_TEXEL * light_of_bytes()).astype(np.uint16).take(image)
+    light[..., 3:] = image[..., 3:].astype(np.uint16) * np.uint16(257)
+    return light
+
+
+def _pad_texels(linear: npt.NDArray[np.float32] | npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+    """(h + 2, w + 2, c) texels of (h, w, c) linear light and opacity; 16 bits are kept."""
     height, width, channels = linear.shape
     # One number more: the kernel reads four at once.
     buffer = np.zeros((height + 2) * (width + 2) * channels + 1, dtype=np.uint16)
     texels = buffer[:-1].reshape(height + 2, width + 2, channels)
-    np.rint(_MAX_TEXEL * linear, out=texels[1:-1, 1:-1], casting="unsafe")
+    inner = texels[1:-1, 1:-1]
+    if linear.dtype == np.uint16:
+        inner[...] = linear
+    else:
+        np.rint(_MAX_TEXEL * linear, out=inner, casting="unsafe")
     texels[0], texels[-1] = texels[-2], texels[1]
     texels[:, 0], texels[:, -1] = texels[:, -2], texels[:, 1]
     return texels
@@ -415,7 +425,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "albedo": scene.albedo,
         "uv": scene.uv if scene.textures else None,
         "texture": scene.texture_index,
-        "object": scene.object_index,
+        "object": scene.object_index + _number_glosses(scene) * np.int32(len(scene.objects)),
         "unlit": scene.unlit,
         "has_colours": _has_own_shading(scene),
     }
@@ -427,6 +437,13 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
     facets = FacetSource(len(scene), tuple(scene.centre), **addresses)
     count = device.find_surfaces(facets, surface, outer_edges, largest)
     return FlatSurfaces(surface, outer_edges, largest[:count].copy())
+
+
+def _number_glosses(scene: SceneMesh) -> _Indices:
+    """(n,) numbers of materials by their gloss, of which a surface has one."""
+    if scene.gloss is None:
+        return np.zeros(len(scene), dtype=np.int32)
+    return np.unique(scene.gloss, axis=0, return_inverse=True)[1].astype(np.int32).reshape(-1)
 
 
 def surfaces_struct(surfaces: FlatSurfaces) -> OwningStruct:

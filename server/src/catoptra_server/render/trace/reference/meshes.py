@@ -128,6 +128,8 @@ class TracedMesh:
     """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
     occlusion: OcclusionMap | None = None
     """Factors of hemisphere light, of the static scene alone."""
+    gloss: Floats | None = None
+    """(m, 2) as of `SceneMesh`; None: all are matt."""
     emission: Floats | None = None
     """(m, 3) linear radiance of their own; None: none."""
     corner_normals: Floats | None = None
@@ -274,6 +276,7 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.samplings,
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
         scene.occlusion,
+        scene.gloss,
         scene.emission,
         scene.corner_normals,
         scene.two_sided,

@@ -70,6 +70,10 @@ class Lighting:
     """or the same by direction."""
     has_shadows: bool
     """Whether surfaces occlude directional and point lights."""
+    has_gloss: bool = False
+    """Whether glossy surfaces show what they mirror."""
+    fog: FogMedium | None = None
+    """Air between camera and surfaces, and between these and what they mirror."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,13 +106,53 @@ def shade_hits(
             radiance[selected] = _shade_mesh(
                 placed, number, _take(rays, selected), _take(hits, selected), lighting
             )
+    gloss = meshes[STATIC_SCENE].mesh.gloss
+    if lighting.has_gloss and gloss is not None:
+        static = np.flatnonzero(hits.object == STATIC_SCENE)
+        rows = static[gloss[hits.triangle[static], 0] > 0.0]
+        placed, part = [mesh.take(rows) for mesh in meshes], _take(rays, rows)
+        radiance[rows] = _mix_mirrored(placed, part, _take(hits, rows), radiance[rows], lighting)
     return radiance
 
 
-def shade_layers(
-    meshes: Sequence[PlacedMesh], rays: WorldRays, lighting: Lighting, fog: FogMedium | None
+def _mix_mirrored(
+    meshes: Sequence[PlacedMesh], rays: WorldRays, hits: FirstHits, own: Floats, lighting: Lighting
 ) -> Floats:
+    """(n, 3) radiance of glossy triangles, by the formula of `effects/scene/gloss.py`."""
+    scene = meshes[STATIC_SCENE].mesh
+    assert scene.gloss is not None, "the triangles are glossy"
+    reflectance, roughness = scene.gloss[hits.triangle].T[..., None]
+    normals = scene.facets.normals[hits.triangle]
+    normals = -np.sign(_dot(normals, rays.directions)) * normals
+    cosine = -_dot(normals, rays.directions)
+    grazing = np.maximum(1.0 - roughness, reflectance)
+    fresnel = reflectance + (grazing - reflectance) * (1.0 - np.minimum(cosine, 1.0)) ** 5
+    positions = rays.origins + hits.distance[:, None] * rays.directions
+    largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1, keepdims=True)
+    length = np.linalg.norm(rays.steps, axis=-1, keepdims=True)
+    spread = np.hypot(length, roughness[:, None] ** 2) / np.where(length > 0.0, length, 1.0)
+    steps = spread * (rays.steps - 2.0 * _dot(rays.steps, normals[:, None]) * normals[:, None])
+    directions = rays.directions + 2.0 * cosine * normals
+    mirrored = WorldRays(positions + _SHADOW_BIAS * largest * normals, directions, steps)
+    seen = find_first_hits(meshes, mirrored)
+    # As from the mirrored viewpoint, so that footprints grow from there.
+    apart = replace(mirrored, origins=mirrored.origins - hits.distance[:, None] * directions)
+    far = replace(seen, distance=seen.distance + hits.distance)
+    light = shade_hits(meshes, apart, far, replace(lighting, has_gloss=False))
+    light = light if lighting.fog is None else lighting.fog.mix(light, seen.distance)
+    mean = facet_irradiance(hemisphere_lights(scene.lights), normals)
+    mixed: Floats = own + fresnel * (light + roughness * (mean - light) - own)
+    return mixed
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    product: Floats = (one * other).sum(axis=-1, keepdims=True)
+    return product
+
+
+def shade_layers(meshes: Sequence[PlacedMesh], rays: WorldRays, lighting: Lighting) -> Floats:
     """(n, 3) linear radiance along rays, blended front to back where the static scene blends."""
+    fog = lighting.fog
     scene, count = meshes[0].mesh, len(rays.origins)
     radiance, passing, begin = np.zeros((count, 3)), np.ones(count), np.zeros(count)
     rows = np.arange(count)

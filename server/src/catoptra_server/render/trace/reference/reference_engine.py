@@ -60,7 +60,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
-from catoptra_server.world.objects import CameraState, FogMedium, ObjectMesh
+from catoptra_server.world.objects import CameraState, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
 
@@ -112,8 +112,14 @@ class ReferenceEngine:
         return _Frame(
             tuple(self._relative(state.world_from_mirror) for state in states),
             ((self._scene, (Pose.identity(),)), *objects),
-            Lighting(self._centre, self._world.background, self._world.sky, states[0].has_shadows),
-            states[0].fog,
+            Lighting(
+                self._centre,
+                self._world.background,
+                self._world.sky,
+                states[0].has_shadows,
+                states[0].has_gloss,
+                states[0].fog,
+            ),
         )
 
     def _relative(self, pose: Pose) -> Pose:
@@ -140,9 +146,7 @@ class _Frame:
     meshes: tuple[tuple[TracedMesh, tuple[Pose, ...]], ...]
     """Static scene and dynamic objects, with their poses."""
     lighting: Lighting
-    """Background and shadows."""
-    fog: FogMedium | None
-    """Air between camera and surfaces."""
+    """Background, shadows and fog."""
 
     def place(self, batch: _RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays]:
         """Meshes at the times of a batch, and its rays."""
@@ -160,11 +164,12 @@ class _Frame:
     def shade(self, batch: _RayBatch) -> Floats:
         """(n, 3) linear radiance of a batch."""
         meshes, rays = self.place(batch)
+        fog = self.lighting.fog
         if self.meshes[0][0].blended is not None:
-            return shade_layers(meshes, rays, self.lighting, self.fog)
+            return shade_layers(meshes, rays, self.lighting)
         hits = find_first_hits(meshes, rays)
         radiance = shade_hits(meshes, rays, hits, self.lighting)
-        return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
+        return radiance if fog is None else fog.mix(radiance, hits.distance)
 
 
 class _ReferenceRays:
@@ -194,6 +199,8 @@ class _ReferenceRays:
             changes["Shadows"] = self._measure_shadows(exposure, sharp, request.thresholds)
         if "Fog" in measured and first_state(exposure).fog is not None:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
+        if "Gloss" in measured and first_state(exposure).has_gloss:
+            changes["Gloss"] = self._measure(sharp, request.thresholds["Gloss"], has_gloss=False)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             threshold = request.thresholds["SelfView"]
             changes["SelfView"] = self._measure(sharp, threshold, unseen=number)

@@ -362,7 +362,8 @@ static int light_plane(const FrameState *state, int tile, TileContent *content) 
     content->is_open = content->is_open || !has_occlusion(scene, triangle) ||
                        find_sky_view(scene, triangle, corners) == SKY_OPEN;
     int is_plain = content->is_open && content->object == OBJECT_NONE && !has_fog(state) &&
-                   !(scene->mesh->arrays.flags[triangle] & FACET_TEXTURED);
+                   !(scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) &&
+                   !is_glossy(state, triangle);
     if (!is_plain || (state->measures->blurs_unseen_shadows && content->proof.hidden) ||
         !find_light_beside_lamps(state, triangle, content->proof, &light, &lamps))
         return 0;

@@ -154,7 +154,8 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     moving->is_constant =
-        !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED));
+        !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED)) &&
+        !is_glossy(state, triangle);
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};

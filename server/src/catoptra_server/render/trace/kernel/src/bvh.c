@@ -172,8 +172,9 @@ double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock
     double v = (along[0] * q[0] + along[1] * q[1] + along[2] * q[2]) / volume;
     double opacity = coverage[0] + u * ((double)coverage[1] - coverage[0]) +
                      v * ((double)coverage[2] - coverage[0]);
-    if (mesh->flags[at] & FACET_TEXTURED) {
-        const Texture *texture = mesh->textures + mesh->texture[at];
+    const Texture *texture =
+        mesh->flags[at] & FACET_TEXTURED ? mesh->textures + mesh->texture[at] : NULL;
+    if (texture && texture->channels == 4) {
         const double *uv = mesh->uv + 6 * at;
         float s = (float)(uv[0] + u * (uv[2] - uv[0]) + v * (uv[4] - uv[0]));
         float t = (float)(uv[1] + u * (uv[3] - uv[1]) + v * (uv[5] - uv[1]));

@@ -64,6 +64,17 @@ static void sum_full_steps(const float *directions, float sums[2][3]) {
     }
 }
 
+/* Steps as a facet mirrors them, longer by what its roughness spreads. */
+static void mirror_steps(const MirrorPlane *plane, RaySteps *steps) {
+    float spread = plane->spread * plane->spread;
+    for (int i = 0; i < 2; i++) {
+        Vec3 step = steps->step[i];
+        float squared = dot(step, step);
+        step = subtract(step, scale(2.0f * dot(plane->normal, step), plane->normal));
+        steps->step[i] = squared > 0.0f ? scale(sqrtf(1.0f + spread / squared), step) : step;
+    }
+}
+
 RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
     const float *directions = state->rays->directions + rays->index * 3 * BLOCK_RAYS;
     uint32_t valid = state->rays->valid[rays->index];
@@ -82,6 +93,8 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
         pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[0], &pose);
     for (int i = 0; i < 2; i++)
         steps.step[i] = rotate(pose.rotation, steps.step[i]);
+    if (state->mirror)
+        mirror_steps(state->mirror, &steps);
     return steps;
 }
 

@@ -12,10 +12,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate:
- * positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few times that.
- * 40 um at 10 m. */
-#define SHADOW_BIAS 0x1p-18f
 #define UNLIMITED INFINITY
 
 /* The steepest part of the sRGB curve, and the factor of x^(-7/12) in the slope of the rest. */

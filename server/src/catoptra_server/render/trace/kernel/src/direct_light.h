@@ -5,6 +5,10 @@
 #include "hit_points.h"
 #include "light_map.h"
 
+/* Distance of the origin of a ray from a facet, relative to the largest coordinate: positions and
+ * corners are rounded to 2^-24 each, and a hit on a plane loses a few times that. 40 um at 10 m. */
+#define SHADOW_BIAS 0x1p-18f
+
 /* The hits of a block whose radiance is not in a table. */
 typedef struct {
     HitPoints points;

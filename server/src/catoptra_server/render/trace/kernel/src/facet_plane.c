@@ -4,6 +4,7 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "facet_plane.h"
 
+#include "hit_textures.h"
 #include "texture_levels.h"
 
 #include <math.h>
@@ -110,62 +111,8 @@ find_coordinates(const FacetPlane *plane, const RayBlock *rays, int has_origins,
     }
 }
 
-/* Texels of some rays of a block, each at a level of its own, requested from memory; `sharp` rays
- * read the image alone. */
-static void find_block_texels(const Texture *texture, const int32_t level[BLOCK_RAYS],
-                              uint32_t rays, uint32_t sharp, const TexturePoints *points,
-                              TexelSquare squares[BLOCK_RAYS]) {
-    float u[BLOCK_RAYS], v[BLOCK_RAYS], fx[BLOCK_RAYS], fy[BLOCK_RAYS];
-    int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        width[lane] = texture->levels[level[lane]].width;
-        height[lane] = texture->levels[level[lane]].height;
-        u[lane] = points->u[lane], v[lane] = points->v[lane];
-    }
-    if (__builtin_expect(texture->sampling, 0))
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        column[lane] = find_texel(u[lane], width[lane], &fx[lane]);
-        row[lane] = find_texel(v[lane], height[lane], &fy[lane]);
-    }
-    for (uint32_t left = rays; left; left &= left - 1) {
-        int lane = __builtin_ctz(left);
-        squares[lane].fx = fx[lane], squares[lane].fy = fy[lane];
-        place_texels(texture, level[lane], column[lane], row[lane], &squares[lane]);
-    }
-}
-
-/* One radiance times the texture at all points. */
-static void read_texture(const Texture *texture, const TexturePoints *points, int is_any_large,
-                         Vec3 radiance, float result[3][BLOCK_RAYS]) {
-    TexelSquare fine[BLOCK_RAYS], coarse[BLOCK_RAYS];
-    int32_t level[BLOCK_RAYS] = {0};
-    float weight[BLOCK_RAYS];
-    uint32_t mixed = 0, sharp = 0xffff;
-    for (int lane = 0; is_any_large && lane < BLOCK_RAYS; lane++) {
-        LevelChoice choice = choose_level(texture, points->texels[lane]);
-        level[lane] = choice.level, weight[lane] = choice.weight;
-        mixed |= (uint32_t)(choice.weight > 0.0f) << lane;
-        sharp &= ~((uint32_t)(choice.level > 0 || choice.weight > 0.0f) << lane);
-    }
-    /* All texels are requested before the first is used. */
-    find_block_texels(texture, level, 0xffff, sharp, points, fine);
-    if (mixed) {
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            level[lane] += (int32_t)(mixed >> lane & 1);
-        find_block_texels(texture, level, mixed, 0, points, coarse);
-    }
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        Texel colour = mix_texels(&fine[lane]);
-        if (mixed >> lane & 1)
-            colour += weight[lane] * (mix_texels(&coarse[lane]) - colour);
-        set_lane(result, lane, multiply(radiance, (Vec3){colour[0], colour[1], colour[2]}));
-    }
-}
-
-void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
-                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                        const RayBlock *rays, struct PlacedTexels *placed) {
     const Texture *texture =
         state->scene->textures + state->scene->mesh->arrays.texture[triangle];
     RaySteps ray_steps = find_ray_steps(state, rays);
@@ -175,6 +122,23 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
         find_coordinates(plane, rays, 1, texture->levels, &steps, &points);
     else
         find_coordinates(plane, rays, 0, texture->levels, &steps, &points);
-    int is_any_large = measure_footprints(&points);
-    read_texture(texture, &points, is_any_large, radiance, result);
+    TextureChoice from;
+    from.common = texture;
+    measure_footprints(&points);
+    place_textures(&from, &points, 0xffff, placed);
+}
+
+void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+    float factors[3] = {radiance.x, radiance.y, radiance.z};
+    mix_textures(placed, result);
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            result[channel][lane] *= factors[channel];
+}
+
+void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+    PlacedTexels placed;
+    place_plane_texels(state, triangle, plane, rays, &placed);
+    light_texels(&placed, radiance, result);
 }

@@ -4,8 +4,10 @@
 
 #include "frame_state.h"
 
+struct PlacedTexels; /* hit_textures.h */
+
 /* Plane n.(p - first) = 0 with coordinates gradient.(p - first) + offset. */
-typedef struct {
+typedef struct FacetPlane {
     Vec3 first, normal;
     Vec3 u_gradient, v_gradient; /* of texture coordinates, per metre */
     float u_offset, v_offset;
@@ -15,6 +17,12 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 
 /* Distances at which rays meet the plane. */
 void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
+
+/* Texels of the facet's texture where the rays meet its plane, requested from memory; and one
+ * radiance times these, (3, 16). */
+void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                        const RayBlock *rays, struct PlacedTexels *placed);
+void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]);
 
 /* One radiance times the facet's texture where the rays meet its plane, (3, 16). */
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,

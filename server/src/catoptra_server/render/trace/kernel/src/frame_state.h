@@ -7,6 +7,12 @@
 #include "ray_block.h"
 #include "vectors.h"
 
+/* The plane whose mirrored light rays show, and the angle by which its roughness spreads them. */
+typedef struct {
+    Vec3 normal;
+    float spread;
+} MirrorPlane;
+
 typedef struct {
     const Device *device;
     const Scene *scene;          /* lights, grids and maps in the frame's coordinates */
@@ -28,6 +34,7 @@ typedef struct {
     float shift, turn;
     struct BlurPlan *plan; /* blur_plan.h; NULL where nothing moves */
     int32_t unseen_object; /* number in hits of an object that rays of the camera pass; 0: none */
+    const MirrorPlane *mirror; /* of rays that a facet mirrors; NULL: of the camera's */
     int has_point_lights;
     int is_constant; /* light is constant over each facet: no shadow, no point light */
 } FrameState;
@@ -36,6 +43,12 @@ typedef struct {
 static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
     return object == OBJECT_STATIC ? &state->scene->mesh->arrays
                                    : &state->frame->objects[object - 1]->arrays;
+}
+
+/* Whether a facet of the static scene shows what it mirrors. */
+static inline int is_glossy(const FrameState *state, int32_t triangle) {
+    const float *gloss = state->scene->mesh->arrays.gloss;
+    return state->frame->has_gloss && gloss && gloss[2 * (size_t)triangle] > 0.0f;
 }
 
 /* Whether the frame has coordinates of its own, because the scene's are too large for floats. */

@@ -52,24 +52,135 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
                                    hits->triangle[__builtin_ctz(left)], points);
 }
 
+/* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
+ * exponent and the fraction of the number itself. Bit mask of the rays that read two levels. */
+static uint32_t choose_levels(Ints16 coarsest, const TexturePoints *points, uint32_t lanes,
+                              int32_t level[BLOCK_RAYS], float weight[BLOCK_RAYS]) {
+    Floats16 texels = load16(points->texels);
+    Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127;
+    /* Also false for what is not a number, of a plane that holds the viewpoint. */
+    Ints16 is_large = texels > splat16(1.0f), is_mixed = is_large & (found < coarsest);
+    found = (found & is_mixed) | (coarsest & is_large & ~is_mixed);
+    /* Below one and a half of its texels a level is read alone: half of the second look-ups. */
+    Floats16 part = 2.0f * (Floats16)((bits & 0x7fffff) | 0x3f800000) - 3.0f;
+    is_mixed &= part > splat16(0.0f);
+    store_ints16(found, level);
+    store16(select16(is_mixed, part, splat16(0.0f)), weight);
+    return bits16(is_mixed) & lanes;
+}
+
+static const Texture *texture_of(const TextureChoice *from, int lane) {
+    return from->common ? from->common : from->own[lane];
+}
+
+/* Columns and rows in the bordered level of `find_texel`, of coordinates as by vector code. */
+static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BLOCK_RAYS],
+                        const float u[BLOCK_RAYS], const float v[BLOCK_RAYS],
+                        int32_t column[BLOCK_RAYS], int32_t row[BLOCK_RAYS], TexelSquares *squares) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        column[lane] = find_texel(u[lane], width[lane], &squares->fx[lane]);
+        row[lane] = find_texel(v[lane], height[lane], &squares->fy[lane]);
+    }
+}
+
+/* Texels of one level of a texture, around all rays of a block. */
+static void place_alike(const Texture *texture, const TextureLevel *level,
+                        const TexturePoints *points, TexelSquares *squares) {
+    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
+    int32_t stride = texture->channels * (level->width + 2);
+    store_ints16((Ints16){0} + level->width, width);
+    store_ints16((Ints16){0} + level->height, height);
+    store_ints16((Ints16){0} + stride, squares->stride);
+    store_ints16((Ints16){0} + texture->channels, squares->channels);
+    find_texels(width, height, points->u, points->v, column, row, squares);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        squares->upper[lane] =
+            level->texels + (ptrdiff_t)stride * row[lane] + texture->channels * column[lane];
+        __builtin_prefetch(squares->upper[lane]);
+        __builtin_prefetch(squares->upper[lane] + stride);
+    }
+}
+
+/* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
+ * `sharp` rays read the image alone. Vector code but for what is loaded. */
+static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAYS],
+                        uint32_t lanes, uint32_t sharp, const TexturePoints *points,
+                        TexelSquares *squares) {
+    _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
+    int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0}, column[BLOCK_RAYS], row[BLOCK_RAYS];
+    memcpy(u, points->u, sizeof u);
+    memcpy(v, points->v, sizeof v);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        const Texture *texture = texture_of(from, lane);
+        width[lane] = texture->levels[level[lane]].width;
+        height[lane] = texture->levels[level[lane]].height;
+        if (__builtin_expect(texture->sampling, 0))
+            adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
+    }
+    find_texels(width, height, u, v, column, row, squares);
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        const Texture *texture = texture_of(from, lane);
+        const uint16_t *texels = texture->levels[level[lane]].texels;
+        int32_t channels = texture->channels, stride = channels * (width[lane] + 2);
+        squares->stride[lane] = stride, squares->channels[lane] = channels;
+        squares->upper[lane] = texels + (ptrdiff_t)stride * row[lane] + channels * column[lane];
+        __builtin_prefetch(squares->upper[lane]);
+        __builtin_prefetch(squares->upper[lane] + stride);
+    }
+}
+
+static Texel mix_lane(const TexelSquares *squares, int lane) {
+    TexelSquare square = {squares->upper[lane], squares->stride[lane], squares->channels[lane],
+                          squares->fx[lane], squares->fy[lane]};
+    return mix_texels(&square);
+}
+
+void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
+                    PlacedTexels *placed) {
+    _Alignas(64) int32_t level[BLOCK_RAYS], last[BLOCK_RAYS] = {0};
+    Ints16 coarsest = {0};
+    for (uint32_t left = lanes; !from->common && left; left &= left - 1)
+        last[__builtin_ctz(left)] = from->own[__builtin_ctz(left)]->num_levels - 1;
+    coarsest = from->common ? coarsest + (from->common->num_levels - 1) : load_ints16(last);
+    uint32_t mixed = choose_levels(coarsest, points, lanes, level, placed->weight);
+    uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
+    placed->lanes = lanes, placed->mixed = mixed;
+    if (from->common && !from->common->sampling &&
+        bits16(load_ints16(level) == level[0]) == 0xffff)
+        place_alike(from->common, from->common->levels + level[0], points, &placed->fine);
+    else
+        place_block(from, level, lanes, sharp, points, &placed->fine);
+    if (!mixed)
+        return;
+    store_ints16(load_ints16(level) - mask16(mixed), level);
+    place_block(from, level, mixed, 0, points, &placed->coarse);
+}
+
+void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
+    for (uint32_t left = placed->lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        Texel colour = mix_lane(&placed->fine, lane);
+        if (placed->mixed >> lane & 1)
+            colour += placed->weight[lane] * (mix_lane(&placed->coarse, lane) - colour);
+        set_lane(colours, lane, (Vec3){colour[0], colour[1], colour[2]});
+    }
+}
+
 void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                        const SurfaceBlock *surface, float colours[3][BLOCK_RAYS]) {
     TexturePoints points;
+    TextureChoice from = {.common = NULL};
     find_texture_points(state, rays, hits, surface, &points);
     measure_footprints(&points);
-    TexelChoice texels[BLOCK_RAYS];
-    /* All texels are requested before the first is used. */
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(surface->textured >> lane & 1))
-            continue;
+    for (uint32_t left = surface->textured; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
         int32_t number = state->scene->mesh->arrays.texture[hits->triangle[lane]];
-        const Texture *texture = state->scene->textures + number;
-        texels[lane] = find_level_texels(texture, choose_level(texture, points.texels[lane]),
-                                         points.u[lane], points.v[lane]);
+        from.own[lane] = state->scene->textures + number;
     }
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(colours, lane, (Vec3){1, 1, 1});
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (surface->textured >> lane & 1)
-            set_lane(colours, lane, mix_levels(&texels[lane]));
+    set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
+    PlacedTexels placed;
+    place_textures(&from, &points, surface->textured, &placed);
+    mix_textures(&placed, colours);
 }

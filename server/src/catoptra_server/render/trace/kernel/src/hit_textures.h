@@ -3,6 +3,34 @@
 #define CATOPTRA_HIT_TEXTURES_H
 
 #include "direct_light.h"
+#include "texture_levels.h"
+
+/* Texels around a block's points, by component. */
+typedef struct {
+    const uint16_t *upper[BLOCK_RAYS];
+    _Alignas(64) int32_t stride[BLOCK_RAYS], channels[BLOCK_RAYS];
+    float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
+} TexelSquares;
+
+/* What a block reads of textures: of `mixed` rays two levels. */
+typedef struct PlacedTexels {
+    uint32_t lanes, mixed;
+    TexelSquares fine, coarse;
+    float weight[BLOCK_RAYS];
+} PlacedTexels;
+
+/* One texture of all rays, or NULL and one of each. */
+typedef struct {
+    const Texture *common, *own[BLOCK_RAYS];
+} TextureChoice;
+
+/* Find the texels of some rays by points whose footprints are measured, and request them from
+ * memory: all before the first is used. */
+void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
+                    PlacedTexels *placed);
+
+/* Colours, (3, 16), of these rays. */
+void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]);
 
 /* Colours, (3, 16), of the textured rays; white for the others. */
 void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,

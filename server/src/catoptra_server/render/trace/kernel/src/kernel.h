@@ -46,12 +46,12 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
-/* The image itself: (height, width, channels) sRGB bytes. Coarser levels: linear light as uint16,
- * 65535 = white, (height + 2, width + 2, channels), with a border of one texel repeated from the
- * other side, and two readable bytes behind the last. */
+/* The image or a coarser level: linear light as uint16, 65535 = white,
+ * (height + 2, width + 2, channels), with a border of one texel repeated from the other side, and
+ * two readable bytes behind the last. */
 typedef struct {
     int32_t width, height; /* without border */
-    const void *texels;
+    const uint16_t *texels;
 } TextureLevel;
 
 enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };
@@ -61,7 +61,6 @@ typedef struct {
     int32_t sampling; /* SAMPLE_... bits; 0: it repeats, and is interpolated */
     int32_t channels; /* 3, or 4 with opacity */
     const TextureLevel *levels; /* the image, then each of half the sides of the one before */
-    const float *light; /* (256,) linear light of sRGB bytes, 65535 = white */
 } Texture;
 
 /* Triangles and their materials. Arrays of n + 1 rows end with the background. */
@@ -84,6 +83,7 @@ typedef struct {
      * or NULL. */
     const uint8_t *blended;
     const Texture *textures; /* of `texture`, for holes; or NULL */
+    const float *gloss; /* (n, 2) reflectance along the normal, 0 for matt; roughness. Or NULL */
 } MeshArrays;
 
 typedef struct {
@@ -256,6 +256,10 @@ typedef struct {
     float fog_density;     /* extinction per metre; 0: clear air */
     float airlight[3];     /* linear radiance */
     int32_t measures_fog;  /* fog_change of the counts is wanted */
+    int32_t has_gloss;
+    int32_t measures_gloss; /* gloss_change of the counts is wanted */
+    float gloss_limit; /* grey levels up to which no mirrored ray is cast; negative: all are */
+    float brightest;   /* largest radiance of anything */
     const Labels *labels;  /* alone, with OUTPUT_LABELS, or beside an image at rest; or NULL */
     const Flow *flow;      /* of OUTPUT_FLOW */
 } Frame;
@@ -277,6 +281,7 @@ typedef struct {
     PixelChange rolling_change; /* bound of the change by the rows' own times */
     float blur_ms;              /* time for the instants */
     PixelChange fog_change;
+    PixelChange gloss_change; /* pixels counted by their samples */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

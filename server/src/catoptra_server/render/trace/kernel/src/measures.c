@@ -109,3 +109,36 @@ void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, con
                   const PixelSums *other) {
     note_largest_changes(state, tile, measure, 1, &one, &other);
 }
+
+/* Whether no change of some samples is larger than the largest so far, where nobody counts pixels
+ * any more: a concave curve that begins at 0 grows by no more than from there. */
+static int is_smaller(const FrameState *state, const ChangeMeasure *measure, uint32_t lanes,
+                      float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]) {
+    const Frame *frame = state->frame;
+    if (is_counted(measure, &frame->limits))
+        return 0;
+    float most = 0.0f;
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        most = fmaxf(most, max_abs(subtract(get_lane(one, lane), get_lane(other, lane))));
+    }
+    float spilt = frame->spill[1] > 0.0f ? encode_level(frame->spill[0] * frame->spill[1] * most) : 0;
+    return encode_level(frame->largest_gain * most) + spilt + TABLE_ERROR <= read_largest(measure);
+}
+
+void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
+                  float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]) {
+    float largest = 0.0f, brightest = 0.0f;
+    int visible = 0;
+    if (is_smaller(state, measure, lanes, one, other))
+        return;
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        Vec3 before = get_lane(one, lane), after = get_lane(other, lane);
+        float change = colour_change(state->frame, before, after);
+        visible += change > unseen_levels(state, measure);
+        largest = fmaxf(largest, change);
+        brightest = fmaxf(brightest, brighter(before, after));
+    }
+    note_levels(state, measure, visible, largest, brightest);
+}

@@ -12,7 +12,7 @@
 #define UNSEEN_PART 0.5f
 
 struct Measures {
-    ChangeMeasure shadow, fog, blur;
+    ChangeMeasure shadow, fog, gloss, blur;
     ChangeMeasure watched;    /* against frames without the watched object */
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
@@ -40,5 +40,10 @@ void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, con
                   const PixelSums *other);
 void note_largest_changes(const FrameState *state, int tile, ChangeMeasure *measure, int pairs,
                           const PixelSums *const *one, const PixelSums *const *other);
+
+/* Note the changes of some samples between two radiances, (3, 16): no mean of samples changes by
+ * more levels than one of them, by Minkowski's inequality, the sRGB curve being a root. */
+void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
+                  float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]);
 
 #endif

@@ -122,6 +122,7 @@ static int is_still(const FrameState *state, const TileContent *content, const B
 static int is_fillable(const FrameState *state, const TileContent *content, PlaneLight *light) {
     return !has_fog(state) &&
            !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) &&
+           !is_glossy(state, content->triangle) &&
            find_plane_light(state, content->triangle, content->proof, light) &&
            /* What shadows change is measured by samples. */
            !(state->frame->measures_shadows && !light->is_table);

@@ -28,8 +28,7 @@ static Vec3 albedo_at(const MeshArrays *mesh, int triangle, float u, float v) {
                           scale(v, subtract(vec3(corners + 6), first))));
 }
 
-/* Irradiance from the hemisphere; z points down, so an upward facet has normal z = -1. */
-static Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal) {
+Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal) {
     float upward = 0.5f * (1.0f - normal.z);
     return add(scale(upward, vec3(hemisphere->up)), scale(1.0f - upward, vec3(hemisphere->down)));
 }

@@ -4,6 +4,9 @@
 
 #include "direct_light.h"
 
+/* Irradiance from the hemisphere; z points down, so an upward facet has normal z = -1. */
+Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal);
+
 /* Radiance of the facets of each object at its pose, for frames in which it is the same over each
  * facet; NULL where it is not, where a table takes longer than the rays, or where memory is short.
  * Freed by the caller. */

@@ -11,6 +11,8 @@
 #include "flow.h"
 #include "fog.h"
 #include "fog_tile.h"
+#include "gloss.h"
+#include "hit_textures.h"
 #include "hit_points.h"
 #include "instances.h"
 #include "labels.h"
@@ -36,13 +38,18 @@ static void clear_hits(HitBlock *hits) {
     memset(hits->object, 0xff, sizeof hits->object);
 }
 
+static FacetPlane plane_of(const FrameState *state, const TileContent *content) {
+    return content->plane ? *content->plane : find_facet_plane(state, content->triangle);
+}
+
 /* The hits of rays that all meet one facet's plane; their distances limit the rays. */
-static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, int32_t triangle) {
+static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                     const TileContent *content) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        hits->triangle[lane] = triangle;
+        hits->triangle[lane] = content->triangle;
         hits->object[lane] = OBJECT_STATIC;
     }
-    FacetPlane plane = find_facet_plane(state, triangle);
+    FacetPlane plane = plane_of(state, content);
     find_distances(&plane, rays, rays->limit);
 }
 
@@ -82,7 +89,7 @@ void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
     if (content->triangle == SURFACE_UNKNOWN)
         intersect_scene(state, content->short_list, rays, hits);
     else if (content->triangle >= 0)
-        set_hits(state, rays, hits, content->triangle);
+        set_hits(state, rays, hits, content);
     intersect_objects(state, content->object, rays, hits);
 }
 
@@ -171,16 +178,19 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
     if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
         state->frame->inverse_range || has_fog(state) || state->scene->mesh->arrays.blended)
         return 0;
-    int meets_object = 0;
+    int meets_object = 0, meets_gloss = 0;
     uint8_t flags = 0;
     if (state->scene->sky && bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active)
         return 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-        if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
-            flags |= facets[hits->triangle[lane]];
+        if (!(rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC))
+            continue;
+        flags |= facets[hits->triangle[lane]];
+        meets_gloss |= is_glossy(state, hits->triangle[lane]);
     }
     return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_OCCLUDED | FACET_TWO_SIDED)) &&
+           !meets_gloss &&
            (!meets_object || state->object_radiance) &&
            (state->is_constant || sees_all_lights(state, rays, hits));
 }
@@ -250,15 +260,17 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
     }
     *entry = (size_t)content->triangle;
     return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
+           !is_glossy(state, content->triangle) &&
            (content->is_open || !has_occlusion(state->scene, content->triangle)) &&
            find_plane_light(state, content->triangle, content->proof, light);
 }
 
 /* One radiance times the facet's texture, if it has one. */
-static void fill_block(const FrameState *state, int32_t triangle, const RayBlock *rays,
+static void fill_block(const FrameState *state, const TileContent *content, const RayBlock *rays,
                        Vec3 light, float radiance[3][BLOCK_RAYS]) {
+    int32_t triangle = content->triangle;
     if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
-        FacetPlane plane = find_facet_plane(state, triangle);
+        FacetPlane plane = plane_of(state, content);
         texture_block(state, triangle, &plane, rays, light, radiance);
         return;
     }
@@ -276,11 +288,11 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
                     is_known && content->is_open, radiance, lost);
         return;
     }
-    fill_block(state, content->triangle, rays, light.radiance, radiance);
+    fill_block(state, content, rays, light.radiance, radiance);
     if (!content->is_open && has_occlusion(state->scene, content->triangle))
         hide_sky_in_block(state, content->triangle, rays, light.radiance, radiance);
     if (lost && max_abs(light.lost) > 0.0f) {
-        fill_block(state, content->triangle, rays, light.lost, lost->radiance);
+        fill_block(state, content, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;
     }
 }
@@ -289,11 +301,14 @@ static int measures_fog(const FrameState *state) {
     return state->frame->measures_fog && has_fog(state);
 }
 
-/* Shade and fog a block's hits; their radiance in clear air, where that is wanted. */
-static void shade_hits(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                         const TileContent *content, float radiance[3][BLOCK_RAYS],
-                         LostLight *lost, float clear[3][BLOCK_RAYS]) {
+/* Shade, mirror and fog a block's hits; their radiance in clear air, where that is wanted. */
+static void shade_hits(const FrameState *state, int tile, const RayBlock *rays,
+                       const HitBlock *hits, const TileContent *content,
+                       float radiance[3][BLOCK_RAYS], LostLight *lost,
+                       float clear[3][BLOCK_RAYS]) {
     shade(state, rays, hits, content, radiance, lost);
+    /* Changes are those of the sharp frame, whose tiles have a number. */
+    add_gloss(state, rays, hits, tile != NO_PLAN, radiance, lost);
     if (!has_fog(state))
         return;
     if (clear)
@@ -353,7 +368,7 @@ static void shade_layers(const FrameState *state, int tile, int32_t object, RayB
                        hits);
         if (state->plan && tile != NO_PLAN)
             note_hits(state, tile, rays, hits);
-        shade_hits(state, rays, hits, &content, light, lost ? &layer_lost : NULL,
+        shade_hits(state, tile, rays, hits, &content, light, lost ? &layer_lost : NULL,
                    clear ? clear_light : NULL);
         uint32_t lanes = rays->active, blended = find_blended(state, rays, hits);
         for (uint32_t left = lanes; left; left &= left - 1) {
@@ -386,7 +401,7 @@ static void shade_in_fog(const FrameState *state, int tile, const RayBlock *rays
                          float radiance[3][BLOCK_RAYS], LostLight *lost,
                          float clear[3][BLOCK_RAYS]) {
     if (!may_blend(state, content)) {
-        shade_hits(state, rays, hits, content, radiance, lost, clear);
+        shade_hits(state, tile, rays, hits, content, radiance, lost, clear);
         return;
     }
     RayBlock rest = *rays, front = *rays;
@@ -395,7 +410,7 @@ static void shade_in_fog(const FrameState *state, int tile, const RayBlock *rays
     front.active = find_blended(state, &front, &layer);
     rest.active &= ~front.active;
     if (rest.active)
-        shade_hits(state, &rest, hits, content, radiance, lost, clear);
+        shade_hits(state, tile, &rest, hits, content, radiance, lost, clear);
     shade_layers(state, tile, content->object, &front, &layer, radiance, lost, clear);
 }
 
@@ -694,6 +709,36 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
            find_single_radiance(state, content, &light, &entry);
 }
 
+/* Draw a tile of one radiance times a texture; 0 if it has several, or more is wanted of it. */
+static int fill_textured_tile(const FrameState *state, int tile, const TileContent *content) {
+    int blocks = state->rays->samples * state->rays->samples;
+    PlaneLight light;
+    PixelSums sums;
+    if (content->triangle < 0 || state->plan || state->frame->inverse_range || has_fog(state) ||
+        !may_fill(state, tile, content) || is_glossy(state, content->triangle) ||
+        !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
+        !(content->is_open || !has_occlusion(state->scene, content->triangle)) ||
+        !find_plane_light(state, content->triangle, content->proof, &light) ||
+        (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        return 0;
+    /* The texels of a block are on their way while those of the one before are mixed. */
+    PlacedTexels placed[2];
+    for (int block = 0; block <= blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
+        if (block < blocks) {
+            RayBlock rays;
+            load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+            place_plane_texels(state, content->triangle, content->plane, &rays, &placed[block & 1]);
+        }
+        if (block == 0)
+            continue;
+        light_texels(&placed[(block - 1) & 1], light.radiance, radiance);
+        add_samples(state, block - 1, 0xffff, radiance, &sums);
+    }
+    write_pixels(state, tile, &sums);
+    return 1;
+}
+
 /* Draw a tile of one radiance, in one air; 0 if it has several. */
 static int fill_single_tile(const FrameState *state, int tile, const TileContent *content) {
     PlaneLight light;
@@ -744,19 +789,31 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         flow_tile(state, tile);
         return;
     }
-    TileLabels labels;
-    if (!fill_single_tile(state, tile, content) && !fill_sky_tile(state, tile, content)) {
+    if (fill_single_tile(state, tile, content) || fill_sky_tile(state, tile, content)) {
         if (state->frame->labels)
-            label_centres(state, tile, content, &labels);
-        if (state->is_rolling)
-            render_rows(state, tile, content);
-        else
-            render_samples(state, tile, content, state->frame->labels ? &labels : NULL);
-        if (state->plan && content->may_be_thin)
-            note_thin(state, tile);
-        if (state->frame->labels)
-            write_agreement(state, tile, &labels);
-    } else if (state->frame->labels) {
-        label_filled_tile(state, tile, content);
+            label_filled_tile(state, tile, content);
+        return;
     }
+    TileContent known = *content;
+    FacetPlane plane;
+    if (content->triangle >= 0) {
+        plane = find_facet_plane(state, content->triangle);
+        known.plane = &plane;
+    }
+    if (fill_textured_tile(state, tile, &known)) {
+        if (state->frame->labels)
+            label_filled_tile(state, tile, content);
+        return;
+    }
+    TileLabels labels;
+    if (state->frame->labels)
+        label_centres(state, tile, content, &labels);
+    if (state->is_rolling)
+        render_rows(state, tile, &known);
+    else
+        render_samples(state, tile, &known, state->frame->labels ? &labels : NULL);
+    if (state->plan && content->may_be_thin)
+        note_thin(state, tile);
+    if (state->frame->labels)
+        write_agreement(state, tile, &labels);
 }
