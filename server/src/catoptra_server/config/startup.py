@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,6 @@ from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, r
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.image_port import mounted_camera_state
-from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
@@ -92,7 +91,11 @@ def read_startup_config(
         _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
-    scene = _occlude_sky(scene, world_description)
+    if world_description.ambient_occlusion or world_description.light_bake:
+        # Loaded where it is needed: see `commands/server.py`.
+        from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
+
+        scene, world_description = light_scene(scene, world_description)
     return StartupConfig(descriptions, world_description, scene, options)
 
 
@@ -159,19 +162,6 @@ def _drop_repeated_classes(
                 description.class_name,
             )
     return tuple(first.values())
-
-
-def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
-    """The scene with an occlusion map, where the world wants one."""
-    if not world.ambient_occlusion:
-        return scene
-    # Loaded where it is needed: see `commands/server.py`.
-    from catoptra_server.render.trace.occlusion import occlusion_cache
-
-    if not occlusion_cache.wants_occlusion(scene, world):
-        return scene
-    occlusion = occlusion_cache.find_occlusion(scene, find_cache_folder("occlusion"))
-    return replace(scene, occlusion=occlusion)
 
 
 class _LazyRayCaster:

@@ -8,12 +8,13 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from catoptra_server import __version__
-from catoptra_server.runtime.array_cache import ArrayCache
+from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
@@ -28,6 +29,41 @@ _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texel
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
 # nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
 MANY_TRIANGLES, MIN_SIDE_M = 12_000, 0.1
+
+
+def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+    """A scene with its map of baked light or ambient occlusion, and the world's lights beside it.
+
+    Where neither is wanted, both as they are.
+    """
+    if world.light_bake:
+        return _bake_light(scene, world)
+    if wants_occlusion(scene, world):
+        occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
+        scene = replace(scene, occlusion=occlusion)
+    return scene, world
+
+
+def _bake_light(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+    # Loaded where it is needed: most worlds have none.
+    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+    from catoptra_server.render.trace.occlusion.light_bake import MAX_PASSES, LightBake
+
+    start = time.perf_counter()
+    try:
+        bake = LightBake(scene, world, threads=count_processors())
+    except KernelUnavailableError as error:
+        log.warning("%s; light is not baked", error)
+        return scene, world
+    try:
+        for _ in range(MAX_PASSES):
+            bake.cast()
+        light = bake.gather()
+    finally:
+        bake.close()
+    release_freed_memory()
+    log.info("light baked in %.2f s", time.perf_counter() - start)
+    return light.apply(scene, world)
 
 
 def wants_occlusion(scene: SceneMesh, world: World) -> bool:
