@@ -573,16 +573,21 @@ def filter_factors(
     values, known = np.ones(near.shape), np.ones(near.shape, dtype=bool)
     values[near], known[near] = factors, ~inside
     grid = layout.grid_at()
-    values = continue_grids(values, known, grid, 1.0)
+    values = continue_grids(values, known, grid, largest=1.0, otherwise=1.0)
     values = blur(values, grid, axis=1, is_filtered=layout.columns >= _MIN_FILTERED)
     values = blur(values, grid, axis=0, is_filtered=layout.rows >= _MIN_FILTERED)
     return np.round(values * OPEN).astype(np.uint8)
 
 
 def continue_grids(
-    values: Floats, known: Bools, grid: npt.NDArray[np.int32], largest: float
+    values: Floats,
+    known: Bools,
+    grid: npt.NDArray[np.int32],
+    *,
+    largest: float,
+    otherwise: float,
 ) -> Floats:
-    """Values, continued from known to unknown nodes of the grid, up to a largest; else 1."""
+    """Values, continued from known to unknown nodes of the grid, up to a largest."""
     for _ in range(_NUM_FILLED):
         row, column = np.nonzero(~known)
         total, count = np.zeros(len(row)), np.zeros(len(row))
@@ -597,7 +602,7 @@ def continue_grids(
         values, known = values.copy(), known.copy()
         values[row[filled], column[filled]] = total[filled] / count[filled]
         known[row[filled], column[filled]] = True
-    return np.where(known, values, 1.0)
+    return np.where(known, values, otherwise)
 
 
 def _look(

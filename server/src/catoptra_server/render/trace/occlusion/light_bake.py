@@ -245,7 +245,7 @@ class LightBake:
         if self._has_spare:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
         texel = np.flatnonzero(self._is_node.reshape(-1))
-        source = self._find_sources(texel, is_inside)
+        source = self._find_sources(is_inside)
         size = self._is_node.size
         means = np.zeros((self.num_passes, len(texel), 3), dtype=np.float32)
         irradiance, change = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
@@ -253,7 +253,7 @@ class LightBake:
         ratio = np.zeros(3)
         for _ in range(_MAX_BOUNCES):
             radiance = albedo * (irradiance + lamp_light + reflected) + emission
-            table[texel] = radiance[source]
+            table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
             mean = np.average(irradiance + lamp_light, axis=0)
             table[size : size + len(self._rows)] = self._triangle_radiance(mean)
             self._gather_means(table, means)
@@ -261,9 +261,8 @@ class LightBake:
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
             irradiance = gathered
             largest = np.abs(change).max(axis=0, initial=0.0)
-            ratio = np.where(
-                before > 0.0, np.minimum(largest / np.maximum(before, 1e-30), 0.99), 0.0
-            )
+            # Nothing is known of the ratio before the second bounce.
+            ratio = np.minimum(largest / np.where(before > 0.0, before, 1e-30), 0.99)
             rest = largest * ratio / (1.0 - ratio)
             if (rest <= _REMAINDER * (irradiance + lamp_light).max(axis=0, initial=0.0)).all():
                 break
@@ -313,13 +312,28 @@ class LightBake:
         radiance = _mean_albedo(scene)[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
         return radiance if scene.emission is None else radiance + scene.emission[rows]
 
-    def _find_sources(self, texel: npt.NDArray[np.intp], is_inside: Bools) -> npt.NDArray[np.intp]:
-        """(k,) node whose radiance each has: inside a solid, that of the nearest in its row."""
-        number = np.arange(len(texel))
-        grid = self._nodes.patch
-        last = np.maximum.accumulate(np.where(is_inside, -1, number))
-        has_last = (last >= 0) & (grid[last] == grid)
-        return np.where(is_inside & has_last, last, number)
+    def _find_sources(self, is_inside: Bools) -> npt.NDArray[np.intp]:
+        """(k,) node whose radiance each has: inside a solid, that of one beside it on its grid.
+
+        -1 on grids of which all is inside: rays meet them along edges, where two surfaces touch.
+        """
+        known = self._is_node.copy()
+        known[self._is_node] = ~is_inside
+        grid = self._grid_at
+        own = np.arange(grid.size).reshape(grid.shape)
+        source = np.where(known, own, -1)
+        for axis in (1, 0):
+            for step in (1, -1):
+                way = (slice(None),) * axis + (slice(None, None, step),)
+                sign = step * np.where(source >= 0, source, -step * grid.size)[way]
+                nearest = (step * np.maximum.accumulate(sign, axis=axis))[way]
+                nearest = np.clip(nearest, 0, grid.size - 1)
+                is_found = (source < 0) & (grid.reshape(-1)[nearest] == grid)
+                is_found &= source.reshape(-1)[nearest] >= 0
+                source = np.where(is_found, nearest, source)
+        number = np.cumsum(self._is_node) - 1
+        chosen = source[self._is_node]
+        return np.where(chosen >= 0, number[chosen], -1)
 
     def _gather_means(self, table: _Float32s, means: _Float32s) -> None:
         job = GatherJob(
@@ -350,7 +364,9 @@ class LightBake:
 
         values, error = np.zeros(shape), np.zeros(shape)
         for channel in range(3):
-            raw = continue_grids(mean[..., channel], known, grid, np.inf)
+            raw = continue_grids(
+                mean[..., channel], known, grid, largest=np.inf, otherwise=0.0
+            )
             spread = variance[..., channel] * known
             # Of few passes each: better known together.
             spread = blur(

@@ -220,9 +220,15 @@ static void gather_nodes(void *argument) {
                 const int32_t *slots =
                     job->hits + (size_t)node * (size_t)job->stride + pass * job->num_rays;
                 Vec3 sum = {0, 0, 0};
-                for (int32_t ray = 0; ray < job->num_rays; ray++)
-                    sum = add(sum, vec3(job->radiance + 3 * (size_t)slots[ray]));
-                sum = scale(1.0f / (float)job->num_rays, sum);
+                int32_t known = 0;
+                for (int32_t ray = 0; ray < job->num_rays; ray++) {
+                    const float *radiance = job->radiance + 3 * (size_t)slots[ray];
+                    if (radiance[0] >= 0.0f) {
+                        sum = add(sum, vec3(radiance));
+                        known++;
+                    }
+                }
+                sum = scale(1.0f / (float)(known ? known : 1), sum);
                 float *mean = job->means + 3 * ((size_t)pass * (size_t)job->num_nodes + (size_t)node);
                 mean[0] = sum.x;
                 mean[1] = sum.y;

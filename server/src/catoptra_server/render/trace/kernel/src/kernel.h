@@ -357,7 +357,7 @@ typedef struct {
     int32_t num_nodes, num_passes, num_rays;
     const int32_t *hits;
     int64_t stride;
-    const float *radiance; /* (slots, 3) */
+    const float *radiance; /* (slots, 3), negative where it is not known */
     float *means;          /* (num_passes, n, 3) */
 } GatherJob;
 

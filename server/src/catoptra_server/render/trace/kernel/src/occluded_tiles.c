@@ -138,15 +138,24 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
     find_grid(state, beam, &grid);
     find_positions(state, triangle, &grid, columns, rows);
-    if (is_sky_open(state->scene, triangle, columns, rows)) {
+    /* Baked light is open at its brightest nodes alone. */
+    int is_light = state->scene->occlusion.light != NULL;
+    if (!is_light && is_sky_open(state->scene, triangle, columns, rows)) {
         TileContent open = *content;
         open.is_open = 1;
         render_tile(state, tile, &open);
         return 1;
     }
-    if (!are_near(columns, rows) || !is_fillable(state, content, &light))
+    int is_near = are_near(columns, rows), is_filled = is_near && is_fillable(state, content, &light);
+    if (!is_filled && !(is_near && is_light))
         return 0;
     find_factors(state->scene, triangle, columns, rows, factors);
+    if (!is_filled) {
+        TileContent dim = *content;
+        dim.factors = (const float(*)[BLOCK_RAYS])factors;
+        render_tile(state, tile, &dim);
+        return 1;
+    }
     write_factors(state, tile, triangle, light.radiance, (const float(*)[BLOCK_RAYS])factors);
     if (state->frame->labels)
         label_filled_tile(state, tile, content);

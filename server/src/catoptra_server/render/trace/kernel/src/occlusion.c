@@ -311,14 +311,17 @@ void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const Ra
 static float share_of(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
 
 void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock *rays, Vec3 light,
-                       float radiance[3][BLOCK_RAYS]) {
+                       const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
-    find_positions(state, triangle, rays, columns, rows);
-    find_factors(state->scene, triangle, columns, rows, factors);
+    if (!known) {
+        find_positions(state, triangle, rays, columns, rows);
+        find_factors(state->scene, triangle, columns, rows, factors);
+        known = (const float(*)[BLOCK_RAYS])factors;
+    }
     Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
     float share[3] = {share_of(ambient.x, light.x), share_of(ambient.y, light.y),
                       share_of(ambient.z, light.z)};
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] -= share[channel] * (1.0f - factors[channel][i]) * radiance[channel][i];
+            radiance[channel][i] -= share[channel] * (1.0f - known[channel][i]) * radiance[channel][i];
 }

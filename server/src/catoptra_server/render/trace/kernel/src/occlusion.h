@@ -46,8 +46,8 @@ void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const Ra
               const HitBlock *hits, float radiance[3][BLOCK_RAYS]);
 
 /* Scale the (3, 16) radiance of rays that all meet a facet's plane; `light`: the
- * facet's radiance with factor 1, before its texture. */
+ * facet's radiance with factor 1, before its texture; `known`: the factors, or NULL. */
 void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock *rays, Vec3 light,
-                       float radiance[3][BLOCK_RAYS]);
+                       const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS]);
 
 #endif
