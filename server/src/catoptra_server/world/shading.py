@@ -261,7 +261,7 @@ class OcclusionMap:
     @property
     def planes(self) -> npt.NDArray[np.integer]:
         """(1, h, w) or (3, h, w) atlas."""
-        return self.texels.reshape(-1, *self.texels.shape[-2:])
+        return self.texels if self.texels.ndim == 3 else self.texels[None]
 
     @property
     def open(self) -> int:
@@ -284,7 +284,7 @@ class OcclusionMap:
         return np.clip(positions, bounds[:, :2], bounds[:, 2:])
 
     def factors(self, triangles: npt.NDArray[np.integer], points: Floats) -> Floats:
-        """(n, 1) or (n, 3) factors of hemisphere light at (n, 3) points of triangles, in the world."""
+        """(n, 1) or (n, 3) factors of hemisphere light at (n, 3) points, world frame."""
         planes = self.planes
         factors = np.ones((len(points), len(planes)))
         inside = np.flatnonzero(self.patch_of[triangles] >= 0)

@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
-from catoptra_server.render.trace.occlusion.light_bake import BakedLight, LightBake
+from catoptra_server.render.trace.occlusion import light_bake
+from catoptra_server.render.trace.occlusion.light_bake import (
+    MAX_PASSES,
+    RAYS_PER_PASS,
+    bake_light,
+)
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
-from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -55,32 +58,13 @@ ROOMS = {
 }
 
 
-def bake(
-    scene: SceneMesh,
-    world: World,
-    passes: int = 2,
-    *,
-    threads: int = 1,
-    instruction_set: str | None = None,
-) -> BakedLight:
-    light = LightBake(
-        scene, world, threads=threads, max_passes=passes, instruction_set=instruction_set
-    )
-    try:
-        for _ in range(passes):
-            light.cast()
-        return light.gather()
-    finally:
-        light.close()
-
-
 @pytest.mark.parametrize("room", ROOMS)
 def test_furnace_has_one_light_everywhere(room: str) -> None:
     # Of every wall 0.25 of its own, and half of what reaches it: 0.25 / (1 - 0.5).
     world = World(room, ROOMS[room])
     scene = build_scene(world)
     scene = replace(scene, emission=np.full((len(scene), 3), 0.25))
-    light = bake(scene, world)
+    light = bake_light(scene, world, 2, threads=1)
     rays = np.random.default_rng(1).normal(size=(2000, 3))
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     origins = np.tile([0.1, -0.2, -1.6], (len(rays), 1))
@@ -101,11 +85,29 @@ def test_bytes_depend_on_neither_threads_nor_processor() -> None:
     digests = set()
     for threads in (1, 2, 3, 4):
         for name in available_instruction_sets():
-            light = bake(scene, world, threads=threads, instruction_set=name)
+            light = bake_light(scene, world, 2, threads=threads, instruction_set=name)
             arrays = (light.occlusion.texels, light.brightest, light.error)
             digests.add(hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest())
     assert len(digests) == 1
 
 
-def measure_levels(scene: SceneMesh, light: BakedLight, exact: Floats, nodes: Floats) -> Floats:
-    raise NotImplementedError
+def test_errors_that_are_stated_cover_those_against_4096_rays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(light_bake, "MAX_NODES", 8000)
+    world = make_lamp_world()
+    scene = build_scene(world)
+    light = bake_light(scene, world, MAX_PASSES, threads=2)
+    exact = bake_light(scene, world, 4096 // RAYS_PER_PASS, threads=2)
+    is_node = np.zeros(light.error.shape[:2], dtype=bool)
+    for left, top, right, bottom in light.occlusion.bounds.tolist():
+        is_node[top : bottom + 1, left : right + 1] = True
+    values, truth = (
+        (one.brightest * np.moveaxis(one.occlusion.texels, 0, -1) / 65535)[is_node]
+        for one in (light, exact)
+    )
+    difference = np.abs(values - truth)
+    assert (difference <= light.error[is_node] + exact.error[is_node]).mean() > 0.99
+    levels = 255.0 * np.abs(srgb_from_linear(0.5 * values) - srgb_from_linear(0.5 * truth))
+    assert np.median(levels) < 1.0
+    assert np.percentile(levels, 99.0) < 6.0

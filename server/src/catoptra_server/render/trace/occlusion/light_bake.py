@@ -93,23 +93,20 @@ class BakedLight:
     """Irradiance at nodes, as factors of that of the brightest in each colour."""
     brightest: Floats
     """(3,) irradiance of the factor 1."""
-    object_sky: HemisphereLight
-    """Mean light of the scene, from above and from below."""
-    error: Floats
+    mean_sky: Floats
+    """(2, 3) mean irradiance of level facets, those that face up first."""
+    error: npt.NDArray[np.float16]
     """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
-    num_passes: int
-    """Passes that it was gathered from."""
 
     def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
         """The scene and its world, lit by this light instead of hemisphere lights."""
-        red, green, blue = self.brightest.tolist()
-        lights = (
-            HemisphereLight((red, green, blue), (red, green, blue)),
-            *shadow_casting_lights(world.lights),
+        brightest, up, down = (
+            (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
+        lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
         return (
             replace(scene, occlusion=self.occlusion),
-            replace(world, lights=lights, area_lights=(), object_sky=self.object_sky),
+            replace(world, lights=lights, area_lights=(), object_sky=HemisphereLight(up, down)),
         )
 
 
@@ -122,6 +119,26 @@ def sky_radiance(world: World, directions: Floats) -> Floats:
         up, down = np.asarray(light.up_irradiance), np.asarray(light.down_irradiance)
         radiance += np.where(directions[:, 2:] < 0.0, up, down)
     return radiance
+
+
+def bake_light(
+    scene: SceneMesh,
+    world: World,
+    passes: int,
+    *,
+    threads: int,
+    instruction_set: str | None = None,
+) -> BakedLight:
+    """Light of a scene from a number of passes, two at least; errors as of `LightBake`."""
+    bake = LightBake(
+        scene, world, threads=threads, max_passes=passes, instruction_set=instruction_set
+    )
+    try:
+        for _ in range(passes):
+            bake.cast()
+        return bake.gather()
+    finally:
+        bake.close()
 
 
 class LightBake:
@@ -363,22 +380,19 @@ class LightBake:
             return blur(rows, grid, axis=0, is_filtered=is_high)
 
         values, error = np.zeros(shape), np.zeros(shape)
+        less = np.append(np.where(is_wide, 0.375, 1.0) * np.where(is_high, 0.375, 1.0), 1.0)
         for channel in range(3):
-            raw = continue_grids(
-                mean[..., channel], known, grid, largest=np.inf, otherwise=0.0
+            raw, spread = (
+                continue_grids(one[..., channel], known, grid, largest=np.inf, otherwise=0.0)
+                for one in (mean, variance)
             )
-            spread = variance[..., channel] * known
-            # Of few passes each: better known together.
-            spread = blur(
-                blur(spread, grid, axis=1, is_filtered=is_wide), grid, axis=0, is_filtered=is_high
-            )
-            smooth = blur(
-                blur(raw, grid, axis=1, is_filtered=is_wide), grid, axis=0, is_filtered=is_high
-            )
-            less = np.append(np.where(is_wide, 0.375, 1.0) * np.where(is_high, 0.375, 1.0), 1.0)
-            is_kept = np.abs(smooth - raw) > SIGMAS * np.sqrt(spread)
+            # Of few passes each: better known together. A continued value has two nodes' errors.
+            spread = smooth_over(np.where(known, spread, 9.0 * spread))
+            smooth = smooth_over(raw)
+            change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
+            is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
-            error[..., channel] = SIGMAS * np.sqrt(np.where(is_kept, spread, spread * less[grid]))
+            error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
         brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), 1e-6)
         values[~self._is_node] = brightest
         mean_light = np.average(passes.mean(axis=0)[~is_inside], axis=0) if len(passes[0]) else 0.0
@@ -388,19 +402,20 @@ class LightBake:
         error += 0.5 * brightest / OPEN_LIGHT
         sky = self._mean_sky(passes.mean(axis=0), is_inside)
         texels = np.ascontiguousarray(texels)
-        return BakedLight(self._make_map(texels), brightest, sky, error, len(passes))
+        # Of half precision, upward.
+        stated = (1.001 * error + 1e-7).astype(np.float16)
+        return BakedLight(self._make_map(texels), brightest, sky, stated)
 
-    def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> HemisphereLight:
-        """Mean light on level facets, from above and below; what all nodes have where none are."""
+    def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> Floats:
+        """(2, 3) mean light on facets that face up and down; that of all nodes where none do."""
         height = self._frames.normal[self._nodes.patch, 2]
         sides = []
         for is_side in (height < -0.5, height > 0.5):
             chosen = irradiance[is_side & ~is_inside]
             chosen = chosen if len(chosen) else irradiance
             mean = chosen.mean(axis=0) if len(chosen) else np.zeros(3)
-            sides.append(tuple(float(value) for value in mean))
-        (ur, ug, ub), (dr, dg, db) = sides
-        return HemisphereLight((ur, ug, ub), (dr, dg, db))
+            sides.append(mean)
+        return np.array(sides)
 
     def _make_map(self, texels: npt.NDArray[np.uint16]) -> OcclusionMap:
         bounds = self._layout.bounds()

@@ -10,6 +10,7 @@ import logging
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +22,16 @@ from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
 from catoptra_server.world.triangles import row_blocks, triangle_boxes
 from catoptra_server.world.world_description import World
 
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+
 log = logging.getLogger(__name__)
 
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
+# The same of baked light.
+_LIGHT_VERSION = 1
+_LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
 # nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
@@ -47,23 +54,48 @@ def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
 def _bake_light(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
     # Loaded where it is needed: most worlds have none.
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-    from catoptra_server.render.trace.occlusion.light_bake import MAX_PASSES, LightBake
+    from catoptra_server.render.trace.occlusion.light_bake import MAX_PASSES, bake_light
 
-    start = time.perf_counter()
-    try:
-        bake = LightBake(scene, world, threads=count_processors())
-    except KernelUnavailableError as error:
-        log.warning("%s; light is not baked", error)
-        return scene, world
-    try:
-        for _ in range(MAX_PASSES):
-            bake.cast()
-        light = bake.gather()
-    finally:
-        bake.close()
-    release_freed_memory()
-    log.info("light baked in %.2f s", time.perf_counter() - start)
+    cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
+    light = _read_light(cache, key, len(scene))
+    if light is None:
+        start = time.perf_counter()
+        try:
+            light = bake_light(scene, world, MAX_PASSES, threads=count_processors())
+        except KernelUnavailableError as error:
+            log.warning("%s; light is not baked", error)
+            return scene, world
+        release_freed_memory()
+        log.info("light baked in %.2f s", time.perf_counter() - start)
+        store_light(cache, key, light)
     return light.apply(scene, world)
+
+
+def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight | None:
+    arrays = cache.read(key, len(_ARRAYS) + len(_LIGHT_ARRAYS))
+    if arrays is None:
+        return None
+    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+
+    occlusion, rest = OcclusionMap(*arrays[: len(_ARRAYS)]), arrays[len(_ARRAYS) :]
+    light = BakedLight(occlusion, *rest)
+    return light if _is_sound(occlusion, num_triangles) else None
+
+
+def store_light(cache: ArrayCache, key: str, light: BakedLight) -> None:
+    """Store baked light."""
+    arrays = [getattr(light.occlusion, name) for name in _ARRAYS]
+    cache.write(key, [*arrays, *(getattr(light, name) for name in _LIGHT_ARRAYS)])
+
+
+def hash_light(scene: SceneMesh, world: World) -> str:
+    """Digest of all that baked light depends on."""
+    lights = (world.lights, world.area_lights, world.background)
+    digest = hashlib.sha256(f"{_LIGHT_VERSION} {hash_scene(scene)} {lights!r}".encode())
+    arrays = (scene.emission, scene.two_sided, scene.coverage, *scene.textures)
+    for array in arrays:
+        digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def wants_occlusion(scene: SceneMesh, world: World) -> bool:
@@ -136,11 +168,13 @@ def hash_scene(scene: SceneMesh) -> str:
 
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
     """Whether no index of a map leads out of its arrays: the kernel checks no index again."""
-    count, (height, width) = len(occlusion.bounds), occlusion.texels.shape
+    count, (height, width) = len(occlusion.bounds), occlusion.texels.shape[-2:]
+    texel = np.uint16 if occlusion.texels.ndim == 3 else np.uint8
     first, last = occlusion.bounds[:, :2], occlusion.bounds[:, 2:]
     types = [getattr(occlusion, name).dtype for name in _ARRAYS]
     return (
-        types == [np.int32, np.float64, np.float64, np.int32, np.uint8]
+        types == [np.int32, np.float64, np.float64, np.int32, texel]
+        and occlusion.texels.shape[:-2] in ((), (3,))
         and occlusion.patch_of.shape == (num_triangles,)
         and occlusion.columns_from_world.shape == occlusion.rows_from_world.shape == (count, 4)
         and bool(((occlusion.patch_of >= -1) & (occlusion.patch_of < count)).all())
