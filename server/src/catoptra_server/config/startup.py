@@ -6,8 +6,8 @@ Unknown names are reported after the last reader.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import field
+from collections.abc import Callable, Sequence
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,6 +48,16 @@ class StartupConfig:
     """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that the files state for the server itself."""
+    light_stage: str = ""
+    """How much of a light bake the scene has; empty for all."""
+    refine_light: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    """Scene and world with all rays; see `LitScene`."""
+
+    def with_all_light(self, is_stopped: Callable[[], bool]) -> StartupConfig:
+        """The same with the light of all rays, unless a function says to stop."""
+        assert self.refine_light is not None, "the light has all its rays"
+        scene, world = self.refine_light(is_stopped)
+        return replace(self, scene=scene, world=world, light_stage="", refine_light=None)
 
     @property
     def effect_settings(self) -> tuple[EffectSettings, ...]:
@@ -64,6 +74,7 @@ def read_startup_config(
     *,
     limit_bytes: int = DEFAULT_LIMIT_BYTES,
     is_strict: bool = False,
+    has_first_light: bool = False,
 ) -> StartupConfig:
     """Read all configuration files, and log their unknown keys.
 
@@ -73,6 +84,7 @@ def read_startup_config(
         server: file with the server's own sections, which overrides robot files.
         limit_bytes: memory that each camera's view may take, and the scene as a whole.
         is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
+        has_first_light: leave most rays of a light bake to `StartupConfig.refine_light`.
 
     Raises:
         ConfigError: with file, line, key, value and the expected form.
@@ -91,12 +103,18 @@ def read_startup_config(
         _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
-    if world_description.ambient_occlusion or world_description.light_bake:
-        # Loaded where it is needed: see `commands/server.py`.
-        from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
+    startup = StartupConfig(descriptions, world_description, scene, options)
+    if not (world_description.ambient_occlusion or world_description.light_bake):
+        return startup
+    # Loaded where it is needed: see `commands/server.py`.
+    from catoptra_server.render.trace.occlusion.occlusion_cache import begin_light
 
-        scene, world_description = light_scene(scene, world_description)
-    return StartupConfig(descriptions, world_description, scene, options)
+    lit = begin_light(scene, world_description)
+    startup = replace(startup, scene=lit.scene, world=lit.world)
+    if lit.refine is None:
+        return startup
+    startup = replace(startup, light_stage=lit.stage, refine_light=lit.refine)
+    return startup if has_first_light else startup.with_all_light(lambda: False)
 
 
 # Start poses at which candidate plans are timed; their frames stand for all frames of the world.

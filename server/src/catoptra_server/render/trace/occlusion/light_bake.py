@@ -15,8 +15,10 @@ A reflected part of the scene is seen by many nodes, so its own error hardly add
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -159,7 +161,8 @@ class LightBake:
             KernelUnavailableError: The kernel's library is missing.
         """
         self._scene, self._world = scene, world
-        self._device = KernelDevice(instruction_set or choose_instruction_set(), threads)
+        self._instruction_set = instruction_set or choose_instruction_set()
+        self._device = KernelDevice(self._instruction_set, threads)
         self._owners: list[object] = []
         self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
         self._frames, self._has_spare = _add_spare_grid(
@@ -207,7 +210,7 @@ class LightBake:
             *(_lamp_struct(lamp, scene.centre) for lamp in self._lamps)
         )
         size = self._is_node.size
-        arrays = {
+        arrays: dict[str, npt.NDArray[Any]] = {
             "positions": self._nodes.positions - scene.centre,
             "grid": self._nodes.patch.astype(np.int32),
             "axes": axes.astype(np.float32),
@@ -232,7 +235,7 @@ class LightBake:
             num_lamps=len(self._lamps),
             **{name: array.ctypes.data for name, array in arrays.items()},
         )
-        job.patches, job.lamps = _address_of(patches), _address_of(lamps)
+        job.patches, job.lamps = ctypes.addressof(patches), ctypes.addressof(lamps)
         return job
 
     def _commit(self, rows: Bools, textures: OwningStruct | None) -> CommittedScene:
@@ -425,6 +428,11 @@ class LightBake:
             columns[-1], rows[-1] = (0.0, 0.0, 0.0, bounds[-1, 0]), (0.0, 0.0, 0.0, bounds[-1, 1])
         return OcclusionMap(self._frames.patch_of, columns, rows, bounds, texels)
 
+    def use_calling_thread(self) -> None:
+        """Compute all that follows on the calling thread alone, whose priority may be low."""
+        self._device.close()
+        self._device = KernelDevice(self._instruction_set, 1)
+
     def close(self) -> None:
         """Free the rays and end the threads."""
         self._owners.clear()
@@ -447,12 +455,6 @@ def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFra
     return SurfaceFrames(patch_of, **arrays), True
 
 
-def _address_of(structs: object) -> int:
-    import ctypes
-
-    return ctypes.addressof(structs)  # type: ignore[arg-type]
-
-
 def _make_sequence(count: int) -> _Float32s:
     """(count, 3) Sobol's points: squared sine of the tilt, cosine and sine of the azimuth."""
     across, around = sobol_points(count)
@@ -463,7 +465,8 @@ def _make_sequence(count: int) -> _Float32s:
 def _mean_albedo(scene: SceneMesh) -> Floats:
     """(n, 3) albedo of triangles, times the mean of their textures."""
     means = [decode_texels(image)[..., :3].mean(axis=(0, 1)) for image in scene.textures]
-    return scene.albedo * np.array([*means, np.ones(3)])[scene.texture_index]
+    albedo: Floats = scene.albedo * np.array([*means, np.ones(3)])[scene.texture_index]
+    return albedo
 
 
 def _lamp_struct(lamp: DirectionalLight | PointLight | RectangleLight, centre: Floats) -> BakeLamp:

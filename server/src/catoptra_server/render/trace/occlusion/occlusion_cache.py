@@ -8,12 +8,14 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server import __version__
 from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
@@ -43,32 +45,70 @@ def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
 
     Where neither is wanted, both as they are.
     """
+    lit = begin_light(scene, world)
+    return (lit.scene, lit.world) if lit.refine is None else lit.refine(lambda: False)
+
+
+def begin_light(scene: SceneMesh, world: World) -> LitScene:
+    """The same by a few rays, to be refined, where light is baked and not in the cache."""
     if world.light_bake:
-        return _bake_light(scene, world)
+        return _begin_bake(scene, world)
     if wants_occlusion(scene, world):
         occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
         scene = replace(scene, occlusion=occlusion)
-    return scene, world
+    return LitScene(scene, world)
 
 
-def _bake_light(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     # Loaded where it is needed: most worlds have none.
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
-    from catoptra_server.render.trace.occlusion.light_bake import MAX_PASSES, bake_light
+    from catoptra_server.render.trace.occlusion import light_bake
 
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
     light = _read_light(cache, key, len(scene))
-    if light is None:
-        start = time.perf_counter()
+    if light is not None:
+        return LitScene(*light.apply(scene, world))
+    start = time.perf_counter()
+    try:
+        bake = light_bake.LightBake(scene, world, threads=count_processors())
+    except KernelUnavailableError as error:
+        log.warning("%s; light is not baked", error)
+        return LitScene(scene, world)
+    for _ in range(light_bake.FIRST_PASSES):
+        bake.cast()
+    first = bake.gather()
+    rays = light_bake.FIRST_PASSES * light_bake.RAYS_PER_PASS
+    stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
+    log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
+
+    def refine(is_stopped: Callable[[], bool]) -> tuple[SceneMesh, World]:
+        bake.use_calling_thread()
         try:
-            light = bake_light(scene, world, MAX_PASSES, threads=count_processors())
-        except KernelUnavailableError as error:
-            log.warning("%s; light is not baked", error)
-            return scene, world
+            while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
+                bake.cast()
+            light = bake.gather()
+        finally:
+            bake.close()
         release_freed_memory()
-        log.info("light baked in %.2f s", time.perf_counter() - start)
-        store_light(cache, key, light)
-    return light.apply(scene, world)
+        if not is_stopped():
+            log.info("light baked in %.2f s", time.perf_counter() - start)
+            _store_light(cache, key, light)
+        return light.apply(scene, world)
+
+    return LitScene(*first.apply(scene, world), stage, refine)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LitScene:
+    """A scene and a world whose light is computed, at first from few rays."""
+
+    scene: SceneMesh
+    world: World
+    stage: str = ""
+    """How much of it is computed; empty for all."""
+    refine: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
+    left to do."""
 
 
 def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight | None:
@@ -82,7 +122,7 @@ def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight |
     return light if _is_sound(occlusion, num_triangles) else None
 
 
-def store_light(cache: ArrayCache, key: str, light: BakedLight) -> None:
+def _store_light(cache: ArrayCache, key: str, light: BakedLight) -> None:
     """Store baked light."""
     arrays = [getattr(light.occlusion, name) for name in _ARRAYS]
     cache.write(key, [*arrays, *(getattr(light, name) for name in _LIGHT_ARRAYS)])
