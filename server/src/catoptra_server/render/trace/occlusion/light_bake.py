@@ -196,9 +196,8 @@ class LightBake:
         rows = scene.casts_shadows | shines
         self._rows = np.flatnonzero(rows)
         mesh = self._commit(rows, textures)
-        casters = mesh if rows.all() == scene.casts_shadows.all() else None
-        if (rows != scene.casts_shadows).any():
-            casters = self._commit(scene.casts_shadows, textures)
+        has_same = bool((rows == scene.casts_shadows).all())
+        casters = mesh if has_same else self._commit(scene.casts_shadows, textures)
         normals = scene.normals[rows]
         if scene.two_sided is not None:
             normals = normals * ~scene.two_sided[rows, None]
@@ -224,8 +223,8 @@ class LightBake:
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         self._owners += [arrays, patches, lamps, textures]
         job = BakeJob(
-            mesh=mesh.address if mesh is not None else None,
-            casters=None if casters is None else casters.address,
+            mesh=mesh.address,
+            casters=casters.address,
             num_nodes=len(self._nodes.patch),
             width=self._is_node.shape[1],
             sky_slot=size + len(self._rows),
