@@ -35,13 +35,13 @@ def make_map() -> OcclusionMap:
 )
 def test_factor_is_interpolated_between_nodes(x_m: float, y_m: float, factor: float) -> None:
     at = np.array([[x_m, y_m, 7.0]])
-    np.testing.assert_allclose(make_map().factors(np.array([0]), at), [factor], atol=1e-12)
+    np.testing.assert_allclose(make_map().factors(np.array([0]), at), [[factor]], atol=1e-12)
 
 
 def test_triangle_without_a_grid_is_open() -> None:
-    assert make_map().factors(np.array([1, 0]), np.zeros((2, 3))).tolist() == [1.0, 0.2]
+    assert make_map().factors(np.array([1, 0]), np.zeros((2, 3))).tolist() == [[1.0], [0.2]]
 
 
 def test_smallest_factors_are_those_of_the_darkest_nodes() -> None:
-    assert make_map().smallest_factors().tolist() == [0.0, 1.0]
-    assert make_map().smallest_factors(slice(1, 2)).tolist() == [1.0]
+    assert make_map().smallest_factors().tolist() == [[0.0], [1.0]]
+    assert make_map().smallest_factors(slice(1, 2)).tolist() == [[1.0]]

@@ -23,6 +23,7 @@ import gc
 import hashlib
 import importlib
 import logging
+import threading
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, suppress
@@ -104,6 +105,8 @@ _FIRST_FRAME_TIME_S = 0.25
 # come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
 # without.
 _RENDER_NICENESS = 5
+# What draws comes first.
+_LIGHT_NICENESS = 19
 # Parts of the process's descriptors for the connections of control and image port, each, of stream
 # and live page.
 _TCP_DESCRIPTOR_SHARE = 0.2
@@ -223,6 +226,7 @@ def _read_startup_config(options: Options) -> StartupConfig:
         options.server_file,
         limit_bytes=limit_bytes,
         is_strict=options.is_strict,
+        has_first_light=options.clock is ClockMode.REALTIME,
     )
     settings = resolve_settings(startup.server_options, options.server_options)
     require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)
@@ -273,7 +277,12 @@ class ServerThreads:
             reject=self.mailboxes.fail,
             frame_skip=self.settings.frame_skip,
         )
+        self._has_to_stop = threading.Event()
+        refinement = WorkerThread(
+            "light", self._refine_light, stop=self._has_to_stop.set, on_failure=on_failure
+        )
         self._workers = (
+            *((refinement,) if startup.refine_light else ()),
             WorkerThread(
                 "rendering",
                 self._render,
@@ -308,6 +317,15 @@ class ServerThreads:
         # Threads that this one starts, such as those of the trace renderer, have its priority.
         lower_thread_priority(_RENDER_NICENESS)
         self.render_thread.run(self._create_view_cache, on_ready)
+
+    def _refine_light(self, on_ready: Callable[[], None]) -> None:
+        """Main function of the thread that casts the rays of baked light that are left."""
+        lower_thread_priority(_LIGHT_NICENESS)
+        on_ready()
+        startup = self.startup.with_all_light(self._has_to_stop.is_set)
+        if not self._has_to_stop.is_set():
+            self.startup = startup
+            self.render_thread.replace_views(self._create_view_cache)
 
     def _create_view_cache(self) -> ViewCache | None:
         """Views of the server's cameras, prepared for each class's omnidirectional cameras.
@@ -354,7 +372,7 @@ class ServerThreads:
             importlib.import_module(_STAGE_MODULE)
         views = ViewCache(
             RenderPlanner(
-                RendererPool(choice, may_replace=is_realtime),
+                RendererPool(choice, may_replace=is_realtime, note=startup.light_stage),
                 CostCache(find_cache_folder("costs"), startup.scene),
             ),
             summarizer,

@@ -6,7 +6,7 @@ Unknown names are reported after the last reader.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,6 @@ from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, r
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects import EffectSettings
 from catoptra_server.frames.image_port import mounted_camera_state
-from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
@@ -49,6 +48,16 @@ class StartupConfig:
     """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that the files state for the server itself."""
+    light_stage: str = ""
+    """How much of a light bake the scene has; empty for all."""
+    refine_light: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    """Scene and world with all rays; see `LitScene`."""
+
+    def with_all_light(self, is_stopped: Callable[[], bool]) -> StartupConfig:
+        """The same with the light of all rays, unless a function says to stop."""
+        assert self.refine_light is not None, "the light has all its rays"
+        scene, world = self.refine_light(is_stopped)
+        return replace(self, scene=scene, world=world, light_stage="", refine_light=None)
 
     @property
     def effect_settings(self) -> tuple[EffectSettings, ...]:
@@ -65,6 +74,7 @@ def read_startup_config(
     *,
     limit_bytes: int = DEFAULT_LIMIT_BYTES,
     is_strict: bool = False,
+    has_first_light: bool = False,
 ) -> StartupConfig:
     """Read all configuration files, and log their unknown keys.
 
@@ -74,6 +84,7 @@ def read_startup_config(
         server: file with the server's own sections, which overrides robot files.
         limit_bytes: memory that each camera's view may take, and the scene as a whole.
         is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
+        has_first_light: leave most rays of a light bake to `StartupConfig.refine_light`.
 
     Raises:
         ConfigError: with file, line, key, value and the expected form.
@@ -92,8 +103,18 @@ def read_startup_config(
         _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
-    scene = _occlude_sky(scene, world_description)
-    return StartupConfig(descriptions, world_description, scene, options)
+    startup = StartupConfig(descriptions, world_description, scene, options)
+    if not (world_description.ambient_occlusion or world_description.light_bake):
+        return startup
+    # Loaded where it is needed: see `commands/server.py`.
+    from catoptra_server.render.trace.occlusion.occlusion_cache import begin_light
+
+    lit = begin_light(scene, world_description)
+    startup = replace(startup, scene=lit.scene, world=lit.world)
+    if lit.refine is None:
+        return startup
+    startup = replace(startup, light_stage=lit.stage, refine_light=lit.refine)
+    return startup if has_first_light else startup.with_all_light(lambda: False)
 
 
 # Start poses at which candidate plans are timed; their frames stand for all frames of the world.
@@ -159,19 +180,6 @@ def _drop_repeated_classes(
                 description.class_name,
             )
     return tuple(first.values())
-
-
-def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
-    """The scene with an occlusion map, where the world wants one."""
-    if not world.ambient_occlusion:
-        return scene
-    # Loaded where it is needed: see `commands/server.py`.
-    from catoptra_server.render.trace.occlusion import occlusion_cache
-
-    if not occlusion_cache.wants_occlusion(scene, world):
-        return scene
-    occlusion = occlusion_cache.find_occlusion(scene, find_cache_folder("occlusion"))
-    return replace(scene, occlusion=occlusion)
 
 
 class _LazyRayCaster:

@@ -1,12 +1,14 @@
 """World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
-Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off.
-Background is a colour or a Radiance HDR file; Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in
-degrees, stands for it and adds a sun and a hemisphere light. Positions are in metres, SAE (z down:
-the top of a table is at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0),
-file names relative to the world file. Meshes and textures are loaded by `world/scene_mesh.py`. A
-new shape is a reader and a line of `_SHAPE_READERS`.
+Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
+Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off; LightBake
+is off or on, which lights of Type=Rectangle need. Background is a colour or a Radiance HDR file;
+Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in degrees, stands for it and adds a sun and a
+hemisphere light. Positions are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations
+in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and
+textures are loaded by `world/scene_mesh.py`. A new shape is a reader and a line of
+`_SHAPE_READERS`.
 """
 
 from __future__ import annotations
@@ -46,6 +48,7 @@ from catoptra_server.world.world_description import (
     MeshFile,
     PointLight,
     Rectangle,
+    RectangleLight,
     RfidTag,
     Rgb,
     Ring,
@@ -106,13 +109,15 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     _require_sendable(section, "PlayerStarts", StartPoses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
     items = tuple(_read_items(section, path.parent))
-    lights = (_read_light(light) for light in section.get_structs("Lights"))
+    light_bake = section.get_choice("LightBake", ["on", "off"], "off") == "on"
+    lights = [_read_light(light, has_areas=light_bake) for light in section.get_structs("Lights")]
+    constant = [light for light in lights if not isinstance(light, RectangleLight)]
     background, sky, lights_of_sky = _read_background(section, path.parent)
     world = World(
         name=name,
         items=items,
         landmarks=_load_landmarks(section, path.parent),
-        lights=(*lights, *_load_mesh_lights(items), *lights_of_sky),
+        lights=(*constant, *_load_mesh_lights(items), *lights_of_sky),
         starts=starts,
         background=background,
         sky=sky,
@@ -122,6 +127,8 @@ def read_world(path: Path) -> tuple[World, IniFile]:
             Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims
         ),
         gps_origin=_read_gps_origin(section),
+        light_bake=light_bake,
+        area_lights=tuple(light for light in lights if isinstance(light, RectangleLight)),
         ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "on") == "on",
     )
     # Nothing but the background would be visible: more likely the name of a list is misspelt.
@@ -264,8 +271,8 @@ def _read_sky(struct: SectionReader) -> SkyDescription:
     )
 
 
-def _read_light(struct: SectionReader) -> Light:
-    """Light of one struct: a hemisphere, a direction or a point."""
+def _read_light(struct: SectionReader, *, has_areas: bool) -> Light | RectangleLight:
+    """Light of one struct: a hemisphere, a direction, a point or, where light is baked, an area."""
     brightness = struct.get_float("Brightness", 1.0, min_value=0.0, max_value=1e6)
 
     def read_radiance(key: str, default: tuple[int, int, int]) -> Rgb:
@@ -273,19 +280,31 @@ def _read_light(struct: SectionReader) -> Light:
         r, g, b = _read_colour(struct, key, default)
         return brightness * r, brightness * g, brightness * b
 
-    match struct.get_choice("Type", ["Hemisphere", "Directional", "Point"]):
+    def read_direction() -> Vector:
+        direction = np.asarray(struct.get_vector("Direction"))
+        length = hypot(*direction)
+        if length == 0.0:
+            raise struct.make_error("Direction", expected="a direction that is not zero")
+        x, y, z = direction / length
+        return float(x), float(y), float(z)
+
+    kind = struct.get_choice("Type", ["Hemisphere", "Directional", "Point", "Rectangle"])
+    if kind == "Rectangle" and not has_areas:
+        raise struct.make_error("Type", expected="LightBake=on before a light of Type=Rectangle")
+    match kind:
         case "Hemisphere":
             return HemisphereLight(
                 read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128))
             )
         case "Directional":
-            direction = np.asarray(struct.get_vector("Direction"))
-            length = hypot(*direction)
-            if length == 0.0:
-                raise struct.make_error("Direction", expected="a direction that is not zero")
-            x, y, z = direction / length
-            return DirectionalLight(
-                (float(x), float(y), float(z)), read_radiance("Colour", (255, 255, 255))
+            return DirectionalLight(read_direction(), read_radiance("Colour", (255, 255, 255)))
+        case "Rectangle":
+            size = struct.get_struct("Size")
+            return RectangleLight(
+                _read_position(struct, "Position"),
+                read_direction(),
+                (_read_length(size, "X"), _read_length(size, "Y")),
+                read_radiance("Colour", (255, 255, 255)),
             )
         case _:
             return PointLight(

@@ -10,7 +10,6 @@ import hashlib
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -31,7 +30,6 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import hash_scene
 from catoptra_server.render.trace.occlusion import occlusion_cache
 from catoptra_server.render.trace.ray_caster import SceneRayCaster, commit_to_kernel
-from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
@@ -150,9 +148,7 @@ class DatasetStage:
         meshes = {one.shape.path for one in world.items if isinstance(one.shape, MeshFile)}
         self._files += sorted(meshes - {*self._files})
         scene = build_scene(world, MemoryBudget())
-        if occlusion_cache.wants_occlusion(scene, world):
-            occlusion = occlusion_cache.find_occlusion(scene, find_cache_folder("occlusion"))
-            scene = replace(scene, occlusion=occlusion)
+        scene, world = occlusion_cache.light_scene(scene, world)
         caster = commit_to_kernel(scene)
         return RecipeWorld(choice, world, scene, caster, CollisionIndex(scene, caster))
 

@@ -96,6 +96,9 @@ class RenderThread:
             monotonic=monotonic,
         )
         self._plans: dict[Hashable, _PlanQuery] = {}
+        self._new_views: Callable[[], ViewCache | None] | None = None
+        # Channels drawn since the views were replaced; None where they never were.
+        self._redrawn: set[Channel] | None = None
         self._is_stopping = False
         self._has_ended = False
 
@@ -138,6 +141,15 @@ class RenderThread:
         if superseded is not None:
             superseded.reply(PlanFailure("superseded by a newer request"))
 
+    def replace_views(self, create_views: Callable[[], ViewCache | None]) -> None:
+        """Have the views created anew before the next frame, since the scene looks different now.
+
+        From any thread. No earlier frame is repeated.
+        """
+        with self._changed:
+            self._new_views = create_views
+            self._changed.notify()
+
     def stop(self) -> None:
         """End the thread after the frame that is being rendered; others are cancelled."""
         with self._changed:
@@ -157,22 +169,37 @@ class RenderThread:
         try:
             views = create_views()
             on_ready()
-            self._serve_queue(views)
+            while self._serve_queue(views):
+                if views is not None:
+                    views.close()
+                views = None
+                views, self._redrawn = self._take_new_views()(), set()
         finally:
             # Also after an error: the simulation may be blocked in `submit_and_wait`.
             self._cancel_pending()
             if views is not None:
                 views.close()
 
-    def _serve_queue(self, views: ViewCache | None) -> None:
-        """Answer requests until stopped."""
+    def _take_new_views(self) -> Callable[[], ViewCache | None]:
+        with self._changed:
+            create_views, self._new_views = self._new_views, None
+        assert create_views is not None, "the queue is left for new views alone"
+        return create_views
+
+    def _serve_queue(self, views: ViewCache | None) -> bool:
+        """Answer requests until stopped, or until the views are to be replaced: then True."""
         while True:
             with self._changed:
                 has_work = self._changed.wait_for(
-                    lambda: self._is_stopping or len(self._frames) or self._plans, _IDLE_S
+                    lambda: (
+                        self._is_stopping or self._new_views or len(self._frames) or self._plans
+                    ),
+                    _IDLE_S,
                 )
                 if self._is_stopping:
-                    return
+                    return False
+                if self._new_views:
+                    return True
                 pending = self._frames.take()
                 query = self._plans.pop(next(iter(self._plans))) if self._plans else None
                 if pending is None and query is None and has_work:
@@ -195,7 +222,8 @@ class RenderThread:
         if clients is None and future is None:
             self._sink.drop_frame(request.channel)
             return
-        if request.repeats is not None and self._sink.repeat(request):
+        is_current = self._redrawn is None or request.channel in self._redrawn
+        if request.repeats is not None and is_current and self._sink.repeat(request):
             return
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
@@ -217,6 +245,8 @@ class RenderThread:
             return reason
         try:
             self._sink.put(render_frame(request, views, monotonic=self._monotonic))
+            if self._redrawn is not None:
+                self._redrawn.add(channel)
         except Exception as error:
             if isinstance(error, ViewFailedError):
                 reason = str(error)  # logged where it was raised

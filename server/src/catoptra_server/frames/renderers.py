@@ -121,14 +121,16 @@ _TRACING_KIND = next(kind for kind in RendererKind if not kind.uses_faces)
 class RendererPool:
     """The chosen renderer of a server and its alternatives."""
 
-    def __init__(self, choice: RendererChoice, *, may_replace: bool = True) -> None:
+    def __init__(self, choice: RendererChoice, *, may_replace: bool = True, note: str = "") -> None:
         """Take over the chosen renderer.
 
         Args:
             choice: Renderer, with the factories of this one and of the others.
             may_replace: Whether an alternative may replace a renderer that fails; not under
                 lockstep, where the same commands give the same bytes.
+            note: Of the scene as it is drawn now, for the reason of each plan; empty for none.
         """
+        self._note = note
         self._choice = choice
         self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
         self._factories = dict(choice.factories)
@@ -141,19 +143,20 @@ class RendererPool:
     @property
     def reason(self) -> str:
         """Reason of that kind."""
-        return ": ".join(filter(None, (self.replacement_note, self._choice.reason)))
+        return ": ".join(filter(None, (self.note, self._choice.reason)))
 
     def is_usable(self, kind: RendererKind) -> bool:
         """Whether a renderer of a kind exists or can be created, and has not been replaced."""
         return kind not in self._replaced and kind in {*self._renderers, *self._factories}
 
     @property
-    def replacement_note(self) -> str:
-        """Replacements in words; empty for none."""
-        return ", ".join(
+    def note(self) -> str:
+        """Replacements and the note on the scene in words; empty for none."""
+        replaced = (
             f"{other.value} in place of {failed.value}, which failed"
             for failed, other in self._replaced.items()
         )
+        return ", ".join(filter(None, (*replaced, self._note)))
 
     def get(self, kind: RendererKind) -> Renderer:
         """Renderer of a kind, created at the first call and at the first one after `renew`.

@@ -202,9 +202,9 @@ class SceneMesh:
         return largest
 
     def smallest_sky_factors(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
-        """(m,) smallest factor of hemisphere light on each of some triangles."""
+        """(m, 1) or (m, 3) smallest factors of hemisphere light on each of some triangles."""
         if self.occlusion is None:
-            return np.ones(len(self.corners[triangles]))
+            return np.ones((len(self.corners[triangles]), 1))
         return self.occlusion.smallest_factors(triangles)
 
     def has_varying_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Bools:

@@ -17,6 +17,10 @@ surfaces carry grids of factors, the nodes of which are
 stored in one atlas of bytes and interpolated bilinearly; a factor scales hemisphere light alone.
 Most triangles have no grid: nothing near occludes them, and their factor is exactly 1. Twins:
 render/trace/kernel/src/occlusion.c and glsl/include/occlusion.glsl.
+
+Where light is baked, grids have 16-bit factors of each colour, of a hemisphere light as bright as
+the brightest node: sky, area lights and all that surfaces reflect (render/trace/occlusion/
+light_bake.py). Dynamic objects then have a hemisphere light of their own.
 """
 
 from __future__ import annotations
@@ -38,6 +42,7 @@ from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
     PointLight,
+    World,
     linear_from_srgb,
 )
 
@@ -125,6 +130,14 @@ def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
     return tuple(light for light in lights if isinstance(light, HemisphereLight))
 
 
+def object_lights(world: World) -> tuple[Light, ...]:
+    """Lights of dynamic objects."""
+    if world.object_sky is None:
+        return world.lights
+    others = (light for light in world.lights if not isinstance(light, HemisphereLight))
+    return (world.object_sky, *others)
+
+
 def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
     """(n, 3) irradiance by one light at (n, 3) points, without occlusion."""
     if isinstance(light, PointLight):
@@ -209,8 +222,9 @@ def light_of_bytes() -> npt.NDArray[np.float32]:
     return light
 
 
-# Bytes are factors: 255 is 1.
+# Bytes are factors: 255 is 1. So are 16 bits.
 OPEN = 255
+OPEN_LIGHT = 65535
 # Grids begin at multiples of this in the atlas, whose sides are multiples, too: blocks of nodes
 # that belong to one grid.
 BLOCK = 4
@@ -228,19 +242,31 @@ class OcclusionMap:
     """(m, 4) likewise for the row."""
     bounds: npt.NDArray[np.int32]
     """(m, 4) first column, first row, last column, last row of each grid in the atlas."""
-    texels: npt.NDArray[np.uint8]
-    """(h, w) atlas."""
-    darkest: npt.NDArray[np.uint8] = field(init=False)
-    """(m,) smallest texel of each grid."""
+    texels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+    """(h, w) atlas; of 16 bits for each colour, (3, h, w)."""
+    darkest: Floats = field(init=False)
+    """(m, 1) or (m, 3) smallest factors of each grid."""
 
     def __post_init__(self) -> None:
         """Find what is darkest on each grid, for bounds."""
-        parts = (self.texels[t : b + 1, x : r + 1] for x, t, r, b in self.bounds.tolist())
-        darkest = np.array([part.min() for part in parts], dtype=np.uint8)
-        object.__setattr__(self, "darkest", darkest)
+        planes = self.planes
+        parts = (planes[:, t : b + 1, x : r + 1] for x, t, r, b in self.bounds.tolist())
+        darkest = [part.min(axis=(1, 2)) for part in parts]
+        factors = np.array(darkest, dtype=np.float64).reshape(-1, len(planes)) / self.open
+        object.__setattr__(self, "darkest", factors)
         for array in (self.patch_of, self.columns_from_world, self.rows_from_world, self.bounds):
             array.setflags(write=False)
         self.texels.setflags(write=False)
+
+    @property
+    def planes(self) -> npt.NDArray[np.integer]:
+        """(1, h, w) or (3, h, w) atlas."""
+        return self.texels if self.texels.ndim == 3 else self.texels[None]
+
+    @property
+    def open(self) -> int:
+        """Texel of the factor 1."""
+        return OPEN if self.texels.ndim == 2 else OPEN_LIGHT
 
     @property
     def arrays(self) -> tuple[npt.NDArray[np.generic], ...]:
@@ -258,8 +284,9 @@ class OcclusionMap:
         return np.clip(positions, bounds[:, :2], bounds[:, 2:])
 
     def factors(self, triangles: npt.NDArray[np.integer], points: Floats) -> Floats:
-        """(n,) factors of hemisphere light at (n, 3) points of triangles, world frame."""
-        factors = np.ones(len(points))
+        """(n, 1) or (n, 3) factors of hemisphere light at (n, 3) points, world frame."""
+        planes = self.planes
+        factors = np.ones((len(points), len(planes)))
         inside = np.flatnonzero(self.patch_of[triangles] >= 0)
         positions = self.atlas_positions(triangles[inside], points[inside])
         first = np.floor(positions).astype(np.intp)
@@ -267,15 +294,13 @@ class OcclusionMap:
         # In the last column and row both nodes are the same.
         last = self.bounds[self.patch_of[triangles[inside]], 2:]
         (xa, ya), (xb, yb) = first.T, np.minimum(first + 1, last).T
-        texels = self.texels
-        upper = (1.0 - fx) * texels[ya, xa] + fx * texels[ya, xb]
-        lower = (1.0 - fx) * texels[yb, xa] + fx * texels[yb, xb]
-        factors[inside] = ((1.0 - fy) * upper + fy * lower) / OPEN
+        upper = (1.0 - fx) * planes[:, ya, xa] + fx * planes[:, ya, xb]
+        lower = (1.0 - fx) * planes[:, yb, xa] + fx * planes[:, yb, xb]
+        factors[inside] = (((1.0 - fy) * upper + fy * lower) / self.open).T
         return factors
 
     def smallest_factors(self, triangles: slice | npt.NDArray[np.intp] = slice(None)) -> Floats:
-        """(k,) smallest factor of any point of each of some triangles."""
-        patch = self.patch_of[triangles]
-        darkest = np.append(self.darkest, np.uint8(OPEN))
-        smallest: Floats = darkest[patch] / OPEN
+        """(k, 1) or (k, 3) smallest factors of any point of each of some triangles."""
+        darkest = np.concatenate((self.darkest, np.ones((1, len(self.planes)))))
+        smallest: Floats = darkest[self.patch_of[triangles]]
         return smallest

@@ -54,6 +54,13 @@ class World:
     gps_origin: GpsOrigin | None = None
     ambient_occlusion: bool = False
     """Whether the server darkens hemisphere light where the static scene occludes it."""
+    light_bake: bool = False
+    """Whether light that surfaces reflect, and that of area lights and the sky through openings, is
+    computed on the nodes of grids; then no hemisphere light shines through walls."""
+    area_lights: tuple[RectangleLight, ...] = ()
+    """Lights that only a bake has."""
+    object_sky: HemisphereLight | None = None
+    """Hemisphere light of dynamic objects where light is baked; None: that of the lights."""
 
     @property
     def background_range(self) -> tuple[Rgb, Rgb]:
@@ -221,6 +228,23 @@ class PointLight:
 
     def __post_init__(self) -> None:
         _check_light("point", self.intensity)
+
+
+@dataclass(frozen=True, slots=True)
+class RectangleLight:
+    """Rectangle that shines evenly on one side, such as a lamp or a window; it is not seen."""
+
+    position_m: tuple[float, float, float]
+    """Its middle."""
+    direction: tuple[float, float, float]
+    """Normal of the side that shines, unit, world frame."""
+    size_m: tuple[float, float]
+    """Its side along the horizontal, or along x where it is level, and the other."""
+    intensity: Rgb
+    """Irradiance at one metre in front of a small one: radiance times area over pi."""
+
+    def __post_init__(self) -> None:
+        _check_light("rectangle", self.intensity)
 
 
 def _check_light(kind: str, *colours: Rgb) -> None:

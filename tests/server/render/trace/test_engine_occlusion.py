@@ -35,7 +35,7 @@ def expect(world: World, lights: tuple[Light, ...]) -> Floats:
     occlusion = bake_scene(world).occlusion
     assert occlusion is not None
     normals = np.tile([0.0, 0.0, -1.0], (len(FLOOR_POINTS), 1))
-    factors = occlusion.factors(np.zeros(len(FLOOR_POINTS), dtype=int), FLOOR_POINTS)
+    factors = occlusion.factors(np.zeros(len(FLOOR_POINTS), dtype=int), FLOOR_POINTS)[:, 0]
     assert factors[0] < 0.9
     assert factors[-1] == 1.0
     total = factors[:, None] * facet_irradiance((SKY,), normals)

@@ -419,7 +419,7 @@ def _max_change_of_part(
 ) -> float:
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
     sky = least_sky(scene, hemisphere_lights(lights), part)
-    remaining = albedo * scene.smallest_sky_factors(part)[:, None] * sky
+    remaining = albedo * scene.smallest_sky_factors(part) * sky
     lost = albedo * max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
     can_be_darker = scene.has_varying_albedo(part)

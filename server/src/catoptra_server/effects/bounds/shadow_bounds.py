@@ -148,7 +148,7 @@ class ShadowBounds:
         scene = self._scene
         remaining = least_sky(scene, self._hemisphere_lights, rows)
         # What the scene hides of the sky is dark already.
-        remaining = scene.smallest_sky_factors(rows)[:, None] * remaining
+        remaining = scene.smallest_sky_factors(rows) * remaining
         lost = np.zeros_like(remaining)
         for light, is_hidden in zip(self._lights, is_lost, strict=True):
             irradiance = max_irradiance(scene, light, rows)

@@ -364,7 +364,7 @@ class RenderPlanner:
             for one in placed
         )
         choice = choose_plan(camera.camera, pareto_front(corrected), target)
-        note = self.renderers.replacement_note
+        note = self.renderers.note
         if note:
             plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
             choice = replace(choice, plan=plan)

@@ -434,9 +434,12 @@ def _upload_atlas(
     """Texture of an occlusion map's factors, filtered as `OcclusionMap.factors` does."""
     if occlusion is None:
         return None
-    height, width = occlusion.texels.shape
+    channels, height, width = occlusion.planes.shape
+    data = np.ascontiguousarray(np.moveaxis(occlusion.planes, 0, -1)).tobytes()
     # Rows of four: OpenGL's alignment, which the map has anyway.
-    atlas = context.texture((width, height), 1, occlusion.texels.tobytes(), alignment=4)
+    kind = "f1" if channels == 1 else "nu2"
+    atlas = context.texture((width, height), channels, data, alignment=4, dtype=kind)
+    atlas.swizzle = "RRR1" if channels == 1 else "RGB1"
     atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
     atlas.repeat_x = atlas.repeat_y = False
     return atlas

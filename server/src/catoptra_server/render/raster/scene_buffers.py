@@ -40,7 +40,12 @@ from catoptra_server.render.raster.shadow_maps import ShadowMaps
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights, point_lights, shadow_casting_lights
+from catoptra_server.world.shading import (
+    hemisphere_lights,
+    object_lights,
+    point_lights,
+    shadow_casting_lights,
+)
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import Light, PointLight, World
 
@@ -141,7 +146,8 @@ class SceneBuffers:
         self._world = world
         lights = world.lights if scene_lights is None else scene_lights
         # Two lightings: objects move towards lights that are too weak for the static scene.
-        lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
+        lighting = _make_facet_lighting(lights)
+        object_lighting = _make_facet_lighting(object_lights(world))
         self.background = world.background
         self.sky: moderngl.Texture | None = None
         """Radiance by direction, where it is not that of the background."""
@@ -232,7 +238,9 @@ class SceneBuffers:
             textures=self._textures,
         )
         lighting = FacetLighting(hemisphere_lights(lights), maps.definitions)
-        objects = DynamicObjectBuffer(context, programs, lighting, self.origin)
+        sky = hemisphere_lights(object_lights(self._world))
+        object_lighting = FacetLighting(sky, maps.definitions)
+        objects = DynamicObjectBuffer(context, programs, object_lighting, self.origin)
         return LitScene(self._make_batches(lighting), objects, self.origin, maps=maps)
 
     def close(self) -> None:

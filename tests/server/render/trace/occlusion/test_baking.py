@@ -45,7 +45,7 @@ def factors_on_floor(world: World, points: list[tuple[float, float]]) -> Floats:
     assert occlusion is not None
     at = np.array([(x, y, 0.0) for x, y in points])
     # Both triangles of the floor are one surface.
-    return occlusion.factors(np.zeros(len(at), dtype=int), at)
+    return occlusion.factors(np.zeros(len(at), dtype=int), at)[:, 0]
 
 
 def test_factors_beside_a_box_equal_brute_force() -> None:
@@ -235,7 +235,7 @@ def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
         monkeypatch.setattr(baking, "_MAX_SMALL_GRIDS", most)
         occlusion = bake_occlusion(scene, commit_ray_caster(scene), threads=1)
         assert occlusion is not None
-        factors.append(occlusion.factors(np.arange(len(scene)), centres))
+        factors.append(occlusion.factors(np.arange(len(scene)), centres)[:, 0])
     single, joined = factors
     # The floor darkens the lower half.
     assert single[2:].mean() < 0.9

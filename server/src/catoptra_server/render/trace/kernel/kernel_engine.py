@@ -76,7 +76,7 @@ from catoptra_server.render.trace.trace_engine import (
 from catoptra_server.runtime.memory import release_freed_memory
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights
+from catoptra_server.world.shading import hemisphere_lights, object_lights
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:
@@ -370,6 +370,7 @@ class KernelEngine:
             num_lights=num_lights,
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
+            object_hemisphere=hemisphere_struct(object_lights(self._world)),
             srgb_table=srgb_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
             occlusion=self._keep(occlusion_struct(self.scene.occlusion, self.scene.centre)),

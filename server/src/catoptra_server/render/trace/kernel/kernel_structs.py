@@ -12,7 +12,7 @@ from typing import ClassVar
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED, FACET_FILTERED = 16, 32, 64, 128
-LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
+LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECTANGLE = 0, 1, 2
 REST_FOUND, REST_ALOFT, REST_OVER, REST_NEEDS_TRIANGLES, REST_NO_MEMORY = range(5)
 SAMPLE_CLAMP_U, SAMPLE_CLAMP_V, SAMPLE_NEAREST = 1, 2, 4
 
@@ -111,7 +111,7 @@ class OcclusionStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         ("width", c_int32),
         ("height", c_int32),
-        *_addresses("texels", "patch_of", "patches"),
+        *_addresses("texels", "light", "patch_of", "patches"),
         ("num_patches", c_int32),
         *_addresses("dark_sums"),
     ]
@@ -127,6 +127,7 @@ class SceneStruct(ctypes.Structure):
         ("num_lights", c_int32),
         ("lights", c_void_p),
         ("hemisphere", HemisphereStruct),
+        ("object_hemisphere", HemisphereStruct),
         *_addresses("srgb_table", "caster_triangles", "light_maps"),
         ("surfaces", SurfacesStruct),
         ("occlusion", OcclusionStruct),
@@ -333,6 +334,52 @@ class SinkingStruct(ctypes.Structure):
     ]
 
 
+class BakeLamp(ctypes.Structure):
+    """A light that the nodes of grids see."""
+
+    _fields_: ClassVar[Fields] = [
+        ("kind", c_int32),
+        ("area", c_float),
+        ("corner", c_double * 3),
+        ("side_x", c_float * 3),
+        ("side_y", c_float * 3),
+        ("normal", c_float * 3),
+    ]
+
+
+class BakeJob(ctypes.Structure):
+    """One pass of rays from the nodes of grids."""
+
+    _fields_: ClassVar[Fields] = [
+        *_addresses("mesh", "casters"),
+        ("num_nodes", c_int32),
+        *_addresses("positions", "grid", "axes", "normals", "grid_of", "slot_of", "patches"),
+        ("width", c_int32),
+        ("sky_slot", c_int32),
+        ("sky_side", c_int32),
+        ("pass_number", c_uint32),
+        ("num_rays", c_int32),
+        *_addresses("sequence", "turns", "hits"),
+        ("stride", c_int64),
+        *_addresses("backs"),
+        ("num_lamps", c_int32),
+        *_addresses("lamps", "light"),
+    ]
+
+
+class GatherJob(ctypes.Structure):
+    """Means of radiance over stored hits."""
+
+    _fields_: ClassVar[Fields] = [
+        ("num_nodes", c_int32),
+        ("num_passes", c_int32),
+        ("num_rays", c_int32),
+        *_addresses("hits"),
+        ("stride", c_int64),
+        *_addresses("radiance", "means"),
+    ]
+
+
 # In the order of `catoptra_abi`.
 STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     MeshArrays,
@@ -356,4 +403,7 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     ImageJob,
     RestingSide,
     SinkingStruct,
+    BakeLamp,
+    BakeJob,
+    GatherJob,
 )

@@ -27,9 +27,11 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.kernel_structs import (
     REST_NO_MEMORY,
     STRUCTURES,
+    BakeJob,
     FacetSource,
     FrameCounts,
     FrameStruct,
+    GatherJob,
     ImageJob,
     MeshArrays,
     RayTableStruct,
@@ -230,6 +232,14 @@ class KernelDevice:
         arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
         self._library.catoptra_trace(self._require_open(), *arguments, error)
 
+    def bake(self, job: BakeJob) -> None:
+        """Cast one pass of rays from nodes, into the arrays of a job."""
+        self._library.catoptra_bake(self._require_open(), ctypes.byref(job))
+
+    def gather(self, job: GatherJob) -> None:
+        """Write the means of radiance over stored hits."""
+        self._library.catoptra_gather(self._require_open(), ctypes.byref(job))
+
     def change_image(self, job: ImageJob) -> None:
         """Change an image by the stages of a job, into its outputs.
 
@@ -282,6 +292,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_change_image": (None, (c_void_p, c_void_p)),
         "catoptra_image_scratch": (c_int64, (c_void_p,)),
         "catoptra_trace": (c_int32, (c_void_p,) * 5),
+        "catoptra_bake": (None, (c_void_p, c_void_p)),
+        "catoptra_gather": (None, (c_void_p, c_void_p)),
     }
     for name, (result, arguments) in signatures.items():
         function = getattr(library, name, None)

@@ -51,7 +51,6 @@ from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
-    OPEN,
     OcclusionMap,
     hemisphere_lights,
     light_of_bytes,
@@ -361,6 +360,24 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     """Ambient occlusion of a scene."""
     if occlusion is None:
         return OwningStruct(OcclusionStruct(), ())
+    structs = patch_structs(occlusion, centre)
+    height, width = occlusion.texels.shape[-2:]
+    sums = _sum_dark_nodes(occlusion)
+    struct = OcclusionStruct(
+        width=width,
+        height=height,
+        texels=occlusion.texels.ctypes.data,
+        light=occlusion.texels.ctypes.data if occlusion.texels.ndim == 3 else None,
+        patch_of=occlusion.patch_of.ctypes.data,
+        patches=ctypes.addressof(structs),
+        num_patches=len(structs),
+        dark_sums=sums.ctypes.data,
+    )
+    return OwningStruct(struct, (occlusion, structs, sums))
+
+
+def patch_structs(occlusion: OcclusionMap, centre: Floats) -> ctypes.Array[OcclusionPatchStruct]:
+    """The grids of a map, relative to a centre."""
     structs = (OcclusionPatchStruct * len(occlusion.bounds))()
     rows = zip(
         _relative_rows(occlusion.columns_from_world, centre),
@@ -372,18 +389,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
         struct.column[:], struct.row[:] = column, row
         struct.left, struct.top, struct.right, struct.bottom = bounds
         struct.offset[:] = column[3], row[3]
-    height, width = occlusion.texels.shape
-    sums = _sum_dark_nodes(occlusion.texels)
-    struct = OcclusionStruct(
-        width=width,
-        height=height,
-        texels=occlusion.texels.ctypes.data,
-        patch_of=occlusion.patch_of.ctypes.data,
-        patches=ctypes.addressof(structs),
-        num_patches=len(structs),
-        dark_sums=sums.ctypes.data,
-    )
-    return OwningStruct(struct, (occlusion, structs, sums))
+    return structs
 
 
 def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
@@ -393,10 +399,11 @@ def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
     return relative
 
 
-def _sum_dark_nodes(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+def _sum_dark_nodes(occlusion: OcclusionMap) -> npt.NDArray[np.int32]:
     """(h + 1, w + 1) numbers of texels above and left that are not open."""
-    sums = np.zeros((texels.shape[0] + 1, texels.shape[1] + 1), dtype=np.int32)
-    np.cumsum(texels < OPEN, axis=0, out=sums[1:, 1:])
+    is_dark = (occlusion.planes < occlusion.open).any(axis=0)
+    sums = np.zeros((is_dark.shape[0] + 1, is_dark.shape[1] + 1), dtype=np.int32)
+    np.cumsum(is_dark, axis=0, out=sums[1:, 1:])
     np.cumsum(sums, axis=1, out=sums)
     return sums
 

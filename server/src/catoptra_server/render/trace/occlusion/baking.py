@@ -97,7 +97,7 @@ def bake_occlusion(
     """
     frames = frame_surfaces(scene, threads=threads)
     layout, near = _choose_layout(scene, frames)
-    nodes = _place_nodes(frames, layout, near)
+    nodes = place_nodes(frames, layout, near)
     factors, inside = _measure_all(scene, caster, nodes, threads)
     texels = filter_factors(layout, near, factors, inside)
     return _without_open_grids(frames, layout, texels)
@@ -116,7 +116,7 @@ def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
         device.close()
 
 
-def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
+def _choose_layout(scene: SceneMesh, frames: SurfaceFrames) -> tuple[_GridLayout, Bools]:
     """Finest grids that are not too many nodes, and the nodes near casters."""
     boxes = _enclose_casters(scene.corners[scene.casts_shadows])
     pairs = _find_near_pairs(frames, boxes)
@@ -137,7 +137,7 @@ def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayou
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _SurfaceFrames:
+class SurfaceFrames:
     """Coordinate systems of m surfaces: point = origin + s side_x + t side_y, s and t in [0, 1]."""
 
     patch_of: _Indices
@@ -151,15 +151,15 @@ class _SurfaceFrames:
     normal: Floats
     """(m, 3) unit, outward."""
 
-    def take(self, surfaces: npt.NDArray[np.intp]) -> _SurfaceFrames:
+    def take(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
         """Some of the surfaces, numbered anew; triangles of the others have none."""
         number = np.full(len(self.origin) + 1, -1, dtype=np.int32)
         number[surfaces] = np.arange(len(surfaces), dtype=np.int32)
         return replace(self.take_rows(surfaces), patch_of=number[self.patch_of])
 
-    def take_rows(self, surfaces: npt.NDArray[np.intp]) -> _SurfaceFrames:
+    def take_rows(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
         """Rows of some surfaces, some perhaps repeated; triangles keep their numbers."""
-        return _SurfaceFrames(
+        return SurfaceFrames(
             self.patch_of,
             self.origin[surfaces],
             self.side_x[surfaces],
@@ -167,12 +167,12 @@ class _SurfaceFrames:
             self.normal[surfaces],
         )
 
-    def transpose(self) -> _SurfaceFrames:
+    def transpose(self) -> SurfaceFrames:
         """Surfaces with their sides exchanged."""
         return replace(self, side_x=self.side_y, side_y=self.side_x)
 
 
-def frame_surfaces(scene: SceneMesh, *, threads: int) -> _SurfaceFrames:
+def frame_surfaces(scene: SceneMesh, *, threads: int) -> SurfaceFrames:
     """Coordinate systems of the lit surfaces of a scene."""
     flat = _find_surfaces(scene, threads)
     largest = _choose_largest(scene, flat)
@@ -185,7 +185,7 @@ def frame_surfaces(scene: SceneMesh, *, threads: int) -> _SurfaceFrames:
     group, middle = _join_neighbours(scene, small)
     joined = _frame_groups(scene, small, group, middle)
     patch_of[small] = len(representative) + group
-    frames = _SurfaceFrames(
+    frames = SurfaceFrames(
         patch_of,
         np.concatenate((large.origin, joined.origin)),
         np.concatenate((large.side_x, joined.side_x)),
@@ -232,7 +232,7 @@ def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indi
 
 def _frame_groups(
     scene: SceneMesh, small: _Indices, group: _Indices, middle: _Indices
-) -> _SurfaceFrames:
+) -> SurfaceFrames:
     """Parallelograms over single triangles, rectangles in front of those that share a grid."""
     group_of = np.full(len(scene), -1, dtype=np.int32)
     group_of[small] = group
@@ -262,7 +262,7 @@ def _choose_largest(scene: SceneMesh, flat: FlatSurfaces) -> _Numbers:
     return np.sort(largest)
 
 
-def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices) -> _SurfaceFrames:
+def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices) -> SurfaceFrames:
     """Bounding rectangles of flat surfaces along axes of their planes."""
     normal = scene.normals[representative]
     # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
@@ -277,7 +277,7 @@ def _frame_large(scene: SceneMesh, patch_of: _Indices, representative: _Indices)
     anchor = scene.corners[representative, 0]
     axes = np.stack((axis_x, axis_y), axis=1)
     low, high = _extents(scene.corners[triangles], anchor, axes, patch_of[triangles])
-    return _SurfaceFrames(
+    return SurfaceFrames(
         patch_of,
         anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
         (high - low)[:, :1] * axis_x,
@@ -333,7 +333,7 @@ class _GridLayout:
         return np.stack((self.left, self.top, *last), axis=-1).astype(np.int32)
 
 
-def lay_out(frames: _SurfaceFrames, node_distance_m: float) -> _GridLayout:
+def lay_out(frames: SurfaceFrames, node_distance_m: float) -> _GridLayout:
     """Grids whose nodes are at most as far apart, packed into an atlas row by row."""
     columns, rows = (
         np.clip(np.ceil(_lengths(side) / node_distance_m) + 1, 2, _MAX_SIDE_NODES).astype(np.int32)
@@ -382,7 +382,7 @@ class _NearPairs:
 
     surface: _Numbers
     """(p,) surface of each pair."""
-    frames: _SurfaceFrames
+    frames: SurfaceFrames
     """Coordinate system of that surface."""
     boxes: _CasterBoxes
     """The box of each pair."""
@@ -402,7 +402,7 @@ class _NearPairs:
         return near
 
     def _find_span(
-        self, frames: _SurfaceFrames, num_nodes: npt.NDArray[np.int32]
+        self, frames: SurfaceFrames, num_nodes: npt.NDArray[np.int32]
     ) -> tuple[_Numbers, _Numbers]:
         """First node along side x within the radius of each box, and the one after the last."""
         length = _lengths(frames.side_x)
@@ -418,7 +418,7 @@ class _NearPairs:
         return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
 
 
-def _find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
+def _find_near_pairs(frames: SurfaceFrames, boxes: _CasterBoxes) -> _NearPairs:
     """Boxes that reach before the planes of surfaces and near their rectangles."""
     middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
     diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
@@ -461,7 +461,7 @@ class _Nodes:
     """(m, sets, rays, 3) directions of each surface."""
 
 
-def _place_nodes(frames: _SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nodes:
+def place_nodes(frames: SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nodes:
     row, column = np.nonzero(near)
     patch = layout.grid_at()[row, column].astype(np.intp)
     column, row = column - layout.left[patch], row - layout.top[patch]
@@ -478,7 +478,7 @@ def _place_nodes(frames: _SurfaceFrames, layout: _GridLayout, near: Bools) -> _N
     return _Nodes(positions, patch, ray_set, _turn_directions(frames))
 
 
-def _turn_directions(frames: _SurfaceFrames) -> npt.NDArray[np.float32]:
+def _turn_directions(frames: SurfaceFrames) -> npt.NDArray[np.float32]:
     """(m, sets, rays, 3) directions around each surface's normal."""
     axis_x = frames.side_x / np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
     axis_y = np.cross(frames.normal, axis_x)
@@ -493,20 +493,25 @@ def _sky_directions() -> Floats:
     Sobol's first two dimensions: each block of a power of two points is stratified by itself, and
     all blocks together are, too.
     """
-    count = NUM_SETS * RAYS_PER_NODE
-    # Half a cell off the borders: no ray along the surface, none along its normal.
+    across, around = sobol_points(NUM_SETS * RAYS_PER_NODE)
+    around = 2.0 * np.pi * around
+    radius = np.sqrt(across)
+    directions = np.stack(
+        (radius * cos(around), radius * sin(around), np.sqrt(1.0 - across)), axis=-1
+    )
+    return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
+
+
+def sobol_points(count: int) -> tuple[Floats, Floats]:
+    """(count,) points of Sobol's first two dimensions in [0, 1), half a cell off the borders."""
+    # No ray along the surface, none along its normal.
     # The first dimension is van der Corput's sequence, the second that of the polynomial x + 1.
     halves = [1 << bit for bit in range(15, -1, -1)]
     columns = [1 << 15]
     for _ in range(15):
         columns.append(columns[-1] ^ columns[-1] >> 1)
     across = (_digital_sequence(count, halves) + 0.5 / count) % 1.0
-    around = 2.0 * np.pi * (_digital_sequence(count, columns) + 0.5 / count)
-    radius = np.sqrt(across)
-    directions = np.stack(
-        (radius * cos(around), radius * sin(around), np.sqrt(1.0 - across)), axis=-1
-    )
-    return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
+    return across, _digital_sequence(count, columns) + 0.5 / count
 
 
 def _digital_sequence(count: int, columns: list[int]) -> Floats:
@@ -568,14 +573,21 @@ def filter_factors(
     values, known = np.ones(near.shape), np.ones(near.shape, dtype=bool)
     values[near], known[near] = factors, ~inside
     grid = layout.grid_at()
-    values = _fill(values, known, grid)
-    values = _blur(values, grid, axis=1, is_filtered=layout.columns >= _MIN_FILTERED)
-    values = _blur(values, grid, axis=0, is_filtered=layout.rows >= _MIN_FILTERED)
+    values = continue_grids(values, known, grid, largest=1.0, otherwise=1.0)
+    values = blur(values, grid, axis=1, is_filtered=layout.columns >= _MIN_FILTERED)
+    values = blur(values, grid, axis=0, is_filtered=layout.rows >= _MIN_FILTERED)
     return np.round(values * OPEN).astype(np.uint8)
 
 
-def _fill(values: Floats, known: Bools, grid: npt.NDArray[np.int32]) -> Floats:
-    """Values, continued from known to unknown nodes of the grid, else 1."""
+def continue_grids(
+    values: Floats,
+    known: Bools,
+    grid: npt.NDArray[np.int32],
+    *,
+    largest: float,
+    otherwise: float,
+) -> Floats:
+    """Values, continued from known to unknown nodes of the grid, up to a largest."""
     for _ in range(_NUM_FILLED):
         row, column = np.nonzero(~known)
         total, count = np.zeros(len(row)), np.zeros(len(row))
@@ -583,14 +595,14 @@ def _fill(values: Floats, known: Bools, grid: npt.NDArray[np.int32]) -> Floats:
             near, is_near = _look(values, known, grid, (row, column), (dy, dx))
             far, is_far = _look(values, known, grid, (row, column), (2 * dy, 2 * dx))
             # Along a straight line: factors fall towards the foot of a wall.
-            continued = np.clip(np.where(is_far, 2.0 * near - far, near), 0.0, 1.0)
+            continued = np.clip(np.where(is_far, 2.0 * near - far, near), 0.0, largest)
             total += np.where(is_near, continued, 0.0)
             count += is_near
         filled = count > 0.0
         values, known = values.copy(), known.copy()
         values[row[filled], column[filled]] = total[filled] / count[filled]
         known[row[filled], column[filled]] = True
-    return np.where(known, values, 1.0)
+    return np.where(known, values, otherwise)
 
 
 def _look(
@@ -607,7 +619,7 @@ def _look(
     return values[y, x], inside & known[y, x] & (grid[y, x] == grid[at])
 
 
-def _blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
+def blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
     """Tent over three nodes along an axis of the grids; the outermost nodes count twice."""
     before, after = _shift(values, grid, axis, 1), _shift(values, grid, axis, -1)
     # The last entry is for nodes without a grid.
@@ -626,7 +638,7 @@ def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) ->
 
 
 def _without_open_grids(
-    frames: _SurfaceFrames, layout: _GridLayout, texels: npt.NDArray[np.uint8]
+    frames: SurfaceFrames, layout: _GridLayout, texels: npt.NDArray[np.uint8]
 ) -> OcclusionMap | None:
     """Map of the grids that some factor makes darker."""
     bounds = layout.bounds()
@@ -635,12 +647,12 @@ def _without_open_grids(
     if not len(dark):
         return None
     kept, bounds = frames.take(dark), bounds[dark]
-    columns, rows = _find_atlas_rows(kept, bounds[:, :2], bounds[:, 2:] - bounds[:, :2])
+    columns, rows = find_atlas_rows(kept, bounds[:, :2], bounds[:, 2:] - bounds[:, :2])
     return OcclusionMap(kept.patch_of, columns, rows, bounds, texels)
 
 
-def _find_atlas_rows(
-    frames: _SurfaceFrames, first: npt.NDArray[np.int32], spans: npt.NDArray[np.int32]
+def find_atlas_rows(
+    frames: SurfaceFrames, first: npt.NDArray[np.int32], spans: npt.NDArray[np.int32]
 ) -> tuple[Floats, Floats]:
     """(m, 4) rows that map world points to columns and to rows of the atlas."""
     sides = np.stack((frames.side_x, frames.side_y), axis=1)

@@ -8,26 +8,134 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server import __version__
-from catoptra_server.runtime.array_cache import ArrayCache
+from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
 from catoptra_server.world.triangles import row_blocks, triangle_boxes
 from catoptra_server.world.world_description import World
 
+if TYPE_CHECKING:
+    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+
 log = logging.getLogger(__name__)
 
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
+# The same of baked light.
+_LIGHT_VERSION = 1
+_LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
 # nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
 MANY_TRIANGLES, MIN_SIDE_M = 12_000, 0.1
+
+
+def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+    """A scene with its map of baked light or ambient occlusion, and the world's lights beside it.
+
+    Where neither is wanted, both as they are.
+    """
+    lit = begin_light(scene, world)
+    return (lit.scene, lit.world) if lit.refine is None else lit.refine(lambda: False)
+
+
+def begin_light(scene: SceneMesh, world: World) -> LitScene:
+    """The same by a few rays, to be refined, where light is baked and not in the cache."""
+    if world.light_bake:
+        return _begin_bake(scene, world)
+    if wants_occlusion(scene, world):
+        occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
+        scene = replace(scene, occlusion=occlusion)
+    return LitScene(scene, world)
+
+
+def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
+    # Loaded where it is needed: most worlds have none.
+    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+    from catoptra_server.render.trace.occlusion import light_bake
+
+    cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
+    light = _read_light(cache, key, len(scene))
+    if light is not None:
+        return LitScene(*light.apply(scene, world))
+    start = time.perf_counter()
+    try:
+        bake = light_bake.LightBake(scene, world, threads=count_processors())
+    except KernelUnavailableError as error:
+        log.warning("%s; light is not baked", error)
+        return LitScene(scene, world)
+    for _ in range(light_bake.FIRST_PASSES):
+        bake.cast()
+    first = bake.gather()
+    rays = light_bake.FIRST_PASSES * light_bake.RAYS_PER_PASS
+    stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
+    log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
+
+    def refine(is_stopped: Callable[[], bool]) -> tuple[SceneMesh, World]:
+        bake.use_calling_thread()
+        try:
+            while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
+                bake.cast()
+            light = bake.gather()
+        finally:
+            bake.close()
+        release_freed_memory()
+        if not is_stopped():
+            log.info("light baked in %.2f s", time.perf_counter() - start)
+            _store_light(cache, key, light)
+        return light.apply(scene, world)
+
+    return LitScene(*first.apply(scene, world), stage, refine)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LitScene:
+    """A scene and a world whose light is computed, at first from few rays."""
+
+    scene: SceneMesh
+    world: World
+    stage: str = ""
+    """How much of it is computed; empty for all."""
+    refine: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
+    left to do."""
+
+
+def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight | None:
+    arrays = cache.read(key, len(_ARRAYS) + len(_LIGHT_ARRAYS))
+    if arrays is None:
+        return None
+    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+
+    occlusion, rest = OcclusionMap(*arrays[: len(_ARRAYS)]), arrays[len(_ARRAYS) :]
+    light = BakedLight(occlusion, *rest)
+    return light if _is_sound(occlusion, num_triangles) else None
+
+
+def _store_light(cache: ArrayCache, key: str, light: BakedLight) -> None:
+    """Store baked light."""
+    arrays = [getattr(light.occlusion, name) for name in _ARRAYS]
+    cache.write(key, [*arrays, *(getattr(light, name) for name in _LIGHT_ARRAYS)])
+
+
+def hash_light(scene: SceneMesh, world: World) -> str:
+    """Digest of all that baked light depends on."""
+    lights = (world.lights, world.area_lights, world.background)
+    digest = hashlib.sha256(f"{_LIGHT_VERSION} {hash_scene(scene)} {lights!r}".encode())
+    arrays = (scene.emission, scene.two_sided, scene.coverage, *scene.textures)
+    for array in arrays:
+        digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def wants_occlusion(scene: SceneMesh, world: World) -> bool:
@@ -100,11 +208,13 @@ def hash_scene(scene: SceneMesh) -> str:
 
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
     """Whether no index of a map leads out of its arrays: the kernel checks no index again."""
-    count, (height, width) = len(occlusion.bounds), occlusion.texels.shape
+    count, (height, width) = len(occlusion.bounds), occlusion.texels.shape[-2:]
+    texel = np.uint16 if occlusion.texels.ndim == 3 else np.uint8
     first, last = occlusion.bounds[:, :2], occlusion.bounds[:, 2:]
     types = [getattr(occlusion, name).dtype for name in _ARRAYS]
     return (
-        types == [np.int32, np.float64, np.float64, np.int32, np.uint8]
+        types == [np.int32, np.float64, np.float64, np.int32, texel]
+        and occlusion.texels.shape[:-2] in ((), (3,))
         and occlusion.patch_of.shape == (num_triangles,)
         and occlusion.columns_from_world.shape == occlusion.rows_from_world.shape == (count, 4)
         and bool(((occlusion.patch_of >= -1) & (occlusion.patch_of < count)).all())

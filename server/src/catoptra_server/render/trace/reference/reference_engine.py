@@ -62,6 +62,7 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.world.objects import CameraState, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import object_lights
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
 
 # Rays of a batch: arrays of three numbers a ray stay in the cache; 2^16 take 2.5 times as long.
@@ -129,7 +130,7 @@ class ReferenceEngine:
     def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
         """An object's mesh with all lights: objects move towards lights that the scene culls."""
         if mesh not in self._objects:
-            self._objects[mesh] = trace_object(mesh, self._world.lights)
+            self._objects[mesh] = trace_object(mesh, object_lights(self._world))
         return self._objects[mesh]
 
     def close(self) -> None:

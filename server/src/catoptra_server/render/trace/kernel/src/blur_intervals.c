@@ -463,7 +463,7 @@ static void add_occluded_times(const MovingScene *scene, const Visible *visible,
                                const RayBlock *rays, const Directions *directions, Floats weights,
                                float radiance[3][BLOCK_RAYS]) {
     const MovingTriangle *triangle = visible->triangle;
-    _Alignas(64) float inverse[MAX_PARTS + 1][BLOCK_RAYS], factors[BLOCK_RAYS];
+    _Alignas(64) float inverse[MAX_PARTS + 1][BLOCK_RAYS], factors[3][BLOCK_RAYS];
     _Alignas(64) int32_t seen[BLOCK_RAYS];
     for (int i = 0; i <= scene->parts; i++)
         store16(project(directions, triangle->sum[i]), inverse[i]);
@@ -476,7 +476,7 @@ static void add_occluded_times(const MovingScene *scene, const Visible *visible,
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
             radiance[channel][i] +=
-                weights[i] * (light[channel] - (1.0f - factors[i]) * ambient[channel]);
+                weights[i] * (light[channel] - (1.0f - factors[channel][i]) * ambient[channel]);
 }
 
 /* Where the rays of a block meet a triangle's plane at the ends of the parts, and for how long they

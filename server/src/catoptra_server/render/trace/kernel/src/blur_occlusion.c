@@ -33,7 +33,7 @@ static void add_shares(const int32_t seen[BLOCK_RAYS], int part, int bins,
 
 static void find_factors_at(const Scene *scene, int32_t triangle, const AtlasRays *atlas,
                             const float inverse[BLOCK_RAYS], const RayBlock *rays,
-                            float factors[BLOCK_RAYS]) {
+                            float factors[3][BLOCK_RAYS]) {
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
     Vec3 c = atlas->to_column, r = atlas->to_row;
     for (int i = 0; i < BLOCK_RAYS; i++) {
@@ -47,19 +47,21 @@ static void find_factors_at(const Scene *scene, int32_t triangle, const AtlasRay
 
 void find_mean_factors(const Scene *scene, int32_t triangle, const OcclusionTimes *times,
                        const RayBlock *rays, const int32_t seen[BLOCK_RAYS],
-                       float factors[BLOCK_RAYS]) {
+                       float factors[3][BLOCK_RAYS]) {
     _Alignas(64) float shares[MAX_PARTS + 1][BLOCK_RAYS] = {{0.0f}};
-    _Alignas(64) float total[BLOCK_RAYS] = {0.0f}, sum[BLOCK_RAYS] = {0.0f};
+    _Alignas(64) float total[BLOCK_RAYS] = {0.0f}, sum[3][BLOCK_RAYS] = {{0.0f}};
     for (int part = 0; part < times->parts; part++)
         add_shares(seen, part, times->bins, shares[part], shares[part + 1]);
     for (int at = 0; at <= times->parts; at++) {
-        _Alignas(64) float here[BLOCK_RAYS];
+        _Alignas(64) float here[3][BLOCK_RAYS];
         find_factors_at(scene, triangle, &times->atlas[at], times->inverse[at], rays, here);
-        for (int i = 0; i < BLOCK_RAYS; i++) {
-            sum[i] += shares[at][i] * here[i];
+        for (int i = 0; i < BLOCK_RAYS; i++)
             total[i] += shares[at][i];
-        }
+        for (int channel = 0; channel < 3; channel++)
+            for (int i = 0; i < BLOCK_RAYS; i++)
+                sum[channel][i] += shares[at][i] * here[channel][i];
     }
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        factors[i] = total[i] > 0.0f ? sum[i] / total[i] : 1.0f;
+    for (int channel = 0; channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            factors[channel][i] = total[i] > 0.0f ? sum[channel][i] / total[i] : 1.0f;
 }

@@ -30,6 +30,6 @@ typedef struct {
 /* Mean factor of each ray over the times at which it sees a facet; 1 for those that never do. */
 void find_mean_factors(const Scene *scene, int32_t triangle, const OcclusionTimes *times,
                        const RayBlock *rays, const int32_t seen[BLOCK_RAYS],
-                       float factors[BLOCK_RAYS]);
+                       float factors[3][BLOCK_RAYS]);
 
 #endif

@@ -18,7 +18,7 @@ int32_t catoptra_abi(int32_t structure) {
         sizeof(Scene),       sizeof(RayTable),     sizeof(Pose),           sizeof(Labels),
         sizeof(Flow),        sizeof(ChangeLimits), sizeof(PixelChange),    sizeof(Frame),
         sizeof(FrameCounts), sizeof(ImageStage),   sizeof(ImageJob),       sizeof(RestingSide),
-        sizeof(Sinking),
+        sizeof(Sinking),     sizeof(BakeLamp),     sizeof(BakeJob),        sizeof(GatherJob),
     };
     int32_t count = sizeof sizes / sizeof *sizes;
     return structure >= 0 && structure < count ? sizes[structure] : -1;

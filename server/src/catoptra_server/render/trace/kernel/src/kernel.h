@@ -28,7 +28,7 @@ enum {
     FACET_COMPUTED = FACET_CORNER_COLOURS | FACET_EMISSIVE | FACET_SMOOTH
 };
 
-enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
+enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1, LIGHT_RECTANGLE = 2 };
 
 /* From OUTPUT_HITS on no light is computed. */
 enum {
@@ -133,6 +133,7 @@ typedef struct {
 typedef struct {
     int32_t width, height;         /* of the atlas */
     const uint8_t *texels;         /* (h, w), 255 = open */
+    const uint16_t *light;         /* (3, h, w) of colours instead, 65535 = open; or NULL */
     const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open */
     const OcclusionPatch *patches; /* (m,) */
     int32_t num_patches;           /* m */
@@ -149,7 +150,8 @@ typedef struct {
     const Texture *textures;
     int32_t num_lights;
     const Light *lights;
-    Hemisphere hemisphere;
+    Hemisphere hemisphere;         /* of the static scene */
+    Hemisphere object_hemisphere;  /* of dynamic objects */
     const uint8_t *srgb_table;   /* (65536,) sRGB of linear light */
     const int32_t *caster_triangles; /* triangle of `mesh` of each of `casters`; NULL without */
     void *light_maps; /* of catoptra_build_light_maps; NULL until the first frame with shadows */
@@ -322,6 +324,54 @@ CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, cons
  * coordinates; distances, INFINITY and triangle -1 without a hit. Any threads may cast at once. */
 CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double *origins,
                                    const float *directions, float *range_m, int32_t *triangle);
+
+/* A light that the nodes of grids see; of a rectangle the whole area shines, on one side. */
+typedef struct {
+    int32_t kind;
+    float area;       /* of a rectangle, square metres */
+    double corner[3]; /* of a rectangle; place of a point light */
+    float side_x[3], side_y[3];
+    float normal[3]; /* unit, on which it shines; towards a directional light */
+} BakeLamp;
+
+/* One pass of rays from the nodes of grids. What a ray meets is a slot of a table of radiance: a
+ * node of the atlas, a triangle without a grid, or a texel of the sky. */
+typedef struct {
+    const Mesh *mesh;        /* surfaces that rays end on */
+    const Mesh *casters;     /* what hides lamps; NULL: nothing */
+    int32_t num_nodes;
+    const double *positions; /* (n, 3) before their surfaces */
+    const int32_t *grid;     /* (n,) */
+    const float *axes;       /* (m, 3, 3) of each grid: two along it, and its normal */
+    const float *normals;    /* (t, 3) of the mesh's triangles; zero with two sides */
+    const int32_t *grid_of;  /* (t,) -1 for none */
+    const int32_t *slot_of;  /* (t,) of those without a grid */
+    const OcclusionPatch *patches; /* (m,) */
+    int32_t width;           /* of the atlas: the slot of a node is row * width + column */
+    int32_t sky_slot, sky_side; /* first texel; nodes along a square for each hemisphere */
+    uint32_t pass_number;
+    int32_t num_rays;        /* of a node, a multiple of 16 */
+    const float *sequence;   /* (num_rays, 3) squared sine, cosine and sine of the azimuth */
+    const float *turns;      /* (256, 2) cosines and sines of turns about the normal */
+    int32_t *hits;           /* of the first node's first ray */
+    int64_t stride;          /* from node to node */
+    int32_t *backs;          /* (n,) counts rays that meet backs near their node */
+    int32_t num_lamps;
+    const BakeLamp *lamps;
+    float *light;            /* (n, num_lamps) irradiance by lamps of one unit is added */
+} BakeJob;
+
+/* Means of radiance over stored hits. */
+typedef struct {
+    int32_t num_nodes, num_passes, num_rays;
+    const int32_t *hits;
+    int64_t stride;
+    const float *radiance; /* (slots, 3), negative where it is not known */
+    float *means;          /* (num_passes, n, 3) */
+} GatherJob;
+
+CATOPTRA_EXPORT void catoptra_bake(Device *device, const BakeJob *job);
+CATOPTRA_EXPORT void catoptra_gather(Device *device, const GatherJob *job);
 
 /* A plane on which a body rests, through the middle of its side, and its heading; z points down. */
 typedef struct {

@@ -94,13 +94,13 @@ static int are_near(const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS
 }
 
 static void write_factors(const FrameState *state, int tile, int32_t triangle,
-                          Vec3 light, const float factors[BLOCK_RAYS]) {
+                          Vec3 light, const float factors[3][BLOCK_RAYS]) {
     float radiance[3][BLOCK_RAYS];
     float whole[3] = {light.x, light.y, light.z};
     const float *ambient = state->scene->ambient_radiance + 3 * (size_t)triangle;
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] = whole[channel] - (1.0f - factors[i]) * ambient[channel];
+            radiance[channel][i] = whole[channel] - (1.0f - factors[channel][i]) * ambient[channel];
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
     if (state->frame->inverse_range)
         fill_ranges(state, tile, triangle);
@@ -136,19 +136,28 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
     PlaneLight light;
     PixelGrid grid;
     int32_t triangle = content->triangle;
-    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];
+    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
     find_grid(state, beam, &grid);
     find_positions(state, triangle, &grid, columns, rows);
-    if (is_sky_open(state->scene, triangle, columns, rows)) {
+    /* Baked light is open at its brightest nodes alone. */
+    int is_light = state->scene->occlusion.light != NULL;
+    if (!is_light && is_sky_open(state->scene, triangle, columns, rows)) {
         TileContent open = *content;
         open.is_open = 1;
         render_tile(state, tile, &open);
         return 1;
     }
-    if (!are_near(columns, rows) || !is_fillable(state, content, &light))
+    int is_near = are_near(columns, rows), is_filled = is_near && is_fillable(state, content, &light);
+    if (!is_filled && !(is_near && is_light))
         return 0;
     find_factors(state->scene, triangle, columns, rows, factors);
-    write_factors(state, tile, triangle, light.radiance, factors);
+    if (!is_filled) {
+        TileContent dim = *content;
+        dim.factors = (const float(*)[BLOCK_RAYS])factors;
+        render_tile(state, tile, &dim);
+        return 1;
+    }
+    write_factors(state, tile, triangle, light.radiance, (const float(*)[BLOCK_RAYS])factors);
     if (state->frame->labels)
         label_filled_tile(state, tile, content);
     return 1;

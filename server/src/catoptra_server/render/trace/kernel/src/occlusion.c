@@ -4,6 +4,7 @@
 #include "occlusion.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Parts of a plane are widened by this much of themselves: the rays between their corners bulge. */
 #define BULGE 0.1f
@@ -30,58 +31,100 @@ static inline int32_t find_node(float position, int32_t first, int32_t last, flo
     return node;
 }
 
-static inline float mix_nodes(const Occlusion *occlusion, int32_t column, int32_t row, float fx,
-                              float fy) {
-    const uint8_t *upper = occlusion->texels + (size_t)row * (size_t)occlusion->width + column;
-    const uint8_t *lower = upper + occlusion->width;
-    /* Most nodes are open. */
-    if ((upper[0] & upper[1] & lower[0] & lower[1]) == 0xff)
-        return 1.0f;
-    float a = upper[0], b = upper[1], c = lower[0], d = lower[1];
-    float top = a + fx * (b - a), bottom = c + fx * (d - c);
-    return (top + fy * (bottom - top)) * (1.0f / 255.0f);
+/* Value between four nodes of numbers up to `open`; most are open. */
+#define DEFINE_MIX(NAME, TYPE, OPEN)                                                               \
+    static inline float NAME(const TYPE *upper, int32_t width, float fx, float fy) {               \
+        const TYPE *lower = upper + width;                                                         \
+        if ((upper[0] & upper[1] & lower[0] & lower[1]) == OPEN)                                   \
+            return 1.0f;                                                                           \
+        float a = upper[0], b = upper[1], c = lower[0], d = lower[1];                              \
+        float top = a + fx * (b - a), bottom = c + fx * (d - c);                                   \
+        return (top + fy * (bottom - top)) * (1.0f / OPEN);                                        \
+    }
+
+DEFINE_MIX(mix_bytes, uint8_t, 255)
+DEFINE_MIX(mix_shorts, uint16_t, 65535)
+
+/* Two nodes side by side: the first in the low half. */
+static inline uint32_t load_bytes(const uint8_t *texels) {
+    return texels[0] | (uint32_t)texels[1] << 8;
 }
 
-/* Two nodes side by side: the first in the low byte. */
-static inline int32_t load_pair(const uint8_t *texels) {
-    return texels[0] | (int32_t)texels[1] << 8;
+static inline uint32_t load_shorts(const uint16_t *texels) {
+    return texels[0] | (uint32_t)texels[1] << 16;
 }
 
-static inline float mix_pair(int32_t pair, float share) {
-    float first = (float)(pair & 255), second = (float)(pair >> 8);
+static inline float mix_pair(uint32_t pair, int bits, float share) {
+    float first = (float)(int32_t)(pair & ((1u << bits) - 1u)), second = (float)(int32_t)(pair >> bits);
     return first + share * (second - first);
 }
 
-/* All vector code, but for the texels. */
+/* All vector code. */
+static inline void mix_pairs(const uint32_t upper[BLOCK_RAYS], const uint32_t lower[BLOCK_RAYS],
+                             int bits, const float fx[BLOCK_RAYS], const float fy[BLOCK_RAYS],
+                             float factors[BLOCK_RAYS]) {
+    uint32_t open = 0xffffffffu >> (32 - 2 * bits);
+    float unit = bits == 8 ? 1.0f / 255.0f : 1.0f / 65535.0f;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float top = mix_pair(upper[i], bits, fx[i]);
+        factors[i] = (top + fy[i] * (mix_pair(lower[i], bits, fx[i]) - top)) * unit;
+    }
+    /* A product with 1 / 255 need not be 1. */
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        factors[i] = (upper[i] & lower[i]) == open ? 1.0f : factors[i];
+}
+
+static size_t plane_size(const Occlusion *occlusion) {
+    return (size_t)occlusion->width * (size_t)occlusion->height;
+}
+
 void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
-                  const float rows[BLOCK_RAYS], float factors[BLOCK_RAYS]) {
+                  const float rows[BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
+    const Occlusion *occlusion = &scene->occlusion;
     const OcclusionPatch *patch = patch_of(scene, triangle);
-    int32_t width = scene->occlusion.width;
-    _Alignas(64) int32_t node[BLOCK_RAYS], upper[BLOCK_RAYS], lower[BLOCK_RAYS];
+    int32_t width = occlusion->width;
+    _Alignas(64) int32_t node[BLOCK_RAYS];
+    _Alignas(64) uint32_t upper[BLOCK_RAYS], lower[BLOCK_RAYS];
     _Alignas(64) float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
     for (int i = 0; i < BLOCK_RAYS; i++)
         node[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]) * width +
                   find_node(columns[i], patch->left, patch->right, &fx[i]);
-    for (int i = 0; i < BLOCK_RAYS; i++) {
-        const uint8_t *texels = scene->occlusion.texels + node[i];
-        upper[i] = load_pair(texels);
-        lower[i] = load_pair(texels + width);
+    for (int channel = 0; occlusion->light && channel < 3; channel++) {
+        const uint16_t *plane = occlusion->light + (size_t)channel * plane_size(occlusion);
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            upper[i] = load_shorts(plane + node[i]);
+            lower[i] = load_shorts(plane + node[i] + width);
+        }
+        mix_pairs(upper, lower, 16, fx, fy, factors[channel]);
     }
+    if (occlusion->light)
+        return;
     for (int i = 0; i < BLOCK_RAYS; i++) {
-        float top = mix_pair(upper[i], fx[i]);
-        factors[i] = (top + fy[i] * (mix_pair(lower[i], fx[i]) - top)) * (1.0f / 255.0f);
+        const uint8_t *texels = occlusion->texels + node[i];
+        upper[i] = load_bytes(texels);
+        lower[i] = load_bytes(texels + width);
     }
-    /* A product with 1 / 255 need not be 1. */
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        factors[i] = (upper[i] & lower[i]) == 0xffff ? 1.0f : factors[i];
+    mix_pairs(upper, lower, 8, fx, fy, factors[0]);
+    memcpy(factors[1], factors[0], sizeof factors[0]);
+    memcpy(factors[2], factors[0], sizeof factors[0]);
 }
 
-static float factor_at(const Scene *scene, const OcclusionPatch *patch, Vec3 point) {
+static Vec3 factor_at(const Scene *scene, const OcclusionPatch *patch, Vec3 point) {
+    const Occlusion *occlusion = &scene->occlusion;
     float fx, fy;
     int32_t left =
         find_node(atlas_coordinate(patch->column, point), patch->left, patch->right, &fx);
     int32_t top = find_node(atlas_coordinate(patch->row, point), patch->top, patch->bottom, &fy);
-    return mix_nodes(&scene->occlusion, left, top, fx, fy);
+    size_t node = (size_t)top * (size_t)occlusion->width + (size_t)left;
+    if (!occlusion->light) {
+        float factor = mix_bytes(occlusion->texels + node, occlusion->width, fx, fy);
+        return (Vec3){factor, factor, factor};
+    }
+    const uint16_t *red = occlusion->light + node;
+    const uint16_t *green = red + plane_size(occlusion), *blue = green + plane_size(occlusion);
+    return (Vec3){mix_shorts(red, occlusion->width, fx, fy),
+                  mix_shorts(green, occlusion->width, fx, fy),
+                  mix_shorts(blue, occlusion->width, fx, fy)};
 }
 
 /* Node before a coordinate, within a grid. */
@@ -202,27 +245,30 @@ static void place_ends(const float row[4], const float ends[3][BLOCK_RAYS], uint
 
 /* Factors of a mask of rays that meet a facet, one by one; 0 if all are 1. */
 static int find_few_factors(const Scene *scene, uint32_t mask, int32_t triangle,
-                            const float ends[3][BLOCK_RAYS], float factors[BLOCK_RAYS]) {
+                            const float ends[3][BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
     const OcclusionPatch *patch = patch_of(scene, triangle);
     int is_dark = 0;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
-        factors[lane] = factor_at(scene, patch, get_lane(ends, lane));
-        is_dark |= factors[lane] < 1.0f;
+        Vec3 factor = factor_at(scene, patch, get_lane(ends, lane));
+        set_lane(factors, lane, factor);
+        is_dark |= factor.x < 1.0f || factor.y < 1.0f || factor.z < 1.0f;
     }
     return is_dark;
 }
 
 /* The same, all 16 at once. */
 static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle,
-                             const float ends[3][BLOCK_RAYS], float factors[BLOCK_RAYS]) {
+                             const float ends[3][BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
     const OcclusionPatch *patch = patch_of(scene, triangle);
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
     place_ends(patch->column, ends, mask, columns);
     place_ends(patch->row, ends, mask, rows);
     find_factors(scene, triangle, columns, rows, factors);
+    if (scene->occlusion.light)
+        return 1;
     float least, largest;
-    find_extremes(factors, &least, &largest);
+    find_extremes(factors[0], &least, &largest);
     /* Most nodes are open, even of facets with a grid. */
     return least < 1.0f;
 }
@@ -230,7 +276,7 @@ static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle
 static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t all_sky, int32_t triangle,
                                 const float ends[3][BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
-    _Alignas(64) float factors[BLOCK_RAYS];
+    _Alignas(64) float factors[3][BLOCK_RAYS];
     int is_few = __builtin_popcount(mask) <= MAX_FEW;
     if (is_few ? !find_few_factors(scene, mask, triangle, ends, factors)
                : !find_many_factors(scene, mask, triangle, ends, factors))
@@ -239,7 +285,7 @@ static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
         for (int channel = 0; channel < 3; channel++)
-            radiance[channel][lane] -= (1.0f - factors[lane]) *
+            radiance[channel][lane] -= (1.0f - factors[channel][lane]) *
                                        (all_sky >> lane & 1 ? radiance[channel][lane] : ambient[channel]);
     }
 }
@@ -265,14 +311,17 @@ void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const Ra
 static float share_of(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
 
 void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock *rays, Vec3 light,
-                       float radiance[3][BLOCK_RAYS]) {
-    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];
-    find_positions(state, triangle, rays, columns, rows);
-    find_factors(state->scene, triangle, columns, rows, factors);
+                       const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
+    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
+    if (!known) {
+        find_positions(state, triangle, rays, columns, rows);
+        find_factors(state->scene, triangle, columns, rows, factors);
+        known = (const float(*)[BLOCK_RAYS])factors;
+    }
     Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
     float share[3] = {share_of(ambient.x, light.x), share_of(ambient.y, light.y),
                       share_of(ambient.z, light.z)};
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] -= share[channel] * (1.0f - factors[i]) * radiance[channel][i];
+            radiance[channel][i] -= share[channel] * (1.0f - known[channel][i]) * radiance[channel][i];
 }

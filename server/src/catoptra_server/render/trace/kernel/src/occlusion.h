@@ -26,9 +26,10 @@ static inline float atlas_coordinate(const float row[4], Vec3 point) {
     return row[0] * point.x + row[1] * point.y + row[2] * point.z + row[3];
 }
 
-/* Factors at 16 positions in the atlas on a facet's grid; beside the grid, those of its border. */
+/* Factors of each colour at 16 positions in the atlas on a facet's grid; beside the grid, those of
+ * its border. */
 void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
-                  const float rows[BLOCK_RAYS], float factors[BLOCK_RAYS]);
+                  const float rows[BLOCK_RAYS], float factors[3][BLOCK_RAYS]);
 
 /* Open: all points have the factor 1. Hidden: no part of it is open. */
 SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4]);
@@ -45,8 +46,8 @@ void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const Ra
               const HitBlock *hits, float radiance[3][BLOCK_RAYS]);
 
 /* Scale the (3, 16) radiance of rays that all meet a facet's plane; `light`: the
- * facet's radiance with factor 1, before its texture. */
+ * facet's radiance with factor 1, before its texture; `known`: the factors, or NULL. */
 void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock *rays, Vec3 light,
-                       float radiance[3][BLOCK_RAYS]);
+                       const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS]);
 
 #endif

@@ -67,7 +67,7 @@ static Vec3 light_facet(const FrameState *state, const MeshArrays *mesh, int tri
     Vec3 albedo = vec3(mesh->albedo + 3 * (size_t)triangle);
     if (mesh->flags[triangle] & FACET_UNLIT)
         return albedo;
-    Vec3 irradiance = ambient_irradiance(&state->scene->hemisphere, normal);
+    Vec3 irradiance = ambient_irradiance(&state->scene->object_hemisphere, normal);
     for (int i = 0; i < state->scene->num_lights; i++) {
         float cosine = dot(vec3(state->scene->lights[i].vector), normal);
         if (cosine > 0.0f)
@@ -131,7 +131,9 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, int
         return albedo;
     if (object == OBJECT_STATIC && !is_coloured)
         return table_entry(state, object, triangle);
-    return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, normal));
+    const Hemisphere *sky = object == OBJECT_STATIC ? &state->scene->hemisphere
+                                                    : &state->scene->object_hemisphere;
+    return multiply(albedo, ambient_irradiance(sky, normal));
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */

@@ -290,7 +290,8 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
     }
     fill_block(state, content, rays, light.radiance, radiance);
     if (!content->is_open && has_occlusion(state->scene, content->triangle))
-        hide_sky_in_block(state, content->triangle, rays, light.radiance, radiance);
+        hide_sky_in_block(state, content->triangle, rays, light.radiance, content->factors,
+                          radiance);
     if (lost && max_abs(light.lost) > 0.0f) {
         fill_block(state, content, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;

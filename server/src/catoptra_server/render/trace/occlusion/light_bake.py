@@ -1,0 +1,493 @@
+"""Indirect light of a static scene on the nodes of the occlusion map's grids.
+
+Rays from a node, distributed by the cosine, end on surfaces or in the sky; what each meets is
+stored once as a slot of a table of radiance, from which any number of bounces are gathered without
+a ray. The irradiance of a node is the mean radiance of its slots. Sky, emission and area lights are
+in the result; the sun and point lamps stay exact rays of each picture, and only what surfaces
+reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image Synthesis", with
+form factors by rays.
+
+Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
+standard error is that of their mean. A tent over three by three nodes takes most noise; where it
+changes a node by more than its noise explains, at the edge of a shadow, the node stays as it is.
+A reflected part of the scene is seen by many nodes, so its own error hardly adds to theirs.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.elementary import cos, sin
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    LIGHT_DIRECTIONAL,
+    LIGHT_POINT,
+    LIGHT_RECTANGLE,
+    BakeJob,
+    BakeLamp,
+    GatherJob,
+)
+from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
+from catoptra_server.render.trace.kernel.scene_arrays import (
+    OwningStruct,
+    hole_arrays,
+    patch_structs,
+    texture_array,
+)
+from catoptra_server.render.trace.occlusion.baking import (
+    SurfaceFrames,
+    blur,
+    continue_grids,
+    find_atlas_rows,
+    frame_surfaces,
+    lay_out,
+    place_nodes,
+    sobol_points,
+)
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import (
+    OPEN_LIGHT,
+    OcclusionMap,
+    decode_texels,
+    hemisphere_lights,
+    shadow_casting_lights,
+)
+from catoptra_server.world.world_description import (
+    DirectionalLight,
+    HemisphereLight,
+    PointLight,
+    RectangleLight,
+    World,
+)
+
+RAYS_PER_PASS = 16
+FIRST_PASSES = 2
+"""Before the first picture: the fewest from which an error can be estimated."""
+MAX_PASSES = 16
+# 256 rays of each take 57 MB while they are kept.
+MAX_NODES = 56_000
+_MIN_NODE_DISTANCE_M = 0.05
+_INSIDE_SHARE = 0.1
+# Nodes along each side of the sky's two squares.
+_SKY_SIDE = 64
+_MAX_BOUNCES = 48
+# Of the brightest node: what further bounces may add together.
+_REMAINDER = 1e-6
+# Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
+SIGMAS = 3.0
+_Float32s = npt.NDArray[np.float32]
+_BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BakedLight:
+    """Light of a scene's surfaces."""
+
+    occlusion: OcclusionMap
+    """Irradiance at nodes, as factors of that of the brightest in each colour."""
+    brightest: Floats
+    """(3,) irradiance of the factor 1."""
+    mean_sky: Floats
+    """(2, 3) mean irradiance of level facets, those that face up first."""
+    error: npt.NDArray[np.float16]
+    """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
+
+    def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+        """The scene and its world, lit by this light instead of hemisphere lights."""
+        brightest, up, down = (
+            (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
+        )
+        lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
+        return (
+            replace(scene, occlusion=self.occlusion),
+            replace(world, lights=lights, area_lights=(), object_sky=HemisphereLight(up, down)),
+        )
+
+
+def sky_radiance(world: World, directions: Floats) -> Floats:
+    """(n, 3) radiance of the sky along (n, 3) directions; with it, an open facet has exactly the
+    irradiance of the world's hemisphere lights."""
+    radiance = np.zeros(directions.shape)
+    for light in hemisphere_lights(world.lights):
+        # z points down. A facet sees the share (1 + cos tilt) / 2 of the upper half.
+        up, down = np.asarray(light.up_irradiance), np.asarray(light.down_irradiance)
+        radiance += np.where(directions[:, 2:] < 0.0, up, down)
+    return radiance
+
+
+def bake_light(
+    scene: SceneMesh,
+    world: World,
+    passes: int,
+    *,
+    threads: int,
+    instruction_set: str | None = None,
+) -> BakedLight:
+    """Light of a scene from a number of passes, two at least; errors as of `LightBake`."""
+    bake = LightBake(
+        scene, world, threads=threads, max_passes=passes, instruction_set=instruction_set
+    )
+    try:
+        for _ in range(passes):
+            bake.cast()
+        return bake.gather()
+    finally:
+        bake.close()
+
+
+class LightBake:
+    """Rays from the nodes of a scene's grids, pass by pass, and the light gathered from them."""
+
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        threads: int,
+        max_passes: int = MAX_PASSES,
+        instruction_set: str | None = None,
+    ) -> None:
+        """Lay out the grids of a scene; the result is the same for any number of threads.
+
+        Raises:
+            KernelUnavailableError: The kernel's library is missing.
+        """
+        self._scene, self._world = scene, world
+        self._instruction_set = instruction_set or choose_instruction_set()
+        self._device = KernelDevice(self._instruction_set, threads)
+        self._owners: list[object] = []
+        self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
+        self._frames, self._has_spare = _add_spare_grid(
+            scene, frame_surfaces(scene, threads=threads)
+        )
+        distance_m = _MIN_NODE_DISTANCE_M
+        while True:
+            self._layout = lay_out(self._frames, distance_m)
+            self._grid_at = self._layout.grid_at()
+            is_node = self._grid_at >= 0
+            excess = np.count_nonzero(is_node) / MAX_NODES
+            if excess <= 1.0 or distance_m > 100.0:
+                break
+            distance_m *= max(1.05, float(np.sqrt(excess)))
+        self._is_node = is_node
+        self._nodes = place_nodes(self._frames, self._layout, is_node)
+        self.num_passes = 0
+        count = len(self._nodes.patch)
+        self._hits = np.zeros((count, max_passes * RAYS_PER_PASS), dtype=np.int32)
+        self._backs = np.zeros(count, dtype=np.int32)
+        self._light = np.zeros((max_passes, count, len(self._lamps)), dtype=np.float32)
+        self._sequence = _make_sequence(max_passes * RAYS_PER_PASS)
+        self._map = self._make_map(np.zeros((3, *is_node.shape), dtype=np.uint16))
+        self._job = self._make_job()
+
+    def _make_job(self) -> BakeJob:
+        """All of a pass that no pass changes."""
+        scene, frames = self._scene, self._frames
+        textures = texture_array(scene) if scene.coverage is not None else None
+        shines = scene.unlit if scene.emission is None else scene.unlit | scene.emission.any(axis=1)
+        rows = scene.casts_shadows | shines
+        self._rows = np.flatnonzero(rows)
+        mesh = self._commit(rows, textures)
+        has_same = bool((rows == scene.casts_shadows).all())
+        casters = mesh if has_same else self._commit(scene.casts_shadows, textures)
+        normals = scene.normals[rows]
+        if scene.two_sided is not None:
+            normals = normals * ~scene.two_sided[rows, None]
+        lengths = np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
+        axis_x = frames.side_x / lengths
+        axes = np.stack((axis_x, np.cross(frames.normal, axis_x), frames.normal), axis=1)
+        turns = 2.0 * np.pi * np.arange(256) / 256
+        lamps = (BakeLamp * max(1, len(self._lamps)))(
+            *(_lamp_struct(lamp, scene.centre) for lamp in self._lamps)
+        )
+        size = self._is_node.size
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "positions": self._nodes.positions - scene.centre,
+            "grid": self._nodes.patch.astype(np.int32),
+            "axes": axes.astype(np.float32),
+            "normals": normals.astype(np.float32),
+            "grid_of": frames.patch_of[rows],
+            "slot_of": np.arange(size, size + len(self._rows), dtype=np.int32),
+            "turns": np.stack((cos(turns), sin(turns)), axis=-1).astype(np.float32),
+            "backs": self._backs,
+        }
+        patches = patch_structs(self._map, scene.centre)
+        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        self._owners += [arrays, patches, lamps, textures]
+        job = BakeJob(
+            mesh=mesh.address,
+            casters=casters.address,
+            num_nodes=len(self._nodes.patch),
+            width=self._is_node.shape[1],
+            sky_slot=size + len(self._rows),
+            sky_side=_SKY_SIDE,
+            num_rays=RAYS_PER_PASS,
+            stride=self._hits.shape[1],
+            num_lamps=len(self._lamps),
+            **{name: array.ctypes.data for name, array in arrays.items()},
+        )
+        job.patches, job.lamps = ctypes.addressof(patches), ctypes.addressof(lamps)
+        return job
+
+    def _commit(self, rows: Bools, textures: OwningStruct | None) -> CommittedScene:
+        shared = None if textures is None else textures.struct
+        mesh = CommittedScene(
+            self._device, hole_arrays(self._scene, self._scene.centre, shared, rows)
+        )
+        self._owners.append(mesh)
+        return mesh
+
+    def cast(self) -> None:
+        """Cast the rays of one more pass."""
+        first = self.num_passes * RAYS_PER_PASS
+        self._job.pass_number = self.num_passes
+        self._job.sequence = self._sequence[first:].ctypes.data
+        self._job.hits = self._hits.ctypes.data + first * self._hits.itemsize
+        self._job.light = self._light[self.num_passes].ctypes.data
+        self._device.bake(self._job)
+        self.num_passes += 1
+
+    def gather(self) -> BakedLight:
+        """Light of the scene after all bounces, from the passes so far; two at least."""
+        lit, reflected = self._find_lamp_light()
+        albedo, emission = self._find_materials()
+        table = self._make_table()
+        is_inside = self._backs > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
+        if self._has_spare:
+            is_inside |= self._nodes.patch == len(self._frames.origin) - 1
+        texel = np.flatnonzero(self._is_node.reshape(-1))
+        source = self._find_sources(is_inside)
+        size = self._is_node.size
+        means = np.zeros((self.num_passes, len(texel), 3), dtype=np.float32)
+        irradiance, change = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
+        lamp_light = lit.mean(axis=0)
+        ratio = np.zeros(3)
+        for _ in range(_MAX_BOUNCES):
+            radiance = albedo * (irradiance + lamp_light + reflected) + emission
+            table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
+            mean = np.average(irradiance + lamp_light, axis=0)
+            table[size : size + len(self._rows)] = self._triangle_radiance(mean)
+            self._gather_means(table, means)
+            gathered = means.mean(axis=0, dtype=np.float64)
+            before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
+            irradiance = gathered
+            largest = np.abs(change).max(axis=0, initial=0.0)
+            # Nothing is known of the ratio before the second bounce.
+            ratio = np.minimum(largest / np.where(before > 0.0, before, 1e-30), 0.99)
+            rest = largest * ratio / (1.0 - ratio)
+            if (rest <= _REMAINDER * (irradiance + lamp_light).max(axis=0, initial=0.0)).all():
+                break
+        # What is left falls by one factor a bounce.
+        rest = change * ratio / (1.0 - ratio)
+        return self._finish(means + lit + rest, is_inside)
+
+    def _find_lamp_light(self) -> tuple[Floats, Floats]:
+        """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
+        light = self._light[: self.num_passes]
+        areas, others = np.zeros((len(light), light.shape[1], 3)), np.zeros((light.shape[1], 3))
+        for number, lamp in enumerate(self._lamps):
+            if isinstance(lamp, RectangleLight):
+                areas += light[:, :, number, None] * np.asarray(lamp.intensity)
+            else:
+                strength = lamp.intensity if isinstance(lamp, PointLight) else lamp.irradiance
+                others += light[0, :, number, None] * np.asarray(strength)
+        return areas, others
+
+    def _find_materials(self) -> tuple[Floats, Floats]:
+        """(k, 3) albedo and emission at nodes: those of one triangle of each surface."""
+        scene, frames = self._scene, self._frames
+        triangle = np.zeros(len(frames.origin), dtype=np.intp)
+        inside = np.flatnonzero(frames.patch_of >= 0)
+        # The last of each: which one does not matter on a flat surface of one material.
+        triangle[frames.patch_of[inside]] = inside
+        albedo = _mean_albedo(scene)[triangle]
+        emission = np.zeros_like(albedo) if scene.emission is None else scene.emission[triangle]
+        return albedo[self._nodes.patch], emission[self._nodes.patch]
+
+    def _make_table(self) -> _Float32s:
+        """(slots, 3) radiance, that of the sky written."""
+        half = (np.arange(_SKY_SIDE) + 0.5) / _SKY_SIDE * 2.0 - 1.0
+        row, column = np.meshgrid(half, half, indexing="ij")
+        # Twin: sky_texel in src/bake.c.
+        x, y = 0.5 * (column + row), 0.5 * (column - row)
+        z = 1.0 - np.abs(x) - np.abs(y)
+        sky = np.concatenate([np.stack((x, y, sign * z), axis=-1) for sign in (-1.0, 1.0)])
+        directions = sky.reshape(-1, 3) / np.linalg.norm(sky.reshape(-1, 3), axis=-1, keepdims=True)
+        table = np.zeros((self._job.sky_slot + len(directions), 3), dtype=np.float32)
+        table[self._job.sky_slot :] = sky_radiance(self._world, directions)
+        return table
+
+    def _triangle_radiance(self, irradiance: Floats) -> Floats:
+        """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
+        scene, rows = self._scene, self._rows
+        radiance = _mean_albedo(scene)[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
+        return radiance if scene.emission is None else radiance + scene.emission[rows]
+
+    def _find_sources(self, is_inside: Bools) -> npt.NDArray[np.intp]:
+        """(k,) node whose radiance each has: inside a solid, that of one beside it on its grid.
+
+        -1 on grids of which all is inside: rays meet them along edges, where two surfaces touch.
+        """
+        known = self._is_node.copy()
+        known[self._is_node] = ~is_inside
+        grid = self._grid_at
+        own = np.arange(grid.size).reshape(grid.shape)
+        source = np.where(known, own, -1)
+        for axis in (1, 0):
+            for step in (1, -1):
+                way = (slice(None),) * axis + (slice(None, None, step),)
+                sign = step * np.where(source >= 0, source, -step * grid.size)[way]
+                nearest = (step * np.maximum.accumulate(sign, axis=axis))[way]
+                nearest = np.clip(nearest, 0, grid.size - 1)
+                is_found = (source < 0) & (grid.reshape(-1)[nearest] == grid)
+                is_found &= source.reshape(-1)[nearest] >= 0
+                source = np.where(is_found, nearest, source)
+        number = np.cumsum(self._is_node) - 1
+        chosen = source[self._is_node]
+        return np.where(chosen >= 0, number[chosen], -1)
+
+    def _gather_means(self, table: _Float32s, means: _Float32s) -> None:
+        job = GatherJob(
+            num_nodes=means.shape[1],
+            num_passes=len(means),
+            num_rays=RAYS_PER_PASS,
+            hits=self._hits.ctypes.data,
+            stride=self._hits.shape[1],
+            radiance=table.ctypes.data,
+            means=means.ctypes.data,
+        )
+        self._device.gather(job)
+
+    def _finish(self, passes: Floats, is_inside: Bools) -> BakedLight:
+        """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
+        grid, layout = self._grid_at, self._layout
+        shape = (*self._is_node.shape, 3)
+        mean, variance = np.zeros(shape), np.zeros(shape)
+        mean[self._is_node] = passes.mean(axis=0)
+        variance[self._is_node] = passes.var(axis=0, ddof=1) / len(passes)
+        known = ~self._is_node
+        known[self._is_node] = ~is_inside
+        is_wide, is_high = layout.columns >= 4, layout.rows >= 4
+
+        def smooth_over(nodes: Floats) -> Floats:
+            rows = blur(nodes, grid, axis=1, is_filtered=is_wide)
+            return blur(rows, grid, axis=0, is_filtered=is_high)
+
+        values, error = np.zeros(shape), np.zeros(shape)
+        less = np.append(np.where(is_wide, 0.375, 1.0) * np.where(is_high, 0.375, 1.0), 1.0)
+        for channel in range(3):
+            raw, spread = (
+                continue_grids(one[..., channel], known, grid, largest=np.inf, otherwise=0.0)
+                for one in (mean, variance)
+            )
+            # Of few passes each: better known together. A continued value has two nodes' errors.
+            spread = smooth_over(np.where(known, spread, 9.0 * spread))
+            smooth = smooth_over(raw)
+            change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
+            is_kept = change > noise
+            values[..., channel] = np.where(is_kept, raw, smooth)
+            error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), 1e-6)
+        values[~self._is_node] = brightest
+        mean_light = np.average(passes.mean(axis=0)[~is_inside], axis=0) if len(passes[0]) else 0.0
+        if self._has_spare:
+            values[grid == len(self._frames.origin) - 1] = mean_light
+        texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
+        error += 0.5 * brightest / OPEN_LIGHT
+        sky = self._mean_sky(passes.mean(axis=0), is_inside)
+        texels = np.ascontiguousarray(texels)
+        # Of half precision, upward.
+        stated = (1.001 * error + 1e-7).astype(np.float16)
+        return BakedLight(self._make_map(texels), brightest, sky, stated)
+
+    def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> Floats:
+        """(2, 3) mean light on facets that face up and down; that of all nodes where none do."""
+        height = self._frames.normal[self._nodes.patch, 2]
+        sides = []
+        for is_side in (height < -0.5, height > 0.5):
+            chosen = irradiance[is_side & ~is_inside]
+            chosen = chosen if len(chosen) else irradiance
+            mean = chosen.mean(axis=0) if len(chosen) else np.zeros(3)
+            sides.append(mean)
+        return np.array(sides)
+
+    def _make_map(self, texels: npt.NDArray[np.uint16]) -> OcclusionMap:
+        bounds = self._layout.bounds()
+        columns, rows = find_atlas_rows(self._frames, bounds[:, :2], bounds[:, 2:] - bounds[:, :2])
+        if self._has_spare:
+            # One node for every point.
+            columns[-1], rows[-1] = (0.0, 0.0, 0.0, bounds[-1, 0]), (0.0, 0.0, 0.0, bounds[-1, 1])
+        return OcclusionMap(self._frames.patch_of, columns, rows, bounds, texels)
+
+    def use_calling_thread(self) -> None:
+        """Compute all that follows on the calling thread alone, whose priority may be low."""
+        self._device.close()
+        self._device = KernelDevice(self._instruction_set, 1)
+
+    def close(self) -> None:
+        """Free the rays and end the threads."""
+        self._owners.clear()
+        self._device.close()
+
+
+def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFrames, bool]:
+    """Grids, the last for all lit triangles that have none; and whether there is one."""
+    is_lost = (frames.patch_of < 0) & ~scene.unlit
+    if not is_lost.any():
+        return frames, False
+    sides = np.eye(3)[:, None]
+    rows = (scene.centre[None], sides[0], sides[1], -sides[2])
+    names = ("origin", "side_x", "side_y", "normal")
+    arrays = {
+        name: np.concatenate((getattr(frames, name), row))
+        for name, row in zip(names, rows, strict=True)
+    }
+    patch_of = np.where(is_lost, np.int32(len(frames.origin)), frames.patch_of).astype(np.int32)
+    return SurfaceFrames(patch_of, **arrays), True
+
+
+def _make_sequence(count: int) -> _Float32s:
+    """(count, 3) Sobol's points: squared sine of the tilt, cosine and sine of the azimuth."""
+    across, around = sobol_points(count)
+    azimuth = 2.0 * np.pi * around
+    return np.stack((across, cos(azimuth), sin(azimuth)), axis=-1).astype(np.float32)
+
+
+def _mean_albedo(scene: SceneMesh) -> Floats:
+    """(n, 3) albedo of triangles, times the mean of their textures."""
+    means = [decode_texels(image)[..., :3].mean(axis=(0, 1)) for image in scene.textures]
+    albedo: Floats = scene.albedo * np.array([*means, np.ones(3)])[scene.texture_index]
+    return albedo
+
+
+def _lamp_struct(lamp: DirectionalLight | PointLight | RectangleLight, centre: Floats) -> BakeLamp:
+    if isinstance(lamp, DirectionalLight):
+        x, y, z = lamp.direction
+        return BakeLamp(kind=LIGHT_DIRECTIONAL, normal=(-x, -y, -z))
+    place = np.asarray(lamp.position_m) - centre
+    if isinstance(lamp, PointLight):
+        return BakeLamp(kind=LIGHT_POINT, corner=tuple(place))
+    normal = np.asarray(lamp.direction)
+    horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
+    is_level = float(np.linalg.norm(horizontal)) < 1e-3
+    axis_x = np.array([1.0, 0.0, 0.0]) if is_level else horizontal
+    axis_x = axis_x - (axis_x * normal).sum() * normal
+    axis_x /= np.linalg.norm(axis_x)
+    side_x = lamp.size_m[0] * axis_x
+    side_y = lamp.size_m[1] * np.cross(normal, axis_x)
+    return BakeLamp(
+        kind=LIGHT_RECTANGLE,
+        area=lamp.size_m[0] * lamp.size_m[1],
+        corner=tuple(place - 0.5 * (side_x + side_y)),
+        side_x=tuple(side_x),
+        side_y=tuple(side_y),
+        normal=tuple(normal),
+    )

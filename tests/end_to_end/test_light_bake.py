@@ -1,0 +1,41 @@
+"""Baked light in a served world: few rays at first, more in the background, none at a second start."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_server.config.known_names import find_configuration
+from helpers.server_process import start_server
+
+STAGE = "of 256 rays a node"
+
+
+def test_refined_light_is_a_new_picture_and_is_kept_for_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    world = find_configuration("worlds", "warehouse")
+    with start_server(tmp_path, world=world) as server, server.connect_stream() as client:
+        client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+        # The robot stands: pictures are repeated, and drawn again once for the rays to come.
+        frames = [client.get_frame(encoding=ImageEncoding.RAW)]
+        assert STAGE in (frames[0].plan or "")
+        while STAGE in (frames[-1].plan or "") and len(frames) < 2000:
+            frames.append(client.get_frame(encoding=ImageEncoding.RAW))
+        assert STAGE not in (frames[-1].plan or "")
+        refined = frames[-1].rgb
+        assert 0.0 < np.abs(refined.astype(int) - frames[0].rgb).mean() < 2.0
+    files = list((tmp_path / "cache/catoptra/light").iterdir())
+    assert len(files) == 1
+    assert files[0].stat().st_size < 3 * 2**20
+    second = tmp_path / "second"
+    second.mkdir()
+    with start_server(second, world=world) as server, server.connect_stream() as client:
+        client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+        frame = client.get_frame(encoding=ImageEncoding.RAW)
+        assert STAGE not in (frame.plan or "")
+        np.testing.assert_array_equal(frame.rgb, refined)
