@@ -65,11 +65,11 @@ class Lighting:
     centre: Floats
     """(3,) scene's centre in the world: origin of the rays' coordinates."""
     background: Rgb
-    """Linear radiance of rays without a hit,"""
-    sky: Panorama | None
-    """or the same by direction."""
+    """Linear radiance of rays without a hit."""
     has_shadows: bool
     """Whether surfaces occlude directional and point lights."""
+    sky: Panorama | None = None
+    """Radiance of rays without a hit, where it differs by direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
