@@ -65,15 +65,15 @@ class Lighting:
     centre: Floats
     """(3,) scene's centre in the world: origin of the rays' coordinates."""
     background: Rgb
-    """Linear radiance of rays without a hit,"""
-    sky: Panorama | None
-    """or the same by direction."""
+    """Linear radiance of rays without a hit."""
     has_shadows: bool
     """Whether surfaces occlude directional and point lights."""
     has_gloss: bool = False
     """Whether glossy surfaces show what they mirror."""
     fog: FogMedium | None = None
     """Air between camera and surfaces, and between these and what they mirror."""
+    sky: Panorama | None = None
+    """Radiance of rays without a hit, where it differs by direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

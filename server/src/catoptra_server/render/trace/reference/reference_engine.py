@@ -116,10 +116,10 @@ class ReferenceEngine:
             Lighting(
                 self._centre,
                 self._world.background,
-                self._world.sky,
                 states[0].has_shadows,
                 states[0].has_gloss,
                 states[0].fog,
+                self._world.sky,
             ),
         )
 
