@@ -417,6 +417,7 @@ _RAYS_PER_TRIANGLE = 40
 
 
 # Effects whose time samples are limited.
+_GLOSS = "Gloss"
 _SHUTTER_EFFECTS = frozenset(("MotionBlur", "RollingShutter"))
 
 
@@ -444,6 +445,22 @@ def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float
         return 1.0
     ratio = radius_m / distance_m
     return 0.5 * (1.0 - math.sqrt(1.0 - ratio * ratio))
+
+
+def explain_raster(
+    decisions: tuple[EffectDecision, ...], plan: RenderPlan | PerspectivePlan
+) -> tuple[EffectDecision, ...]:
+    """Decisions that are off where raster draws no mirrored light, whose bound they keep."""
+    if not plan.renderer.uses_faces:
+        return decisions
+    return tuple(
+        replace(
+            one, enabled=False, reason=f"raster does not draw it, up to the bound; {one.reason}"
+        )
+        if one.effect == _GLOSS and one.enabled
+        else one
+        for one in decisions
+    )
 
 
 def explain_limit(
