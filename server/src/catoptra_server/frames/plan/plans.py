@@ -32,7 +32,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.effects.effect_plan import NOT_MEASURED, EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
@@ -416,8 +416,8 @@ MAX_EXPOSURE_RAYS = 2**25
 _RAYS_PER_TRIANGLE = 40
 
 
-# Effects whose time samples are limited.
 _GLOSS = "Gloss"
+# Effects whose time samples are limited.
 _SHUTTER_EFFECTS = frozenset(("MotionBlur", "RollingShutter"))
 
 
@@ -453,10 +453,9 @@ def explain_raster(
     """Decisions that are off where raster draws no mirrored light, whose bound they keep."""
     if not plan.renderer.uses_faces:
         return decisions
+    note = "raster does not draw it, up to the bound; "
     return tuple(
-        replace(
-            one, enabled=False, reason=f"raster does not draw it, up to the bound; {one.reason}"
-        )
+        replace(one, enabled=False, reason=note + one.reason.removeprefix(NOT_MEASURED))
         if one.effect == _GLOSS and one.enabled
         else one
         for one in decisions
