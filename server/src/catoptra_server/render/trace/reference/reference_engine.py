@@ -118,6 +118,7 @@ class ReferenceEngine:
                 states[0].has_shadows,
                 states[0].has_gloss,
                 states[0].fog,
+                self._world.sky,
             ),
         )
 
