@@ -244,10 +244,20 @@ def test_texture_by_name_has_the_tile_of_its_kind_unless_stated(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    "members", ["Repeat=0", "Repeat=(X=1,Y=1)", "Emission=-1", "Emission=inf", "Emission=nan"]
+    "members",
+    [
+        "Repeat=0",
+        "Repeat=(X=1,Y=1)",
+        "Emission=-1",
+        "Emission=inf",
+        "Emission=nan",
+        "Gloss=(F0=2)",
+        "Gloss=(Roughness=-1)",
+    ],
 )
 def test_unusable_material_is_an_error_of_one_line(tmp_path: Path, members: str) -> None:
-    with pytest.raises(ConfigError, match=members.split("=")[0]) as caught:
+    key = members.rsplit("(", 1)[-1] if "Gloss" in members else members
+    with pytest.raises(ConfigError, match=key.split("=")[0]) as caught:
         read_world_text(tmp_path, f"Boxes=(Size=(X=1,Y=1,Z=1),{members})")
     assert "\n" not in str(caught.value)
 

@@ -39,7 +39,6 @@ from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
-    Gloss,
     GpsOrigin,
     HemisphereLight,
     Item,
@@ -54,6 +53,7 @@ from catoptra_server.world.world_description import (
     Ring,
     Shape,
     SphereBand,
+    SurfaceGloss,
     Victim,
     World,
     linear_from_srgb,
@@ -461,11 +461,11 @@ def _read_material(struct: SectionReader, folder: Path, *, is_rectangle: bool) -
     )
 
 
-def _read_gloss(struct: SectionReader) -> Gloss | None:
+def _read_gloss(struct: SectionReader) -> SurfaceGloss | None:
     if not struct.has_key("Gloss"):
         return None
     gloss = struct.get_struct("Gloss", example="(F0=0.04,Roughness=0.1)")
-    return Gloss(
+    return SurfaceGloss(
         # Below the least one no mirrored light is visible, but at grazing angles.
         reflectance=gloss.get_float("F0", 0.04, min_value=0.001, max_value=1.0),
         roughness=gloss.get_float("Roughness", 0.1, min_value=0.0, max_value=1.0),

@@ -119,12 +119,14 @@ class EffectPlan:
         threshold = self.thresholds.get(decision.effect)
         if threshold is None or not threshold.is_measured:
             return decision
-        return replace(decision, reason=f"this renderer cannot measure it; {decision.reason}")
+        return replace(decision, reason=NOT_MEASURED + decision.reason)
 
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
 
 
+NOT_MEASURED = "this renderer cannot measure it; "
+"""Begin of the reason of an effect on which the frame should decide, but cannot."""
 NO_EFFECTS = EffectPlan()
 
 

@@ -65,6 +65,7 @@ from catoptra_server.frames.plan.plans import (
     PlanChoice,
     SceneDisplacements,
     explain_limit,
+    explain_raster,
     limit_time_samples,
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
@@ -132,7 +133,7 @@ class FramePlan:
         Args:
             changes: Change by effect: `renderer.RenderedImage.changes`.
         """
-        decisions = self.effects.decide_by_frame(changes)
+        decisions = explain_raster(self.effects.decide_by_frame(changes), self.plan)
         if self.camera_state is self.unlimited_state:
             return decisions
         return explain_limit(decisions, self.unlimited_state, self.camera_state)

@@ -215,7 +215,7 @@ def _make_asphalt(random: _Random) -> Floats:
     return _shade(colours, 0.7 + 0.3 * _ramp(stone.gap, 0.0, 0.3))
 
 
-def _make_corrugated(random: _Random) -> Floats:
+def _make_sheet_steel(random: _Random) -> Floats:
     tone = _mottle((0.12, 6, 24, 5), waves=((0.4, 8, 0),))(random)
     rust = _ramp(_noise(random, 5, 10, 6), 0.32, 0.6)[..., None]
     steel = _blend(tone, (84, 92, 100), (138, 146, 152), (188, 194, 198))
@@ -271,7 +271,7 @@ NAMED_TEXTURES = {
     "cardboard": NamedTexture(0.6, _paint(_CARDBOARD, (156, 114, 70), (194, 152, 104))),
     "carpet": NamedTexture(1.0, _paint(_WEAVE, (34, 46, 78), (64, 82, 122))),
     "concrete": NamedTexture(2.0, _make_concrete),
-    "corrugated": NamedTexture(1.0, _make_corrugated),
+    "corrugated": NamedTexture(1.0, _make_sheet_steel),
     "fabric": NamedTexture(0.25, _paint(_FABRIC, (96, 42, 40), (156, 84, 76))),
     "grass": NamedTexture(1.5, _paint(_GRASS, (28, 56, 16), (66, 108, 34), (120, 150, 62))),
     "gravel": NamedTexture(1.0, _make_gravel),

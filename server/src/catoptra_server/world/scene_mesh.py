@@ -484,7 +484,7 @@ class _ItemLoader:
         if isinstance(material.texture, Path):
             texture = self._textures.load(material.texture)
         elif material.texture is not None:
-            texture = self._textures.load_named(material.texture)
+            texture = self._textures.load_by_name(material.texture)
         gloss = material.gloss
         return MeshAppearance(
             uv,

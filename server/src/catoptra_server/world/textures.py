@@ -82,7 +82,7 @@ class TextureReader:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def load_named(self, name: str) -> Texture:
+    def load_by_name(self, name: str) -> Texture:
         """Texture of a name of `named_textures`."""
         # Imported on demand: most worlds have none.
         from catoptra_server.world.named_textures import SIDE_PX, load_named_texture
@@ -433,7 +433,7 @@ class MeshAppearance:
     """(n, 3) opacity at the corners, over that of the emptiest point which is a surface, times the
     texture's opacity: holes are where it is below 1. None without holes."""
     gloss: tuple[float, float] = (0.0, 0.0)
-    """Reflectance along the normal, and roughness, as of `world_description.Gloss`; 0: matt."""
+    """Reflectance along the normal, and roughness, as of `SurfaceGloss`; 0: matt."""
     blends: bool = False
     """Whether what lies behind shows through, by an opacity of half the coverage."""
 

@@ -107,12 +107,12 @@ class Material:
     """Side of a tile of the texture, before the item's scale; 0: by the shape or the mesh file."""
     emission: Rgb = (0.0, 0.0, 0.0)
     """Linear radiance of its own, added to reflected light; 1 is white at full scale."""
-    gloss: Gloss | None = None
+    gloss: SurfaceGloss | None = None
     """How it mirrors; None: matt."""
 
 
 @dataclass(frozen=True, slots=True)
-class Gloss:
+class SurfaceGloss:
     """Mirroring surface of a material, for the effect of this name."""
 
     reflectance: float

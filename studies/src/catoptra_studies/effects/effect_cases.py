@@ -22,6 +22,7 @@ from catoptra_server.effects.mirror.mirror_dust import MirrorDust
 from catoptra_server.effects.mirror.mirror_holder import MirrorHolder
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.scene.fog import Fog
+from catoptra_server.effects.scene.gloss import Gloss
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView
@@ -101,6 +102,11 @@ EFFECT_CASES = (
         _NegligibleCase("a floor alone", Shadows()),
         "lamps behind on the left",
         upstream_effects=(SelfView(),),
+    ),
+    EffectCase(
+        Gloss(),
+        _NegligibleCase("matt surfaces", Gloss()),
+        "a polished floor",
     ),
     EffectCase(
         Fog(0.35, 0.5, 0.5, 0.5),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -136,12 +136,15 @@ def _open_scene() -> Iterator[_EffectScene]:
         [find_configuration("robots", "p2at_omni_real")],
         find_configuration("worlds", "four_legged_2006"),
     )
-    renderer = create_renderer(RendererKind.TRACE, config.scene, config.world)
+    # Level surfaces are polished, which only the page of gloss shows.
+    is_level = config.scene.normals[:, 2:] < -0.99
+    scene = replace(config.scene, gloss=np.where(is_level, (0.05, 0.1), 0.0))
+    renderer = create_renderer(RendererKind.TRACE, scene, config.world)
     camera = _paper_camera(120.0)
     # More than a frame by default, since aliased edges would hide small differences.
     settings = RenderSettings(samples=3)
     plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="effect page")
-    summarizer = SceneSummarizer(config.scene, config.world)
+    summarizer = SceneSummarizer(scene, config.world)
     yield _EffectScene(summarizer, renderer.prepare(camera, plan), config.robots[0])
     renderer.close()
 

@@ -28,6 +28,7 @@ from catoptra_server.frames.plan.plans import (
     choose_by_settings,
     choose_plan,
     explain_limit,
+    explain_raster,
     limit_time_samples,
     max_incidence_rad,
     omni_view_size,
@@ -335,6 +336,15 @@ def test_many_far_objects_stay_within_the_budget_by_their_triangles() -> None:
     pixels = LARGE.width_px * LARGE.height_px
     assert count < MAX_EXPOSURE_RAYS / (pixels + 200 * 20 * len(ROBOT_MESH))
     assert count >= 2
+
+
+def test_raster_states_the_gloss_that_it_does_not_draw() -> None:
+    decisions = tuple(EffectDecision(name, True, 9.0, 1.0, "polished") for name in ("Gloss", "Fog"))
+    gloss, fog = explain_raster(decisions, plan_raster(RenderSettings()))
+    assert (gloss.enabled, gloss.bound, fog.enabled) == (False, 9.0, True)
+    assert gloss.reason == "raster does not draw it, up to the bound; polished"
+    traced = plan_from_settings(RenderSettings(), CAMERA, kind=RendererKind.TRACE, reason="")
+    assert explain_raster(decisions, traced) is decisions
 
 
 def test_decisions_name_the_limit_at_the_effects_of_the_shutter() -> None:

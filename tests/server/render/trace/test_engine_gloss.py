@@ -16,11 +16,11 @@ from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.objects import CameraState, FogMedium, Shutter
 from catoptra_server.world.world_description import (
     Box,
-    Gloss,
     HemisphereLight,
     Item,
     Material,
     PointLight,
+    SurfaceGloss,
     Twist,
     World,
 )
@@ -34,7 +34,7 @@ LAMP = PointLight((0.5, 0.4, -1.5), (0.8, 0.8, 0.7))
 GLOSSY = replace(CAMERA_STATE, has_gloss=True)
 
 
-def make_glossy_world(gloss: Gloss | None, texture: Path | str | None = None) -> World:
+def make_glossy_world(gloss: SurfaceGloss | None, texture: Path | str | None = None) -> World:
     """The test world with a glossy floor, and a glossy crate that is not level."""
     world = make_test_world(texture=None)
     items = tuple(
@@ -71,7 +71,7 @@ STATES = {
 def test_gloss_when_native_is_that_of_the_reference(
     name: str, roughness: float, texture: str | None
 ) -> None:
-    world = make_glossy_world(Gloss(0.3, roughness), texture)
+    world = make_glossy_world(SurfaceGloss(0.3, roughness), texture)
     native, reference = (grey_levels(trace(e, world, STATES[name]).image) for e in ENGINES)
     difference = np.abs(native - reference).max(axis=-1)
     # An edge may meet another sample in float32.
@@ -90,7 +90,7 @@ def test_mirror_shows_the_room_below_its_floor() -> None:
         for z in (-0.5, 0.5)
     ]
     assert floor.material is not None
-    mirror = replace(floor, material=replace(floor.material, gloss=Gloss(1.0, 0.0)))
+    mirror = replace(floor, material=replace(floor.material, gloss=SurfaceGloss(1.0, 0.0)))
     glossy = World("mirror", (mirror, posts[0]), lights=(light,), background=(0.2, 0.3, 0.4))
     twice = replace(glossy, items=tuple(posts))
     one, other = (grey_levels(trace("kernel", world, GLOSSY).image) for world in (glossy, twice))
@@ -100,7 +100,7 @@ def test_mirror_shows_the_room_below_its_floor() -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_gloss_is_measured_and_left_out_where_nobody_misses_it(engine: EngineName) -> None:
-    world = make_glossy_world(Gloss(0.04, 0.1))
+    world = make_glossy_world(SurfaceGloss(0.04, 0.1))
     change = trace(engine, world, GLOSSY, Threshold(0.5)).changes["Gloss"]
     glossy, matt = (
         grey_levels(trace(engine, world, replace(GLOSSY, has_gloss=on)).image)
@@ -113,7 +113,7 @@ def test_gloss_is_measured_and_left_out_where_nobody_misses_it(engine: EngineNam
 
 
 def test_gloss_when_moving_is_the_mean_of_sharp_frames() -> None:
-    world = make_glossy_world(Gloss(0.3, 0.1))
+    world = make_glossy_world(SurfaceGloss(0.3, 0.1))
     moving = replace(place_cube(0.9, 0.3, -0.3), twist=Twist((0.5, 0.0, 0.0)))
     state = replace(GLOSSY, objects=(moving,), shutter=Shutter(0.02, 0.0, 4.0))
     native, reference = (grey_levels(trace(engine, world, state).image) for engine in ENGINES)

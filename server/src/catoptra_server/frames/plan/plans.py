@@ -32,7 +32,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.effects.effect_plan import NOT_MEASURED, EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
@@ -416,6 +416,7 @@ MAX_EXPOSURE_RAYS = 2**25
 _RAYS_PER_TRIANGLE = 40
 
 
+_GLOSS = "Gloss"
 # Effects whose time samples are limited.
 _SHUTTER_EFFECTS = frozenset(("MotionBlur", "RollingShutter"))
 
@@ -444,6 +445,21 @@ def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float
         return 1.0
     ratio = radius_m / distance_m
     return 0.5 * (1.0 - math.sqrt(1.0 - ratio * ratio))
+
+
+def explain_raster(
+    decisions: tuple[EffectDecision, ...], plan: RenderPlan | PerspectivePlan
+) -> tuple[EffectDecision, ...]:
+    """Decisions that are off where raster draws no mirrored light, whose bound they keep."""
+    if not plan.renderer.uses_faces:
+        return decisions
+    note = "raster does not draw it, up to the bound; "
+    return tuple(
+        replace(one, enabled=False, reason=note + one.reason.removeprefix(NOT_MEASURED))
+        if one.effect == _GLOSS and one.enabled
+        else one
+        for one in decisions
+    )
 
 
 def explain_limit(

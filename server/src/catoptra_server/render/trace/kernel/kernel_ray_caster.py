@@ -98,8 +98,10 @@ class KernelMeshCaster:
             caster = cls(scene.corners, scene.centre, committed=committed)
             release_freed_memory()
             return caster
-        # Holes are those of the images themselves.
-        textures = texture_array(scene, lambda image: (image,))
+        # Holes are those of the images themselves, where these have an opacity.
+        textures = texture_array(
+            scene, lambda image: (image if image.shape[-1] == 4 else image[:1, :1],)
+        )
         holes = hole_arrays(scene, scene.centre, textures.struct)
         arrays = OwningStruct(holes.struct, (*holes.owners, textures))
         return cls(scene.corners, scene.centre, arrays=arrays)

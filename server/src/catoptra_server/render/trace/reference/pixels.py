@@ -111,11 +111,11 @@ def shade_hits(
         static = np.flatnonzero(hits.object == STATIC_SCENE)
         rows = static[gloss[hits.triangle[static], 0] > 0.0]
         placed, part = [mesh.take(rows) for mesh in meshes], _take(rays, rows)
-        radiance[rows] = _mix_mirrored(placed, part, _take(hits, rows), radiance[rows], lighting)
+        radiance[rows] = _mix_reflection(placed, part, _take(hits, rows), radiance[rows], lighting)
     return radiance
 
 
-def _mix_mirrored(
+def _mix_reflection(
     meshes: Sequence[PlacedMesh], rays: WorldRays, hits: FirstHits, own: Floats, lighting: Lighting
 ) -> Floats:
     """(n, 3) radiance of glossy triangles, by the formula of `effects/scene/gloss.py`."""

@@ -13,12 +13,16 @@
 #include <math.h>
 #include <string.h>
 
-/* Schlick's Fresnel reflectance; rough facets mirror less at grazing angles (Lagarde 2011). */
-static float find_fresnel(const float gloss[2], float cosine) {
-    float smooth = 1.0f - gloss[1], rest = 1.0f - fabsf(cosine);
-    float grazing = smooth > gloss[0] ? smooth : gloss[0];
-    rest = rest > 0.0f ? rest : 0.0f;
-    return gloss[0] + (grazing - gloss[0]) * (rest * rest) * (rest * rest) * rest;
+/* Schlick's Fresnel reflectance at 16 cosines; rough facets mirror less at grazing angles
+ * (Lagarde 2011). */
+static void find_fresnel(const float gloss[2], const float cosine[BLOCK_RAYS],
+                         float part[BLOCK_RAYS]) {
+    float smooth = 1.0f - gloss[1], grazing = smooth > gloss[0] ? smooth : gloss[0];
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float rest = 1.0f - fabsf(cosine[i]);
+        rest = rest > 0.0f ? rest : 0.0f;
+        part[i] = gloss[0] + (grazing - gloss[0]) * (rest * rest) * (rest * rest) * rest;
+    }
 }
 
 static Vec3 mix(float part, Vec3 from, Vec3 to) { return add(from, scale(part, subtract(to, from))); }
@@ -41,20 +45,26 @@ static int is_unseen(const Frame *frame, float part, Vec3 own) {
 
 /* Rays of some lanes that mirror one plane's light, from its points. */
 static void set_mirrored(const RayBlock *rays, const HitPoints *points, Vec3 normal,
-                         uint32_t lanes, RayBlock *mirrored) {
+                         const float cosine[BLOCK_RAYS], uint32_t lanes, RayBlock *mirrored) {
+    float unit[3] = {normal.x, normal.y, normal.z}, largest[BLOCK_RAYS] = {0};
     mirrored->active = lanes;
     mirrored->has_origins = 1;
     store16(splat16(INFINITY), mirrored->limit);
-    memcpy(mirrored->origin, rays->origin, sizeof mirrored->origin);
-    memcpy(mirrored->direction, rays->direction, sizeof mirrored->direction);
-    for (uint32_t left = lanes; left; left &= left - 1) {
-        int lane = __builtin_ctz(left);
-        Vec3 position = get_lane(points->position, lane), d = get_lane(rays->direction, lane);
-        float here = max_abs(position), there = max_abs(get_lane(rays->origin, lane));
-        float bias = SHADOW_BIAS * (here > there ? here : there), along = dot(normal, d);
-        set_lane(mirrored->origin, lane,
-                 add(position, scale(along > 0.0f ? -bias : bias, normal)));
-        set_lane(mirrored->direction, lane, subtract(d, scale(2.0f * along, normal)));
+    for (int axis = 0; axis < 3; axis++)
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            float here = fabsf(points->position[axis][i]), there = fabsf(rays->origin[axis][i]);
+            float larger = here > there ? here : there;
+            largest[i] = larger > largest[i] ? larger : largest[i];
+        }
+    Ints16 chosen = mask16(lanes);
+    Floats16 along = load16(cosine), bias = SHADOW_BIAS * load16(largest);
+    bias = select16(along > splat16(0.0f), -bias, bias);
+    for (int axis = 0; axis < 3; axis++) {
+        Floats16 direction = load16(rays->direction[axis]);
+        Floats16 origin = load16(points->position[axis]) + bias * unit[axis];
+        store16(select16(chosen, origin, load16(rays->origin[axis])), mirrored->origin[axis]);
+        store16(select16(chosen, direction - (2.0f * along) * unit[axis], direction),
+                mirrored->direction[axis]);
     }
 }
 
@@ -81,10 +91,13 @@ static void mix_mirrored(const FrameState *state, const RayBlock *rays, const Hi
                          const float gloss[2], uint32_t lanes, float radiance[3][BLOCK_RAYS],
                          LostLight *lost) {
     Vec3 normal = get_lane(points->normal, __builtin_ctz(lanes));
-    float part[BLOCK_RAYS];
-    for (uint32_t left = lanes; left; left &= left - 1) {
+    _Alignas(64) float part[BLOCK_RAYS], cosine[BLOCK_RAYS];
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        cosine[i] = normal.x * rays->direction[0][i] + normal.y * rays->direction[1][i] +
+                    normal.z * rays->direction[2][i];
+    find_fresnel(gloss, cosine, part);
+    for (uint32_t left = state->frame->gloss_limit >= 0.0f ? lanes : 0; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        part[lane] = find_fresnel(gloss, dot(normal, get_lane(rays->direction, lane)));
         if (is_unseen(state->frame, part[lane], get_lane(radiance, lane)))
             lanes &= ~(1u << lane);
     }
@@ -96,16 +109,22 @@ static void mix_mirrored(const FrameState *state, const RayBlock *rays, const Hi
     RayBlock mirrored = *rays;
     _Alignas(64) float light[3][BLOCK_RAYS];
     LostLight own = {.rays = 0};
-    set_mirrored(rays, points, normal, lanes, &mirrored);
+    set_mirrored(rays, points, normal, cosine, lanes, &mirrored);
     shade_mirrored(&once, points, &mirrored, light, lost ? &own : NULL);
-    for (uint32_t left = lanes; left; left &= left - 1) {
+    /* Of a plane that is seen from both sides, which takes rays with origins of their own, each
+     * has the sky's light of the other. */
+    Vec3 front = ambient_irradiance(&state->scene->hemisphere, normal);
+    Vec3 back = ambient_irradiance(&state->scene->hemisphere, scale(-1.0f, normal));
+    float fronts[3] = {front.x, front.y, front.z}, backs[3] = {back.x, back.y, back.z};
+    Ints16 chosen = mask16(lanes), is_back = load16(cosine) > splat16(0.0f);
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 mean = select16(is_back, splat16(backs[channel]), splat16(fronts[channel]));
+        Floats16 matt = load16(radiance[channel]), seen = load16(light[channel]);
+        seen = seen + gloss[1] * (mean - seen);
+        store16(select16(chosen, matt + load16(part) * (seen - matt), matt), radiance[channel]);
+    }
+    for (uint32_t left = lost ? lanes & (lost->rays | own.rays) : 0; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        float side = dot(normal, get_lane(rays->direction, lane)) > 0.0f ? -1.0f : 1.0f;
-        Vec3 mean = ambient_irradiance(&state->scene->hemisphere, scale(side, normal));
-        Vec3 seen = mix(gloss[1], get_lane(light, lane), mean);
-        set_lane(radiance, lane, mix(part[lane], get_lane(radiance, lane), seen));
-        if (!lost || !((lost->rays | own.rays) >> lane & 1))
-            continue;
         Vec3 none = {0, 0, 0};
         Vec3 before = lost->rays >> lane & 1 ? get_lane(lost->radiance, lane) : none;
         Vec3 there = own.rays >> lane & 1 ? get_lane(own.radiance, lane) : none;
@@ -145,7 +164,9 @@ void add_gloss(const FrameState *state, const RayBlock *rays, const HitBlock *hi
     memcpy(matt, radiance, sizeof matt);
     for (uint32_t left = lanes, same; left; left &= ~same) {
         int lane = __builtin_ctz(left);
-        same = find_alike(&points, hits, gloss, left, lane);
+        same = find_same(hits, lane) & left;
+        if (same != left)
+            same = find_alike(&points, hits, gloss, left, lane);
         mix_mirrored(state, rays, &points, gloss + 2 * (size_t)hits->triangle[lane], same,
                      radiance, lost);
     }
