@@ -46,7 +46,8 @@ def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
     Where neither is wanted, both as they are.
     """
     lit = begin_light(scene, world)
-    return (lit.scene, lit.world) if lit.refine is None else lit.refine(lambda: False)
+    lit = lit if lit.refine is None else lit.refine(lambda: False)
+    return lit.scene, lit.world
 
 
 def begin_light(scene: SceneMesh, world: World) -> LitScene:
@@ -67,7 +68,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
     light = _read_light(cache, key, len(scene))
     if light is not None:
-        return LitScene(*light.apply(scene, world))
+        return LitScene(*light.apply(scene, world), note=light.describe())
     start = time.perf_counter()
     try:
         bake = light_bake.LightBake(scene, world, threads=count_processors())
@@ -81,7 +82,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
-    def refine(is_stopped: Callable[[], bool]) -> tuple[SceneMesh, World]:
+    def refine(is_stopped: Callable[[], bool]) -> LitScene:
         bake.use_calling_thread()
         try:
             while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
@@ -93,9 +94,9 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
         if not is_stopped():
             log.info("light baked in %.2f s", time.perf_counter() - start)
             _store_light(cache, key, light)
-        return light.apply(scene, world)
+        return LitScene(*light.apply(scene, world), note=light.describe())
 
-    return LitScene(*first.apply(scene, world), stage, refine)
+    return LitScene(*first.apply(scene, world), first.describe(), stage, refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,9 +105,11 @@ class LitScene:
 
     scene: SceneMesh
     world: World
+    note: str = ""
+    """What a bake changes, for `explain`; empty without one."""
     stage: str = ""
     """How much of it is computed; empty for all."""
-    refine: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    refine: Callable[[Callable[[], bool]], LitScene] | None = None
     """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
     left to do."""
 

@@ -249,11 +249,15 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
 }
 
 /* One radiance times the facet's texture, if it has one. */
-static void fill_block(const FrameState *state, int32_t triangle, const RayBlock *rays,
+static void fill_block(const FrameState *state, const TileContent *content, const RayBlock *rays,
                        Vec3 light, float radiance[3][BLOCK_RAYS]) {
+    int32_t triangle = content->triangle;
     if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
-        FacetPlane plane = find_facet_plane(state, triangle);
-        texture_block(state, triangle, &plane, rays, light, radiance);
+        FacetPlane plane;
+        if (!content->plane)
+            plane = find_facet_plane(state, triangle);
+        texture_block(state, triangle, content->plane ? content->plane : &plane, rays, light,
+                      radiance);
         return;
     }
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
@@ -270,12 +274,12 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
                     is_known && content->is_open, radiance, lost);
         return;
     }
-    fill_block(state, content->triangle, rays, light.radiance, radiance);
+    fill_block(state, content, rays, light.radiance, radiance);
     if (!content->is_open && has_occlusion(state->scene, content->triangle))
         hide_sky_in_block(state, content->triangle, rays, light.radiance, content->factors,
                           radiance);
     if (lost && max_abs(light.lost) > 0.0f) {
-        fill_block(state, content->triangle, rays, light.lost, lost->radiance);
+        fill_block(state, content, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;
     }
 }

@@ -4,6 +4,7 @@
 
 #include "blur_intervals.h"
 #include "direct_light.h"
+#include "facet_plane.h"
 #include "ray_order.h"
 #include "short_list.h"
 
@@ -22,10 +23,11 @@ typedef struct {
     const TriangleSet *triangles; /* likewise, during the exposure of a moving frame */
     /* (3, 16) of baked light, the same for all samples of a pixel; NULL: not known */
     const float (*factors)[BLOCK_RAYS];
+    const FacetPlane *plane; /* of a textured triangle; NULL: not known */
 } TileContent;
 
 #define UNKNOWN_CONTENT \
-    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, NULL, NULL, NULL, NULL})
+    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, NULL, NULL, NULL, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
