@@ -31,7 +31,7 @@ from catoptra_server.world.world_description import World
 
 if TYPE_CHECKING:
     from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
-    from catoptra_server.render.trace.occlusion.occlusion_cache import LitScene
+    from catoptra_server.render.trace.occlusion.occlusion_cache import LitWorld
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
 log = logging.getLogger(__name__)
@@ -49,10 +49,10 @@ class StartupConfig:
     """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that the files state for the server itself."""
-    light: LitScene | None = None
+    light: LitWorld | None = None
     """How the scene's light was computed, and what is left to do; None for a world without."""
 
-    def with_light(self, light: LitScene) -> StartupConfig:
+    def with_light(self, light: LitWorld) -> StartupConfig:
         """The same with other light."""
         return replace(self, scene=light.scene, world=light.world, light=light)
 

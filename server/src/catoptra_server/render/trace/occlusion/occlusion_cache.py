@@ -50,17 +50,17 @@ def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
     return lit.scene, lit.world
 
 
-def begin_light(scene: SceneMesh, world: World) -> LitScene:
+def begin_light(scene: SceneMesh, world: World) -> LitWorld:
     """The same by a few rays, to be refined, where light is baked and not in the cache."""
     if world.light_bake:
         return _begin_bake(scene, world)
     if wants_occlusion(scene, world):
         occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
         scene = replace(scene, occlusion=occlusion)
-    return LitScene(scene, world)
+    return LitWorld(scene, world)
 
 
-def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
+def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
     # Loaded where it is needed: most worlds have none.
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
     from catoptra_server.render.trace.occlusion import light_bake
@@ -68,13 +68,13 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
     light = _read_light(cache, key, len(scene))
     if light is not None:
-        return LitScene(*light.apply(scene, world), note=light.describe())
+        return LitWorld(*light.apply(scene, world), note=light.describe())
     start = time.perf_counter()
     try:
         bake = light_bake.LightBake(scene, world, threads=count_processors())
     except KernelUnavailableError as error:
         log.warning("%s; light is not baked", error)
-        return LitScene(scene, world)
+        return LitWorld(scene, world)
     for _ in range(light_bake.FIRST_PASSES):
         bake.cast()
     first = bake.gather()
@@ -82,7 +82,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
-    def refine(is_stopped: Callable[[], bool]) -> LitScene:
+    def refine(is_stopped: Callable[[], bool]) -> LitWorld:
         bake.use_calling_thread()
         try:
             while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
@@ -94,13 +94,13 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
         if not is_stopped():
             log.info("light baked in %.2f s", time.perf_counter() - start)
             _store_light(cache, key, light)
-        return LitScene(*light.apply(scene, world), note=light.describe())
+        return LitWorld(*light.apply(scene, world), note=light.describe())
 
-    return LitScene(*first.apply(scene, world), first.describe(), stage, refine)
+    return LitWorld(*first.apply(scene, world), first.describe(), stage, refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LitScene:
+class LitWorld:
     """A scene and a world whose light is computed, at first from few rays."""
 
     scene: SceneMesh
@@ -109,7 +109,7 @@ class LitScene:
     """What a bake changes, for `explain`; empty without one."""
     stage: str = ""
     """How much of it is computed; empty for all."""
-    refine: Callable[[Callable[[], bool]], LitScene] | None = None
+    refine: Callable[[Callable[[], bool]], LitWorld] | None = None
     """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
     left to do."""
 
