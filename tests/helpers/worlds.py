@@ -23,6 +23,7 @@ from catoptra_server.render.renderer import (
 )
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.panorama import Panorama, make_panorama, texel_directions
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -79,6 +80,18 @@ def make_test_world(
         ),
     )
     return World("room", items, lights=lights, background=(0.3, 0.3, 0.35))
+
+
+def make_smooth_sky(size: int = 256) -> Panorama:
+    """A sky of other light in each direction, up to 4, without symmetry."""
+    x, y, z = np.moveaxis(texel_directions(size), -1, 0)
+    waves = [2.0 + np.sin(3.0 * x + i) + np.cos(2.0 * y - 4.0 * z + i) for i in range(3)]
+    return make_panorama(0.25 * np.stack(waves, axis=-1) ** 2)
+
+
+def under_sky(world: World, sky: Panorama) -> World:
+    """The world under a sky."""
+    return replace(world, sky=sky, background=sky.mean)
 
 
 def translate_world(world: World, offset_m: tuple[float, float, float]) -> World:

@@ -175,6 +175,15 @@ WORLD_CASES = [
     ('PlayerStarts=(Tag="a b",Location=(X=0))', "one word without spaces"),
     ('PlayerStarts=(Tag="door",Location=(X=1))', "a name that no other start has; line 4 has it"),
     ("Background=black", "a struct such as (R=0,G=0,B=0)"),
+    ("Background=none.hdr", "there is no "),
+    ("Background=cut.hdr", "a panorama in Radiance HDR, of a whole file: it is cut off"),
+    ("Background=huge.hdr", "100000 x 10000 px"),
+    ("Background=folder.hdr", "is a folder"),
+    ("Sky=(Elevation=91)", "Sky.Elevation='91': expected a number from 0 to 90"),
+    ("Sky=(Azimuth=90)", "Sky.Elevation='': expected a number from 0 to 90; it is missing"),
+    ("Sky=(Elevation=40,Turbidity=0)", "Sky.Turbidity='0': expected a number from 1 to 10"),
+    ("Sky=(Elevation=40,Clouds=nan)", "Sky.Clouds='nan': expected a number from 0 to 1"),
+    ("Sky=40", "a struct such as (Elevation=40,Azimuth=120"),
     ("Landmarks=four_legged_2007", "did you mean four_legged_2006?"),
     ("Landmarks=folder.glb", "is a folder"),
     ("RfidTags=(ID=x,Position=(X=1))", "a whole number of at least 0"),
@@ -199,6 +208,10 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "cut.glb").write_bytes(glb[: len(glb) // 2])
     (tmp_path / "empty.glb").write_bytes(b"")
     (tmp_path / "folder.glb").mkdir()
+    (tmp_path / "folder.hdr").mkdir()
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
+    (tmp_path / "cut.hdr").write_bytes(head + b"-Y 16 +X 32\n" + b"\2\2\0\40\240")
+    (tmp_path / "huge.hdr").write_bytes(head + b"-Y 10000 +X 100000\n")
     (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\n")
     (tmp_path / "nan.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "part.step").write_text("ISO-10303-21;")

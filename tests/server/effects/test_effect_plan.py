@@ -357,7 +357,7 @@ FULL = SceneSummary(
     2.0,
     min_distances_m=(0.2,) * NUM_RINGS,
     max_distance_m=3.0,
-    background_radiance=(0.2, 0.3, 0.4),
+    background_radiance=((0.2, 0.3, 0.4),) * 2,
     scene_twist=MOVING.scene_twist,
     max_object_rates_rad_s=(1.0,) * NUM_RINGS,
     max_shadow_loss=ShadowLoss(0.4, 0.1),

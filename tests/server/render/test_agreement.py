@@ -43,7 +43,9 @@ from helpers.worlds import (
     make_fine_floor,
     make_omni_camera,
     make_plan,
+    make_smooth_sky,
     make_test_world,
+    under_sky,
     write_fine_texture,
     write_smooth_texture,
 )
@@ -126,6 +128,23 @@ def test_rotated_image_off_centre_equals_trace(device: GlDevice) -> None:
     for surface in (PerPixel(), Tessellation(12, 7)):
         plan = make_plan(camera, surface)
         assert_same(*render_both(device, make_test_world(), camera, plan))
+
+
+def test_raster_under_a_sky_equals_trace(device: GlDevice) -> None:
+    camera, world = make_omni_camera(rim_deg=140.0), under_sky(make_test_world(), make_smooth_sky())
+    plan = make_plan(camera, face_size_px=448)
+    for fog in (None, FogMedium(0.1, (0.3, 0.4, 0.5))):
+        state = replace(CAMERA_STATE, fog=fog)
+        assert_same(*render_both(device, world, camera, plan, state=state), levels=3, edges=0.1)
+
+
+@pytest.mark.parametrize("face", list(Face))
+def test_single_face_under_a_sky_equals_trace(device: GlDevice, face: Face) -> None:
+    with _renderers(device, under_sky(make_test_world(), make_smooth_sky())) as renderers:
+        views = [renderer.prepare_face(FaceCamera(face, 96), 1) for renderer in renderers]
+        raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
+        views[0].close()
+    assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
 def test_raster_with_textures_and_point_lights_equals_trace(

@@ -40,6 +40,7 @@ STRONG: dict[str, dict[str, float]] = {
     "MirrorReflectance": {"refractive_index": 2.8, "extinction_coefficient": 3.4},
     "Exposure": {"exposure_s": 0.03},
     "WhiteBalance": {"red_gain": 1.3, "blue_gain": 0.8},
+    "Response": {"knee": 0.3, "white": 2.0},
 }
 # The fixed part of the blur is in that by depth: never both.
 NAMES = [name for name in EFFECT_TYPES if name not in (*SCENE_EFFECTS, "Defocus")]

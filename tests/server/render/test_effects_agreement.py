@@ -50,6 +50,7 @@ SENSOR = tuple(
         ("ReadNoise", {}),
         ("Quantisation", {"adc_bits": 12}),
         ("WhiteBalance", {"red_gain": 1.3, "blue_gain": 0.8}),
+        ("Response", {"knee": 0.3, "white": 2.0}),
     )
 )
 FULL_WELL, BITS = 18000.0, 12

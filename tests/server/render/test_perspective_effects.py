@@ -64,6 +64,7 @@ STRONG = {
     "ChromaticAberration": {"red_magnification": 1.01, "blue_magnification": 0.99},
     "RollingShutter": {"readout_s": 1.0 / 30.0},
     "WhiteBalance": {"red_gain": 1.3, "blue_gain": 0.8},
+    "Response": {"knee": 0.3, "white": 2.0},
 }
 # Ahead and to the right, with a turn.
 STATE = replace(

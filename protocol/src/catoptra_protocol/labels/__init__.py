@@ -85,7 +85,9 @@ _CHANNELS = (
     ),
     LabelChannel("point", "<f4", 3, math.nan, "point that the ray meets, metres, world frame"),
     LabelChannel("ids", "<u2", 1, 0, "number of the object, from 1; 0: nothing"),
-    LabelChannel("classes", "<u2", 1, 0, "number of the object's class, from 1; 0: nothing"),
+    LabelChannel(
+        "classes", "<u2", 1, 0, "number of the object's class, from 1; 0: nothing; 65535: sky"
+    ),
     LabelChannel(
         "agreement", "u1", 1, 0, "samples of the pixel that meet the same object, 255: all"
     ),
@@ -94,6 +96,9 @@ _CHANNELS = (
     ),
     LabelChannel("valid", "u1", 1, 0, "1 where the pixel's centre has a ray, else 0"),
 )
+SKY_CLASS = 65535
+"""Class of pixels whose rays meet nothing, in a world whose sky differs by direction. It belongs to
+no object: the number of the object is 0, the range infinite."""
 LABEL_CHANNELS = {channel.name: channel for channel in _CHANNELS}
 
 

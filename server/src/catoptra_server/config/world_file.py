@@ -1,11 +1,13 @@
 """World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
-Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off; LightBake
-is off or on, which lights of Type=Rectangle need. Positions
-are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations in radians, colours in sRGB
-bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and textures are loaded by
-`world/scene_mesh.py`. A new shape is a reader and a line of `_SHAPE_READERS`.
+Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off;
+LightBake is off or on, which lights of Type=Rectangle need.
+Background is a colour or a Radiance HDR file; Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in
+degrees, stands for it and adds a sun and a hemisphere light. Positions are in metres, SAE (z down:
+the top of a table is at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0),
+file names relative to the world file. Meshes and textures are loaded by `world/scene_mesh.py`. A
+new shape is a reader and a line of `_SHAPE_READERS`.
 """
 
 from __future__ import annotations
@@ -13,10 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from catoptra_protocol.errors import ConfigError, LocalProtocolError, SourceLocation
+from catoptra_protocol.errors import ConfigError, DomainError, LocalProtocolError, SourceLocation
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
 from catoptra_protocol.names import suggest_name
 from catoptra_protocol.optics.elementary import hypot
@@ -54,9 +57,14 @@ from catoptra_server.world.world_description import (
     linear_from_srgb,
 )
 
+if TYPE_CHECKING:
+    from catoptra_server.world.panorama import Panorama
+    from catoptra_server.world.sky import SkyDescription
+
 MESH_SUFFIXES = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl")
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
+_SKY_EXAMPLE = "(Elevation=40,Azimuth=120,Turbidity=2,Clouds=0.3)"
 # A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
 MAX_LENGTH_M = 1e5
 # Of the three axes of a shape: from kilometres to a micrometre.
@@ -102,13 +110,15 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     light_bake = section.get_choice("LightBake", ["on", "off"], "off") == "on"
     lights = [_read_light(light, has_areas=light_bake) for light in section.get_structs("Lights")]
     constant = [light for light in lights if not isinstance(light, RectangleLight)]
+    background, sky, lights_of_sky = _read_background(section, path.parent)
     world = World(
         name=name,
         items=items,
         landmarks=_load_landmarks(section, path.parent),
-        lights=(*constant, *_load_mesh_lights(items)),
+        lights=(*constant, *_load_mesh_lights(items), *lights_of_sky),
         starts=starts,
-        background=_read_colour(section, "Background", (0, 0, 0)),
+        background=background,
+        sky=sky,
         landmark_albedos=_read_landmark_albedos(file.get_section(_LANDMARK_COLOURS)),
         rfid_tags=tuple(RfidTag(s.get_int("ID"), _read_position(s, "Position")) for s in tags),
         victims=tuple(
@@ -217,6 +227,45 @@ def _read_gps_origin(section: SectionReader) -> GpsOrigin | None:
         # Not to the poles: metres east are divided by the cosine of the latitude.
         struct.get_float("Latitude", min_value=-89.0, max_value=89.0),
         struct.get_float("Longitude", min_value=-180.0, max_value=180.0),
+    )
+
+
+def _read_background(
+    section: SectionReader, folder: Path
+) -> tuple[Rgb, Panorama | None, tuple[Light, ...]]:
+    """What is seen where nothing is: a colour, or its mean with a panorama; the sky's lights."""
+    # Loaded where they are read: most worlds have one colour.
+    if section.has_key("Sky"):
+        from catoptra_server.world.sky import find_sky
+
+        if section.has_key("Background"):
+            raise section.make_error("Background", expected="no key beside Sky, which is it")
+        panorama, lights = find_sky(_read_sky(section.get_struct("Sky", example=_SKY_EXAMPLE)))
+        return panorama.mean, panorama, lights
+    if not section.get_str("Background", "").lower().endswith(".hdr"):
+        return _read_colour(section, "Background", (0, 0, 0)), None, ()
+    from catoptra_server.world.radiance_hdr import load_panorama
+
+    try:
+        panorama = load_panorama(section.get_path("Background", folder))
+    except (DomainError, OSError) as error:
+        raise section.make_error(
+            "Background", expected=f"a panorama in Radiance HDR, of a whole file: {error}"
+        ) from error
+    return panorama.mean, panorama, ()
+
+
+def _read_sky(struct: SectionReader) -> SkyDescription:
+    from catoptra_server.world.sky import SkyDescription
+
+    return SkyDescription(
+        elevation_rad=math.radians(struct.get_float("Elevation", min_value=0.0, max_value=90.0)),
+        azimuth_rad=math.radians(
+            struct.get_float("Azimuth", 0.0, min_value=-360.0, max_value=360.0)
+        ),
+        turbidity=struct.get_float("Turbidity", 2.0, min_value=1.0, max_value=10.0),
+        clouds=struct.get_float("Clouds", 0.0, min_value=0.0, max_value=1.0),
+        seed=struct.get_int("Seed", 0, min_value=0, max_value=65535),
     )
 
 

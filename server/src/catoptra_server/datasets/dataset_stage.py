@@ -78,6 +78,8 @@ class DatasetStage:
         for world in worlds:
             for scene_hash in (hash_scene(world.scene), occlusion_cache.hash_scene(world.scene)):
                 digest.update(scene_hash.encode())
+            if world.world.sky is not None:
+                digest.update(world.world.sky.texels.tobytes())
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             for camera in self.cameras:
                 digest.update(f"{camera.name} {camera.spec!r}".encode())

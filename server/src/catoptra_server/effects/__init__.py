@@ -229,8 +229,8 @@ class SceneSummary:
     """
     max_distance_m: float = math.inf
     """Distance of the farthest surface."""
-    background_radiance: Vector3 | None = None
-    """Linear RGB where there is no surface; None if unknown."""
+    background_radiance: tuple[Vector3, Vector3] | None = None
+    """Least and largest linear RGB where there is no surface; None if unknown."""
     scene_twist: Twist = AT_REST
     """Motion of the scene relative to the camera, at the viewpoint, in axes whose z is the optical
     axis: the mirror frame."""
@@ -540,5 +540,6 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
         # mosaic keeps one measurement of each pixel.
         "Bayer": "sensor.bayer.EFFECT_TYPE",
         "WhiteBalance": "sensor.white_balance.EFFECT_TYPE",
+        "Response": "sensor.response.EFFECT_TYPE",
     },
 )

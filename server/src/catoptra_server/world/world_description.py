@@ -14,6 +14,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.reports import StartPose
+
+if TYPE_CHECKING:
+    from catoptra_server.world.panorama import Panorama
 
 Rgb = tuple[float, float, float]
 
@@ -40,7 +44,9 @@ class World:
     lights: tuple[Light, ...] = ()
     starts: tuple[StartPose, ...] = ()
     background: Rgb = (0.0, 0.0, 0.0)
-    """Linear radiance of directions without a surface."""
+    """Linear radiance of directions without a surface; with a sky, its mean."""
+    sky: Panorama | None = None
+    """Radiance of these directions, where it differs between them."""
     landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
     """Linear albedo of each colour name in the landmark file."""
     rfid_tags: tuple[RfidTag, ...] = ()
@@ -55,6 +61,13 @@ class World:
     """Lights that only a bake has."""
     object_sky: HemisphereLight | None = None
     """Hemisphere light of dynamic objects where light is baked; None: that of the lights."""
+
+    @property
+    def background_range(self) -> tuple[Rgb, Rgb]:
+        """Least and largest linear radiance of directions without a surface."""
+        if self.sky is None:
+            return self.background, self.background
+        return self.sky.least, self.sky.largest
 
 
 @dataclass(frozen=True, slots=True)

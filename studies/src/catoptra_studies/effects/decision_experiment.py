@@ -52,6 +52,7 @@ WORLDS = (
     "four_legged_2006",
     "incidence_rings",
     "legacy",
+    "meadow",
     "rescue",
     "warehouse",
 )

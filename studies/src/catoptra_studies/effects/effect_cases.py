@@ -33,6 +33,7 @@ from catoptra_server.effects.sensor.exposure import Exposure as ShutterTime
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.effects.sensor.read_noise import ReadNoise
+from catoptra_server.effects.sensor.response import Response
 from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.world.world_description import AT_REST, Twist
@@ -243,5 +244,10 @@ EFFECT_CASES = (
         WhiteBalance(1.4, 0.75),
         _NegligibleCase("gains of one", WhiteBalance(1.0, 1.0)),
         "red times 1.4, blue times 0.75",
+    ),
+    EffectCase(
+        Response(0.3, 3.0),
+        _NegligibleCase("dusk, a third of white", Response(0.3, 3.0), max_radiance=0.3),
+        "a curve that bends at 0.3 and is white at 3",
     ),
 )

@@ -86,7 +86,7 @@ def test_summary_when_fog_is_brighter_than_the_scene_has_its_radiance(airlight: 
 def test_background_when_it_has_the_fogs_own_light_does_not_call_for_thin_fog() -> None:
     thin = Fog(1e-5, 0.5, 0.5, 0.5)
     for level, enabled in ((0.5, False), (0.4, True)):
-        summary = SceneSummary(1.0, max_distance_m=9.0, background_radiance=(level,) * 3)
+        summary = SceneSummary(1.0, max_distance_m=9.0, background_radiance=((level,) * 3,) * 2)
         bound = thin.bound(summary, CAMERA)
         radiance = np.full((*SHAPE, 3), level)
         assert max_grey_level_change(thin, radiance, math.inf) <= bound.value
@@ -94,11 +94,11 @@ def test_background_when_it_has_the_fogs_own_light_does_not_call_for_thin_fog() 
 
 
 def test_background_when_it_is_behind_fog_is_fog() -> None:
-    behind = GREY_FOG.update_summary(SceneSummary(1.0, background_radiance=(0.1, 0.2, 0.3)))
-    assert behind.background_radiance == (0.5, 0.5, 0.5)
+    behind = GREY_FOG.update_summary(SceneSummary(1.0, background_radiance=((0.1, 0.2, 0.3),) * 2))
+    assert behind.background_radiance == ((0.5, 0.5, 0.5),) * 2
 
 
 def test_reason_states_the_source_of_the_bound() -> None:
     assert Fog(0.0, 0.5, 0.5, 0.5).bound(SceneSummary(1.0), CAMERA).reason == "the air is clear"
-    dark = SceneSummary(0.5, max_distance_m=0.01, background_radiance=(0.0, 0.0, 0.0))
+    dark = SceneSummary(0.5, max_distance_m=0.01, background_radiance=((0.0,) * 3,) * 2)
     assert "background" in GREY_FOG.bound(dark, CAMERA).reason

@@ -67,7 +67,7 @@ def max_radiance(scene: SceneMesh, world: World) -> float:
     facets = _Facets(scene, world)
     of_blocks = [facets.bound_roughly(block) for block in row_blocks(len(scene))]
     bounds = np.concatenate([np.zeros(0), *of_blocks])
-    background = max(world.background)
+    background = max(world.background_range[1])
     if not facets.lamps:
         return max(background, float(bounds.max(initial=0.0)))
     return max(background, _refine(facets, bounds, background))

@@ -145,7 +145,7 @@ class SceneSummarizer:
             "max_radiance": 0.0,
             # Whether any pixel shows the background is not decided: only a closed room shows none,
             # and walls of the bundled worlds merely touch.
-            "background_radiance": self._world.background,
+            "background_radiance": self._world.background_range,
             "camera_key": camera_state.noise_seed.camera_key,
         }
         if "max_radiance" in fields:

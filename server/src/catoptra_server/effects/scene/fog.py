@@ -6,9 +6,9 @@ airlight. Source: Koschmieder's law. Domain: homogeneous fog; beta = 0 is clear 
 meteorological visibility, a contrast of 5 %, is 3 / beta. Not a change of the image but of the air
 in the scene: each renderer fogs every sample by its own distance (`FogMedium`), so that
 outlines stay as smooth as in clear air. Criterion: the largest change, in encoded grey levels, of
-any radiance from black to the brightest at the farthest surface's range, and of the background,
-whose radiance is known, at infinity. The background counts even if no pixel shows any: in a room
-without an opening the thinnest fog is enabled, and the frame itself decides.
+any radiance from black to the brightest at the farthest surface's range, and of the background's
+least and greatest at infinity. The background counts even if no pixel shows any: in a room without
+an opening the thinnest fog is enabled, and the frame itself decides.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Fog:
             f"{percent:.3g} % of light passes {summary.max_distance_m:.3g} m of fog",
         )
         # Without a known background the airlight stands for it, and changes nothing.
-        behind = np.asarray(summary.background_radiance or self.airlight)
+        behind = np.asarray(summary.background_radiance or (self.airlight, self.airlight))
         background = EffectBound(
             _max_change(medium, behind, math.inf, summary.gains),
             "the background, where visible, has the airlight",
@@ -97,7 +97,9 @@ class Fog:
         if self.density_per_m == 0.0:
             return summary
         brightest = max(summary.max_radiance, *self.airlight)
-        return replace(summary, max_radiance=brightest, background_radiance=self.airlight)
+        return replace(
+            summary, max_radiance=brightest, background_radiance=(self.airlight, self.airlight)
+        )
 
     def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
         """Camera state in the fog."""

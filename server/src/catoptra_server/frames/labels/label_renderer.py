@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.labels import (
     LABEL_CHANNELS,
+    SKY_CLASS,
     GroundTruth,
     LabelledObject,
     parse_channels,
@@ -118,6 +119,9 @@ class LabelRenderer:
         found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
         if "flow" in wanted:
             found |= self._flow_of(image, found, other)
+        if "classes" in wanted and self._renderer.has_sky:
+            mask = self._prepare(image.ray_source, 1).mask
+            found["classes"][(found["ids"] == 0) & (mask == 1)] = SKY_CLASS
         if "valid" in wanted:
             found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
         objects = self.labels.describe(image.camera_state.objects)
@@ -147,6 +151,7 @@ class LabelRenderer:
     def _make_request(self, image: LabelledImage, wanted: set[str]) -> LabelRequest:
         # Flow begins at the points of the objects that pixels show.
         needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
+        needed |= {"ids"} if self._renderer.has_sky and "classes" in wanted else set()
         centres = self._prepare(image.ray_source, 1).table
         return LabelRequest(frozenset(needed), self._tables(image.camera_state), centres)
 

@@ -23,6 +23,7 @@ from catoptra_server.render.raster.device import (
     ShaderPrograms,
     make_depth_buffer,
     set_sampler,
+    set_uniform,
 )
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
 from catoptra_server.render.raster.scene_batches import Batch
@@ -93,6 +94,10 @@ class FacePass(Generic[_LayoutT]):
         if scene.blended.any():
             self._layers = _Layers(context, scene.programs, self._target, size, multi)
             self.memory_bytes += image_bytes(*self._layers.images)
+        self._sky: moderngl.VertexArray | None = None
+        if scene.sky is not None:
+            program = scene.programs.get(ProgramSpec("fullscreen_triangle", "sky"))
+            self._sky = context.vertex_array(program, [])
         self.counts = DrawCounts(0, 0, 0, 0)
 
     def draw(self, camera_state: CameraState) -> None:
@@ -110,6 +115,8 @@ class FacePass(Generic[_LayoutT]):
         fog = camera_state.fog
         self._begin(self._scene.background if fog is None else fog.airlight)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
+        if fog is None:
+            self._draw_sky(clip_from_scene)
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
         if self._layers is not None:
             drops_layers = self._layers.draw(
@@ -129,6 +136,20 @@ class FacePass(Generic[_LayoutT]):
         self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
         self._target.clear(*background, 1.0, depth=0.0)
         self._target.use()
+
+    def _draw_sky(self, clip_from_scene: Floats) -> None:
+        """Fill all faces, by their (n, 3, 3) maps, with the sky of each direction."""
+        if self._sky is None or self._scene.sky is None:
+            return
+        self._context.enable_only(moderngl.NOTHING)
+        self._scene.sky.use(0)
+        cells: tuple[AtlasCell | LensProjection, ...] = self.atlas.cells
+        for cell, scene_from_clip in zip(cells, np.linalg.inv(clip_from_scene), strict=True):
+            self._context.viewport = cell.viewport
+            set_uniform(self._sky.program, "viewport", cell.viewport)
+            set_uniform(self._sky.program, "scene_from_clip", scene_from_clip.T)
+            self._sky.render(vertices=3)
+        self._context.enable_only(moderngl.DEPTH_TEST)
 
     def _draw_cells(
         self,
@@ -165,6 +186,8 @@ class FacePass(Generic[_LayoutT]):
             resource.release()
         if self._layers is not None:
             self._layers.close()
+        if self._sky is not None:
+            self._sky.release()
 
 
 class _Layers:

@@ -149,6 +149,14 @@ class SceneBuffers:
         lighting = _make_facet_lighting(lights)
         object_lighting = _make_facet_lighting(object_lights(world))
         self.background = world.background
+        self.sky: moderngl.Texture | None = None
+        """Radiance by direction, where it is not that of the background."""
+        if world.sky is not None:
+            # Half floats hold mantissas of 9 bits with these exponents exactly.
+            texels = world.sky.decode().astype(np.float16)
+            size = texels.shape[1], texels.shape[0]
+            self.sky = context.texture(size, 3, texels.tobytes(), alignment=1, dtype="f2")
+            self.sky.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.has_filter = has_filter(scene)
         """Whether rays pass some facets."""
         self.report_dropped_layers = scene.report_dropped_layers
@@ -241,7 +249,7 @@ class SceneBuffers:
         if self._shadowed is not None:
             self._shadowed.close()
         self._position.release()
-        for texture in self._textures:
+        for texture in (*self._textures, *((self.sky,) if self.sky else ())):
             texture.release()
 
 

@@ -89,6 +89,8 @@ class TraceRenderer:
         )
         self._triangles = len(scene)
         self._lights = world.lights
+        self.has_sky = world.sky is not None
+        """Whether rays that meet nothing show a sky."""
 
     def describe(self) -> str:
         """One-line description for logs: engine, threads and scene size."""

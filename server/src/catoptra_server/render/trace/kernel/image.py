@@ -93,6 +93,7 @@ from catoptra_server.world.objects import NoiseSeed
     _GAIN,
     _AUTO_GAIN,
     _CLIPPED_GAIN,
+    _RESPONSE,
     _COVER,
     _PATTERN,
     _QUANTISE,
@@ -105,7 +106,7 @@ from catoptra_server.world.objects import NoiseSeed
     _BLOOM,
     _BAYER,
     _GHOST,
-) = range(15)
+) = range(16)
 # A line of the processor's cache, which the kernel's rows of vectors begin at.
 _ALIGNMENT = 64
 # The table of quantiles is computed at its first use: not for frames without noise.
@@ -497,4 +498,5 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "WhiteBalance": lambda effect, exposed: _make(
         _CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain)
     ),
+    "Response": lambda effect, exposed: _make(_RESPONSE, numbers=effect.numbers),
 }

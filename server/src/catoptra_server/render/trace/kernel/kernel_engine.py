@@ -351,6 +351,7 @@ class KernelEngine:
             radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
             encoded = encoded_table(radiance)
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
+        sky = self._world.sky
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
         scene = SceneStruct(
@@ -368,6 +369,8 @@ class KernelEngine:
             srgb_table=srgb_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
             occlusion=self._keep(occlusion_struct(self.scene.occlusion, self.scene.centre)),
+            sky=None if sky is None else sky.texels.ctypes.data,
+            sky_size=0 if sky is None else sky.size,
         )
         if self.scene.occlusion is not None:
             scene.ambient_radiance = self._tabulate_ambient()

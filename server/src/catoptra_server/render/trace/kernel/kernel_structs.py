@@ -131,6 +131,8 @@ class SceneStruct(ctypes.Structure):
         *_addresses("srgb_table", "caster_triangles", "light_maps"),
         ("surfaces", SurfacesStruct),
         ("occlusion", OcclusionStruct),
+        ("sky", c_void_p),
+        ("sky_size", c_int32),
     ]
 
 

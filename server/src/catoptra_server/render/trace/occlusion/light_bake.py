@@ -79,6 +79,8 @@ _MIN_NODE_DISTANCE_M = 0.05
 _INSIDE_SHARE = 0.1
 # Nodes along each side of the sky's two squares.
 _SKY_SIDE = 64
+# Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
+_MAX_SKY = 4.0
 _MAX_BOUNCES = 48
 # Of the brightest node: what further bounces may add together.
 _REMAINDER = 1e-6
@@ -147,8 +149,13 @@ class BakedLight:
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
-    """(n, 3) radiance of the sky along (n, 3) directions; with it, an open facet has exactly the
-    irradiance of the world's hemisphere lights."""
+    """(n, 3) radiance of the sky along (n, 3) directions.
+
+    Without a panorama an open facet has exactly the irradiance of the world's hemisphere lights.
+    """
+    if world.sky is not None:
+        # A sun's disc is not sky: its light is that of the directional light.
+        return np.minimum(world.sky.radiance(directions), _MAX_SKY)
     radiance = np.zeros(directions.shape)
     for light in hemisphere_lights(world.lights):
         # z points down. A facet sees the share (1 + cos tilt) / 2 of the upper half.

@@ -135,7 +135,8 @@ def hash_light(scene: SceneMesh, world: World) -> str:
     """Digest of all that baked light depends on."""
     lights = (world.lights, world.area_lights, world.background)
     digest = hashlib.sha256(f"{_LIGHT_VERSION} {hash_scene(scene)} {lights!r}".encode())
-    arrays = (scene.emission, scene.two_sided, scene.coverage, *scene.textures)
+    sky = None if world.sky is None else world.sky.texels
+    arrays = (sky, scene.emission, scene.two_sided, scene.coverage, *scene.textures)
     for array in arrays:
         digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()

@@ -25,6 +25,7 @@ from catoptra_server.render.trace.reference.meshes import (
     interpolate_poses,
 )
 from catoptra_server.render.trace.trace_engine import (
+    NOTHING,
     STATIC_SCENE,
     LabelNumbers,
     LabelTables,
@@ -35,6 +36,7 @@ from catoptra_server.render.trace.trace_engine import (
     camera_states,
 )
 from catoptra_server.world.objects import FogMedium
+from catoptra_server.world.panorama import Panorama
 from catoptra_server.world.shading import (
     LEAST_COVERAGE,
     MAX_LAYERS,
@@ -66,6 +68,8 @@ class Lighting:
     """Linear radiance of rays without a hit."""
     has_shadows: bool
     """Whether surfaces occlude directional and point lights."""
+    sky: Panorama | None = None
+    """Radiance of rays without a hit, where it differs by direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +92,9 @@ def shade_hits(
 ) -> Floats:
     """(n, 3) linear radiance along rays."""
     radiance: Floats = np.full(rays.origins.shape, lighting.background, dtype=np.float64)
+    if lighting.sky is not None:
+        open_rays = np.flatnonzero(hits.object == NOTHING)
+        radiance[open_rays] = lighting.sky.radiance(rays.directions[open_rays])
     for number in range(len(meshes)):
         selected = np.flatnonzero(hits.object == number)
         if len(selected):

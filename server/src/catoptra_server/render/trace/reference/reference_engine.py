@@ -113,7 +113,7 @@ class ReferenceEngine:
         return _Frame(
             tuple(self._relative(state.world_from_mirror) for state in states),
             ((self._scene, (Pose.identity(),)), *objects),
-            Lighting(self._centre, self._world.background, states[0].has_shadows),
+            Lighting(self._centre, self._world.background, states[0].has_shadows, self._world.sky),
             states[0].fog,
         )
 

@@ -583,6 +583,9 @@ int integrate_block(const MovingScene *scene, const RayBlock *rays, float radian
             return 0;
         left &= ~visible[i].seen;
     }
+    /* What changes with the direction is sampled at instants. */
+    if (any(left) && scene->state->scene->sky)
+        return 0;
     if (any(left))
         add_times(scene->background, count_bits(left, weight), radiance);
     return 1;

@@ -12,18 +12,19 @@ enum {
     STAGE_GAIN = 0,      /* L g;  maps[0] g (h, w) or NULL for numbers[0..2] by colour */
     STAGE_AUTO_GAIN = 1, /* L target / mean luminance;  numbers: target, least and largest gain */
     STAGE_CLIPPED_GAIN = 2, /* min(L, 1) numbers[0..2] */
-    STAGE_COVER = 3,     /* L + c (numbers[0] mean luminance - L);  maps[0] c (h, w) */
-    STAGE_PATTERN = 4,   /* L g + o;  maps[0] g, maps[1] o (3, h, w) */
-    STAGE_QUANTISE = 5,  /* codes;  numbers[0] of white */
-    STAGE_SHOT_NOISE = 6,  /* numbers[0] radiance of one electron;  key */
-    STAGE_READ_NOISE = 7,  /* numbers[0] standard deviation;  key */
-    STAGE_GLARE = 8,     /* see image_glare.c */
-    STAGE_BLUR = 9,      /* see image_blur.c */
-    STAGE_WARP = 10,     /* maps[0], maps[1] offsets in u and v, maps[2] fraction kept, (h, w) */
-    STAGE_MAGNIFY = 11,  /* maps[0] offsets of columns (2, w), maps[1] of rows (2, h): red, blue */
-    STAGE_BLOOM = 12,    /* numbers[0] overflowing fraction;  size: rows */
-    STAGE_BAYER = 13,
-    STAGE_GHOST = 14     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both
+    STAGE_RESPONSE = 3,  /* a shoulder;  numbers: knee, 1 - knee, 1 / white^2 above it */
+    STAGE_COVER = 4,     /* L + c (numbers[0] mean luminance - L);  maps[0] c (h, w) */
+    STAGE_PATTERN = 5,   /* L g + o;  maps[0] g, maps[1] o (3, h, w) */
+    STAGE_QUANTISE = 6,  /* codes;  numbers[0] of white */
+    STAGE_SHOT_NOISE = 7,  /* numbers[0] radiance of one electron;  key */
+    STAGE_READ_NOISE = 8,  /* numbers[0] standard deviation;  key */
+    STAGE_GLARE = 9,     /* see image_glare.c */
+    STAGE_BLUR = 10,      /* see image_blur.c */
+    STAGE_WARP = 11,     /* maps[0], maps[1] offsets in u and v, maps[2] fraction kept, (h, w) */
+    STAGE_MAGNIFY = 12,  /* maps[0] offsets of columns (2, w), maps[1] of rows (2, h): red, blue */
+    STAGE_BLOOM = 13,    /* numbers[0] overflowing fraction;  size: rows */
+    STAGE_BAYER = 14,
+    STAGE_GHOST = 15     /* L maps[0] + maps[1] of the opposite pixel;  numbers: sums of both
                           * columns, rows */
 };
 

@@ -69,6 +69,20 @@ static void change_clipped_gain(const Pass *pass, const ImageStage *stage, const
     }
 }
 
+static void change_response(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                            CellValues *cells) {
+    (void)pass;
+    float knee = stage->numbers[0], above = stage->numbers[1], inverse = stage->numbers[2];
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 light = load16(values);
+        Floats16 x = most16(light - knee, splat16(0.0f)) / above;
+        Floats16 shoulder = knee + above * (x * (1.0f + x * inverse) / (1.0f + x));
+        shoulder = least16(shoulder, splat16(1.0f));
+        store16(select16(light > knee, shoulder, light), values);
+    }
+}
+
 static void change_cover(const Pass *pass, const ImageStage *stage, const Cell *cell,
                          CellValues *cells) {
     float scattered = stage->numbers[0] * pass->mean_luminance;
@@ -186,6 +200,7 @@ static ChangeCell *const CHANGES[] = {
     [STAGE_GAIN] = change_gain,
     [STAGE_AUTO_GAIN] = change_auto_gain,
     [STAGE_CLIPPED_GAIN] = change_clipped_gain,
+    [STAGE_RESPONSE] = change_response,
     [STAGE_COVER] = change_cover,
     [STAGE_PATTERN] = change_pattern,
     [STAGE_QUANTISE] = quantise,
@@ -206,7 +221,7 @@ void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
     CellValues before;
     for (const ImageStage *stage = pass->points; stage < pass->points + pass->num_points; stage++) {
         /* Nothing multiplies black: most of it lies beside the mirror. */
-        int keeps_black = stage->kind <= STAGE_CLIPPED_GAIN || stage->kind == STAGE_SHOT_NOISE;
+        int keeps_black = stage->kind <= STAGE_RESPONSE || stage->kind == STAGE_SHOT_NOISE;
         int measures = is_measured(pass, stage);
         if ((keeps_black && is_dark(values, cell)) || stage->kind == STAGE_BLOOM)
             continue; /* in a pass, an overflow is one of no light */

@@ -157,6 +157,10 @@ typedef struct {
     void *light_maps; /* of catoptra_build_light_maps; NULL until the first frame with shadows */
     Surfaces surfaces;
     Occlusion occlusion;
+    /* (sky_size + 2, sky_size + 2) shared exponents of what rays show that meet nothing; NULL where
+     * that is the last row of the tables. */
+    const uint32_t *sky;
+    int32_t sky_size;
 } Scene;
 
 /* Rays of a camera; twin: ray_table.RayTable. */

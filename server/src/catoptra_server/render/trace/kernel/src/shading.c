@@ -8,6 +8,7 @@
 #include "hit_textures.h"
 #include "lanes.h"
 #include "occlusion.h"
+#include "sky.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -324,6 +325,8 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
         look_up_plane(state, triangle, &surface, radiance);
     else
         look_up(state, rays, hits, &surface, radiance);
+    if (triangle < 0 && state->scene->sky)
+        show_sky(state->scene, rays, hits, radiance);
     surface.dim = is_open ? 0 : surface.dim;
     if (!surface.computed) {
         hide_sky(state, surface.dim, 0, rays, hits, radiance);

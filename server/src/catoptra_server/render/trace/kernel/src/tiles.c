@@ -19,6 +19,7 @@
 #include "plane_light.h"
 #include "ranges.h"
 #include "shading.h"
+#include "sky.h"
 
 #include <math.h>
 #include <string.h>
@@ -172,6 +173,8 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
         return 0;
     int meets_object = 0;
     uint8_t flags = 0;
+    if (state->scene->sky && bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active)
+        return 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
         if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
@@ -237,6 +240,9 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
                                 PlaneLight *light, size_t *entry) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (content->triangle == SURFACE_BACKGROUND) {
+        /* In fog the sky is the airlight, whose change is that of each direction. */
+        if (state->scene->sky && (!has_fog(state) || state->frame->measures_fog))
+            return 0;
         *entry = (size_t)mesh->num_triangles;
         *light = (PlaneLight){.is_table = !has_fog(state),
                               .radiance = vec3(state->frame->airlight)};
@@ -710,6 +716,27 @@ static int fill_single_tile(const FrameState *state, int tile, const TileContent
     return 1;
 }
 
+/* Draw a tile that shows nothing but sky, without a look at what its rays meet; 0 if it may. */
+static int fill_sky_tile(const FrameState *state, int tile, const TileContent *content) {
+    int blocks = state->rays->samples * state->rays->samples;
+    const float nothing[TILE_PX * TILE_PX] = {0};
+    PixelSums sums;
+    if (!state->scene->sky || has_fog(state) || state->is_rolling ||
+        content->triangle != SURFACE_BACKGROUND || !may_fill(state, tile, content))
+        return 0;
+    for (int block = 0; block < blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
+        RayBlock rays;
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+        find_sky(state->scene, &rays, radiance);
+        add_samples(state, block, rays.active, radiance, &sums);
+    }
+    finish_tile(state, tile, &sums, nothing);
+    if (state->plan)
+        note_plane(state, tile, SURFACE_BACKGROUND);
+    return 1;
+}
+
 void render_tile(const FrameState *state, int tile, const TileContent *content) {
     switch (state->frame->output) {
     case OUTPUT_HITS:
@@ -723,7 +750,7 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     }
     TileLabels labels;
-    if (!fill_single_tile(state, tile, content)) {
+    if (!fill_single_tile(state, tile, content) && !fill_sky_tile(state, tile, content)) {
         if (state->frame->labels)
             label_centres(state, tile, content, &labels);
         if (state->is_rolling)

@@ -5,7 +5,9 @@ import { resizeCanvas } from "../canvas.js";
 import { bodyOf, isShown, make, makeSelect, onShown, setText } from "../panel.js";
 
 const INTERVAL_MS = 334;
+const SKY_CLASS = 65535;
 const textOfNumber = (key) => (values, at, objects) => {
+  if (key === "class_number" && values[at] === SKY_CLASS) return "sky";
   const found = objects.find((one) => one[key] === values[at]);
   if (!found) return values[at] ? `number ${values[at]}` : "nothing";
   return `${key === "number" ? found.name : "all"} of class ${found.class_name}`;
