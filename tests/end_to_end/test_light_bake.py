@@ -1,4 +1,4 @@
-"""Baked light in a served world: few rays at first, more in the background, none at a second start."""
+"""Baked light in a served world: few rays at first, more in the background, kept on disk."""
 
 from __future__ import annotations
 

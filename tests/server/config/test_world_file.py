@@ -85,6 +85,7 @@ def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
         ("Boxes=(Size=(X=1,Y=1,Z=1),CastShadow=2)", "Boxes.CastShadow", "true or false"),
         ("Meshes=(Scale=1)", "Meshes.File", "missing"),
         ("Landmarks=no.csv", "Catoptra.World.Landmarks", "a file that exists"),
+        ("Lights=(Type=Rectangle,Position=(X=1))", "Lights.Type", "LightBake=on"),
         ("Lights=(Type=Point,Position=(X=1),Brightness=-1)", "Lights.Brightness", "from 0"),
         ('PlayerStarts=(Tag="a}",Location=(X=0))', "PlayerStarts.Tag", "one word"),
         ("PlayerStarts=(Location=(X=0))", "PlayerStarts.Tag", "missing"),

@@ -282,7 +282,7 @@ class ServerThreads:
             "light", self._refine_light, stop=self._has_to_stop.set, on_failure=on_failure
         )
         self._workers = (
-            *((refinement,) if startup.refine_light else ()),
+            *((refinement,) if startup.light and startup.light.refine else ()),
             WorkerThread(
                 "rendering",
                 self._render,
@@ -322,9 +322,12 @@ class ServerThreads:
         """Main function of the thread that casts the rays of baked light that are left."""
         lower_thread_priority(_LIGHT_NICENESS)
         on_ready()
-        startup = self.startup.with_all_light(self._has_to_stop.is_set)
+        light = self.startup.light
+        assert light is not None, "there is light to be refined"
+        assert light.refine is not None, "some of it is left to do"
+        refined = light.refine(self._has_to_stop.is_set)
         if not self._has_to_stop.is_set():
-            self.startup = startup
+            self.startup = self.startup.with_light(refined)
             self.render_thread.replace_views(self._create_view_cache)
 
     def _create_view_cache(self) -> ViewCache | None:
@@ -372,7 +375,11 @@ class ServerThreads:
             importlib.import_module(_STAGE_MODULE)
         views = ViewCache(
             RenderPlanner(
-                RendererPool(choice, may_replace=is_realtime, note=startup.light_stage),
+                RendererPool(
+                    choice,
+                    may_replace=is_realtime,
+                    note=startup.light.stage if startup.light else "",
+                ),
                 CostCache(find_cache_folder("costs"), startup.scene),
             ),
             summarizer,

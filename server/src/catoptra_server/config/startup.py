@@ -6,7 +6,7 @@ Unknown names are reported after the last reader.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +31,7 @@ from catoptra_server.world.world_description import World
 
 if TYPE_CHECKING:
     from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
+    from catoptra_server.render.trace.occlusion.occlusion_cache import LitWorld
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
 log = logging.getLogger(__name__)
@@ -48,16 +49,12 @@ class StartupConfig:
     """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
     """Options that the files state for the server itself."""
-    light_stage: str = ""
-    """How much of a light bake the scene has; empty for all."""
-    refine_light: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
-    """Scene and world with all rays; see `LitScene`."""
+    light: LitWorld | None = None
+    """How the scene's light was computed, and what is left to do; None for a world without."""
 
-    def with_all_light(self, is_stopped: Callable[[], bool]) -> StartupConfig:
-        """The same with the light of all rays, unless a function says to stop."""
-        assert self.refine_light is not None, "the light has all its rays"
-        scene, world = self.refine_light(is_stopped)
-        return replace(self, scene=scene, world=world, light_stage="", refine_light=None)
+    def with_light(self, light: LitWorld) -> StartupConfig:
+        """The same with other light."""
+        return replace(self, scene=light.scene, world=light.world, light=light)
 
     @property
     def effect_settings(self) -> tuple[EffectSettings, ...]:
@@ -84,7 +81,7 @@ def read_startup_config(
         server: file with the server's own sections, which overrides robot files.
         limit_bytes: memory that each camera's view may take, and the scene as a whole.
         is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
-        has_first_light: leave most rays of a light bake to `StartupConfig.refine_light`.
+        has_first_light: leave most rays of a light bake to `StartupConfig.light`.
 
     Raises:
         ConfigError: with file, line, key, value and the expected form.
@@ -109,12 +106,10 @@ def read_startup_config(
     # Loaded where it is needed: see `commands/server.py`.
     from catoptra_server.render.trace.occlusion.occlusion_cache import begin_light
 
-    lit = begin_light(scene, world_description)
-    startup = replace(startup, scene=lit.scene, world=lit.world)
-    if lit.refine is None:
-        return startup
-    startup = replace(startup, light_stage=lit.stage, refine_light=lit.refine)
-    return startup if has_first_light else startup.with_all_light(lambda: False)
+    light = begin_light(scene, world_description)
+    if light.refine is not None and not has_first_light:
+        light = light.refine(lambda: False)
+    return startup.with_light(light)
 
 
 # Start poses at which candidate plans are timed; their frames stand for all frames of the world.

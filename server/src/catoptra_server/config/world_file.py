@@ -1,7 +1,6 @@
 """World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
-Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off; LightBake
 is off or on, which lights of Type=Rectangle need. Background is a colour or a Radiance HDR file;
 Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in degrees, stands for it and adds a sun and a

@@ -18,6 +18,7 @@ from catoptra_server.render.trace.occlusion.light_bake import (
     bake_light,
 )
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,
@@ -30,6 +31,11 @@ from catoptra_server.world.world_description import (
     World,
     srgb_from_linear,
 )
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.image_comparison import level_differences
+from helpers.trace_engines import ENGINES, open_engine
+from helpers.trace_kernels import make_omni_table, open_kernel, render_filled_and_traced
+from helpers.worlds import DIRECTIONAL_LIGHT, HEMISPHERE_LIGHT, make_test_world
 
 GREY = Material((0.5, 0.5, 0.5))
 INDOORS = Path(__file__).parents[5] / "configs/worlds/warehouse.ini"
@@ -111,3 +117,39 @@ def test_errors_that_are_stated_cover_those_against_4096_rays(
     levels = 255.0 * np.abs(srgb_from_linear(0.5 * values) - srgb_from_linear(0.5 * truth))
     assert np.median(levels) < 1.0
     assert np.percentile(levels, 99.0) < 6.0
+
+
+def test_both_engines_draw_baked_light_on_surfaces_and_objects() -> None:
+    lamp = RectangleLight((0.4, 0.3, -1.8), (0.0, 0.0, 1.0), (0.5, 0.3), (2.0, 1.0, 0.5))
+    world = replace(
+        make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)),
+        area_lights=(lamp,),
+    )
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=1).apply(scene, world)
+    exposure = CameraState(
+        Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)), TWO_ROBOTS, has_shadows=True
+    )
+    table = make_omni_table(width_px=96, samples=2)
+    pictures = []
+    for name in ENGINES:
+        with open_engine(name, world, scene=scene) as engine:
+            pictures.append(engine.prepare(table).render_srgb(exposure))
+    differences = level_differences(*pictures)
+    # Edges round to other surfaces; a pixel's centre in place of its samples' mean.
+    assert np.percentile(differences, 99.5) <= 1
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=2))
+        filled, traced, share = render_filled_and_traced(engine, rays, exposure)
+    assert share > 0.2
+    assert level_differences(filled, traced).max() <= 2
+
+
+def test_light_that_is_the_same_everywhere_needs_no_map() -> None:
+    world = replace(World("furnace", ROOMS["sphere"]), light_bake=True)
+    scene = build_scene(world)
+    scene = replace(scene, emission=np.full((len(scene), 3), 0.25))
+    lit, lit_world = bake_light(scene, world, 2, threads=1).apply(scene, world)
+    assert lit.occlusion is None
+    (sky,) = lit_world.lights
+    np.testing.assert_allclose(sky.up_irradiance, 0.5, rtol=1e-5)  # type: ignore[union-attr]

@@ -66,6 +66,7 @@ from catoptra_server.world.world_description import (
     PointLight,
     RectangleLight,
     World,
+    srgb_from_linear,
 )
 
 RAYS_PER_PASS = 16
@@ -78,11 +79,15 @@ _MIN_NODE_DISTANCE_M = 0.05
 _INSIDE_SHARE = 0.1
 # Nodes along each side of the sky's two squares.
 _SKY_SIDE = 64
+# Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
+_MAX_SKY = 4.0
 _MAX_BOUNCES = 48
 # Of the brightest node: what further bounces may add together.
 _REMAINDER = 1e-6
 # Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
 SIGMAS = 3.0
+MAX_CHANGE = 1.0
+"""Grey levels that nobody misses: the default of `EffectSettings.max_change`."""
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
@@ -100,11 +105,42 @@ class BakedLight:
     error: npt.NDArray[np.float16]
     """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
 
+    def bound_changes(self) -> tuple[float, float]:
+        """Grey levels of a white surface: the largest change of a node by one light for all, and
+        that by the stated errors at 99 of 100 nodes.
+        """
+        planes, is_node = self.occlusion.planes, np.zeros(self.error.shape[:2], dtype=bool)
+        for left, top, right, bottom in self.occlusion.bounds.tolist():
+            is_node[top : bottom + 1, left : right + 1] = True
+        light = self.brightest * (planes[:, is_node].T / OPEN_LIGHT)
+        error = self.error[is_node].astype(np.float64)
+        levels = 255.0 * srgb_from_linear(light)
+        mean = 255.0 * srgb_from_linear(light.mean(axis=0, keepdims=True))
+        stated = 255.0 * srgb_from_linear(light + error) - levels
+        # Errors count, too: nodes that seem to agree may not.
+        change = np.abs(levels - mean) + stated
+        return float(change.max(initial=0.0)), float(np.percentile(stated, 99.0))
+
+    def describe(self) -> str:
+        """Row of `explain`."""
+        change, error = self.bound_changes()
+        state = "off: one light for all" if change <= MAX_CHANGE else "on"
+        return (
+            f"baked light {state}; nodes differ from their mean by at most {change:.3g} levels, "
+            f"threshold {MAX_CHANGE:g}; the stated error of 99 % of them is below {error:.3g}"
+        )
+
     def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
-        """The scene and its world, lit by this light instead of hemisphere lights."""
+        """The scene and its world, lit by this light instead of hemisphere lights.
+
+        Without a map where one light for all nodes changes no pixel by more than `MAX_CHANGE`.
+        """
         brightest, up, down = (
             (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
+        if self.bound_changes()[0] <= MAX_CHANGE:
+            lights = (HemisphereLight(up, down), *shadow_casting_lights(world.lights))
+            return scene, replace(world, lights=lights, area_lights=())
         lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
         return (
             replace(scene, occlusion=self.occlusion),
@@ -113,8 +149,13 @@ class BakedLight:
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
-    """(n, 3) radiance of the sky along (n, 3) directions; with it, an open facet has exactly the
-    irradiance of the world's hemisphere lights."""
+    """(n, 3) radiance of the sky along (n, 3) directions.
+
+    Without a panorama an open facet has exactly the irradiance of the world's hemisphere lights.
+    """
+    if world.sky is not None:
+        # A sun's disc is not sky: its light is that of the directional light.
+        return np.minimum(world.sky.radiance(directions), _MAX_SKY)
     radiance = np.zeros(directions.shape)
     for light in hemisphere_lights(world.lights):
         # z points down. A facet sees the share (1 + cos tilt) / 2 of the upper half.

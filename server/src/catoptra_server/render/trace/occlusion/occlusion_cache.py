@@ -46,20 +46,21 @@ def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
     Where neither is wanted, both as they are.
     """
     lit = begin_light(scene, world)
-    return (lit.scene, lit.world) if lit.refine is None else lit.refine(lambda: False)
+    lit = lit if lit.refine is None else lit.refine(lambda: False)
+    return lit.scene, lit.world
 
 
-def begin_light(scene: SceneMesh, world: World) -> LitScene:
+def begin_light(scene: SceneMesh, world: World) -> LitWorld:
     """The same by a few rays, to be refined, where light is baked and not in the cache."""
     if world.light_bake:
         return _begin_bake(scene, world)
     if wants_occlusion(scene, world):
         occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
         scene = replace(scene, occlusion=occlusion)
-    return LitScene(scene, world)
+    return LitWorld(scene, world)
 
 
-def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
+def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
     # Loaded where it is needed: most worlds have none.
     from catoptra_server.render.trace.kernel.library import KernelUnavailableError
     from catoptra_server.render.trace.occlusion import light_bake
@@ -67,13 +68,13 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
     light = _read_light(cache, key, len(scene))
     if light is not None:
-        return LitScene(*light.apply(scene, world))
+        return LitWorld(*light.apply(scene, world), note=light.describe())
     start = time.perf_counter()
     try:
         bake = light_bake.LightBake(scene, world, threads=count_processors())
     except KernelUnavailableError as error:
         log.warning("%s; light is not baked", error)
-        return LitScene(scene, world)
+        return LitWorld(scene, world)
     for _ in range(light_bake.FIRST_PASSES):
         bake.cast()
     first = bake.gather()
@@ -81,7 +82,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
     stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
-    def refine(is_stopped: Callable[[], bool]) -> tuple[SceneMesh, World]:
+    def refine(is_stopped: Callable[[], bool]) -> LitWorld:
         bake.use_calling_thread()
         try:
             while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
@@ -93,20 +94,22 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitScene:
         if not is_stopped():
             log.info("light baked in %.2f s", time.perf_counter() - start)
             _store_light(cache, key, light)
-        return light.apply(scene, world)
+        return LitWorld(*light.apply(scene, world), note=light.describe())
 
-    return LitScene(*first.apply(scene, world), stage, refine)
+    return LitWorld(*first.apply(scene, world), first.describe(), stage, refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LitScene:
+class LitWorld:
     """A scene and a world whose light is computed, at first from few rays."""
 
     scene: SceneMesh
     world: World
+    note: str = ""
+    """What a bake changes, for `explain`; empty without one."""
     stage: str = ""
     """How much of it is computed; empty for all."""
-    refine: Callable[[Callable[[], bool]], tuple[SceneMesh, World]] | None = None
+    refine: Callable[[Callable[[], bool]], LitWorld] | None = None
     """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
     left to do."""
 
@@ -132,7 +135,8 @@ def hash_light(scene: SceneMesh, world: World) -> str:
     """Digest of all that baked light depends on."""
     lights = (world.lights, world.area_lights, world.background)
     digest = hashlib.sha256(f"{_LIGHT_VERSION} {hash_scene(scene)} {lights!r}".encode())
-    arrays = (scene.emission, scene.two_sided, scene.coverage, *scene.textures)
+    sky = None if world.sky is None else world.sky.texels
+    arrays = (sky, scene.emission, scene.two_sided, scene.coverage, *scene.textures)
     for array in arrays:
         digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()

@@ -378,7 +378,9 @@ static int may_be_open(const Search *search, const Part *part) {
     const FrameState *state = search->state;
     /* Of a moving camera's views the quad is only one. */
     /* The smallest parts find out themselves while they look for factors. */
-    return state->frame->output < OUTPUT_HITS && part->level > 0 && state->shift == 0.0f &&
+    /* Baked light is open nowhere. */
+    return !state->scene->occlusion.light && state->frame->output < OUTPUT_HITS &&
+           part->level > 0 && state->shift == 0.0f &&
            state->turn == 0.0f && part->content.triangle >= 0 && !part->content.is_open &&
            !part->is_hidden && has_occlusion(state->scene, part->content.triangle);
 }

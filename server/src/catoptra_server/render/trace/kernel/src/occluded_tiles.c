@@ -152,7 +152,9 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
         return 0;
     find_factors(state->scene, triangle, columns, rows, factors);
     if (!is_filled) {
+        FacetPlane plane = find_facet_plane(state, triangle);
         TileContent dim = *content;
+        dim.plane = &plane;
         dim.factors = (const float(*)[BLOCK_RAYS])factors;
         render_tile(state, tile, &dim);
         return 1;

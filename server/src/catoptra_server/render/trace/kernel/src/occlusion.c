@@ -89,9 +89,21 @@ void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOC
     for (int i = 0; i < BLOCK_RAYS; i++)
         node[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]) * width +
                   find_node(columns[i], patch->left, patch->right, &fx[i]);
+    int32_t differs = 0;
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        differs |= node[i] ^ node[0];
     for (int channel = 0; occlusion->light && channel < 3; channel++) {
         const uint16_t *plane = occlusion->light + (size_t)channel * plane_size(occlusion);
-        for (int i = 0; i < BLOCK_RAYS; i++) {
+        if (!differs) {
+            /* Near a camera, between the same four nodes. */
+            uint32_t first = load_shorts(plane + node[0]);
+            uint32_t second = load_shorts(plane + node[0] + width);
+            for (int i = 0; i < BLOCK_RAYS; i++) {
+                upper[i] = first;
+                lower[i] = second;
+            }
+        }
+        for (int i = 0; differs && i < BLOCK_RAYS; i++) {
             upper[i] = load_shorts(plane + node[i]);
             lower[i] = load_shorts(plane + node[i] + width);
         }
