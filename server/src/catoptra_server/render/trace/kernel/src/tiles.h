@@ -24,7 +24,6 @@ typedef struct {
     const struct FacetPlane *plane; /* of the triangle; NULL: not found yet */
     /* (3, 16) of baked light, the same for all samples of a pixel; NULL: not known */
     const float (*factors)[BLOCK_RAYS];
-    const FacetPlane *plane; /* of a textured triangle; NULL: not known */
 } TileContent;
 
 #define UNKNOWN_CONTENT \
