@@ -82,6 +82,8 @@ _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
 _MAX_BOUNCES = 48
+# Before the first picture; the rest is that of one factor a bounce.
+_FIRST_BOUNCES = 8
 # Of the brightest node: what further bounces may add together.
 _REMAINDER = 1e-6
 # Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
@@ -121,10 +123,18 @@ class BakedLight:
         change = np.abs(levels - mean) + stated
         return float(change.max(initial=0.0)), float(np.percentile(stated, 99.0))
 
+    def is_uniform(self) -> bool:
+        """Whether one light for all changes no node by more than `MAX_CHANGE`."""
+        # Some darkest or brightest node mostly decides, without the others.
+        ends = self.occlusion.darkest.min(axis=0, initial=1.0), np.ones(3)
+        dark, bright = (255.0 * srgb_from_linear(self.brightest * end) for end in ends)
+        is_near = bool((bright - dark <= 2.0 * MAX_CHANGE).all())
+        return is_near and self.bound_changes()[0] <= MAX_CHANGE
+
     def describe(self) -> str:
         """Row of `explain`."""
         change, error = self.bound_changes()
-        state = "off: one light for all" if change <= MAX_CHANGE else "on"
+        state = "off: one light for all" if self.is_uniform() else "on"
         return (
             f"baked light {state}; nodes differ from their mean by at most {change:.3g} levels, "
             f"threshold {MAX_CHANGE:g}; the stated error of 99 % of them is below {error:.3g}"
@@ -138,7 +148,7 @@ class BakedLight:
         brightest, up, down = (
             (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
-        if self.bound_changes()[0] <= MAX_CHANGE:
+        if self.is_uniform():
             lights = (HemisphereLight(up, down), *shadow_casting_lights(world.lights))
             return scene, replace(world, lights=lights, area_lights=())
         lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
@@ -219,6 +229,7 @@ class LightBake:
                 break
             distance_m *= max(1.05, float(np.sqrt(excess)))
         self._is_node = is_node
+        self._albedo = _mean_albedo(scene)
         self._nodes = place_nodes(self._frames, self._layout, is_node)
         self.num_passes = 0
         count = len(self._nodes.patch)
@@ -309,9 +320,10 @@ class LightBake:
         size = self._is_node.size
         means = np.zeros((self.num_passes, len(texel), 3), dtype=np.float32)
         irradiance, change = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
-        lamp_light = lit.mean(axis=0)
+        lamp_light = lit.mean(axis=0, dtype=np.float64)
         ratio = np.zeros(3)
-        for _ in range(_MAX_BOUNCES):
+        bounces = _FIRST_BOUNCES if self.num_passes <= FIRST_PASSES else _MAX_BOUNCES
+        for _ in range(bounces):
             radiance = albedo * (irradiance + lamp_light + reflected) + emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
             mean = np.average(irradiance + lamp_light, axis=0)
@@ -327,16 +339,18 @@ class LightBake:
             if (rest <= _REMAINDER * (irradiance + lamp_light).max(axis=0, initial=0.0)).all():
                 break
         # What is left falls by one factor a bounce.
-        rest = change * ratio / (1.0 - ratio)
-        return self._finish(means + lit + rest, is_inside)
+        means += lit
+        means += (change * ratio / (1.0 - ratio)).astype(np.float32)
+        return self._finish(means, is_inside)
 
-    def _find_lamp_light(self) -> tuple[Floats, Floats]:
+    def _find_lamp_light(self) -> tuple[_Float32s, Floats]:
         """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
         light = self._light[: self.num_passes]
-        areas, others = np.zeros((len(light), light.shape[1], 3)), np.zeros((light.shape[1], 3))
+        areas = np.zeros((len(light), light.shape[1], 3), dtype=np.float32)
+        others = np.zeros((light.shape[1], 3))
         for number, lamp in enumerate(self._lamps):
             if isinstance(lamp, RectangleLight):
-                areas += light[:, :, number, None] * np.asarray(lamp.intensity)
+                areas += light[:, :, number, None] * np.asarray(lamp.intensity, dtype=np.float32)
             else:
                 strength = lamp.intensity if isinstance(lamp, PointLight) else lamp.irradiance
                 others += light[0, :, number, None] * np.asarray(strength)
@@ -349,7 +363,7 @@ class LightBake:
         inside = np.flatnonzero(frames.patch_of >= 0)
         # The last of each: which one does not matter on a flat surface of one material.
         triangle[frames.patch_of[inside]] = inside
-        albedo = _mean_albedo(scene)[triangle]
+        albedo = self._albedo[triangle]
         emission = np.zeros_like(albedo) if scene.emission is None else scene.emission[triangle]
         return albedo[self._nodes.patch], emission[self._nodes.patch]
 
@@ -369,7 +383,7 @@ class LightBake:
     def _triangle_radiance(self, irradiance: Floats) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
         scene, rows = self._scene, self._rows
-        radiance = _mean_albedo(scene)[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
+        radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
         return radiance if scene.emission is None else radiance + scene.emission[rows]
 
     def _find_sources(self, is_inside: Bools) -> npt.NDArray[np.intp]:
@@ -407,13 +421,15 @@ class LightBake:
         )
         self._device.gather(job)
 
-    def _finish(self, passes: Floats, is_inside: Bools) -> BakedLight:
+    def _finish(self, passes: _Float32s, is_inside: Bools) -> BakedLight:
         """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
         grid, layout = self._grid_at, self._layout
         shape = (*self._is_node.shape, 3)
         mean, variance = np.zeros(shape), np.zeros(shape)
-        mean[self._is_node] = passes.mean(axis=0)
-        variance[self._is_node] = passes.var(axis=0, ddof=1) / len(passes)
+        at_nodes = passes.mean(axis=0, dtype=np.float64)
+        mean[self._is_node] = at_nodes
+        squares = sum(np.square(one - at_nodes) for one in passes)
+        variance[self._is_node] = squares / (len(passes) * (len(passes) - 1))
         known = ~self._is_node
         known[self._is_node] = ~is_inside
         is_wide, is_high = layout.columns >= 4, layout.rows >= 4
@@ -438,12 +454,12 @@ class LightBake:
             error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
         brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), 1e-6)
         values[~self._is_node] = brightest
-        mean_light = np.average(passes.mean(axis=0)[~is_inside], axis=0) if len(passes[0]) else 0.0
+        mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[grid == len(self._frames.origin) - 1] = mean_light
         texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
         error += 0.5 * brightest / OPEN_LIGHT
-        sky = self._mean_sky(passes.mean(axis=0), is_inside)
+        sky = self._mean_sky(at_nodes, is_inside)
         texels = np.ascontiguousarray(texels)
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)

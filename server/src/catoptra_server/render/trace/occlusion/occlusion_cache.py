@@ -96,7 +96,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
             _store_light(cache, key, light)
         return LitWorld(*light.apply(scene, world), note=light.describe())
 
-    return LitWorld(*first.apply(scene, world), first.describe(), stage, refine)
+    return LitWorld(*first.apply(scene, world), "", stage, refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
