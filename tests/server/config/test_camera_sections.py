@@ -110,9 +110,9 @@ def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
     found = read_settings(REAL).settings
     assert [setting.effect.name for setting in found] == [*EFFECT_TYPES]
     modes = {setting.effect.name: setting.mode for setting in found}
-    assert {modes.pop(name) for name in ("AutoExposure", "MirrorHolder", "VeilingGlare")} == {
-        EffectMode.NEVER
-    }
+    assert {
+        modes.pop(name) for name in ("AutoExposure", "MirrorHolder", "VeilingGlare", "Response")
+    } == {EffectMode.NEVER}
     assert set(modes.values()) == {EffectMode.AUTO}
 
 

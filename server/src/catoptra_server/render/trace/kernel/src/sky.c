@@ -51,34 +51,25 @@ static inline void add_texels(Ints16 packed, Floats16 weight, Floats16 sums[3]) 
     }
 }
 
-void find_sky(const Scene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
-    int32_t size = scene->sky_size, stride = size + 2;
-    Floats16 column, row;
-    find_places(rays, (float)size, &column, &row);
+void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
+              float radiance[3][BLOCK_RAYS]) {
+    Ints16 is_open = (load_ints16(hits->object) == OBJECT_NONE) & mask16(rays->active);
+    if (!bits16(is_open))
+        return;
+    int32_t stride = scene->sky_size + 2;
+    Floats16 column, row, sums[3] = {{0}, {0}, {0}};
+    find_places(rays, (float)scene->sky_size, &column, &row);
     Ints16 left = __builtin_convertvector(column, Ints16);
     Ints16 top = __builtin_convertvector(row, Ints16);
     Floats16 right_part = column - __builtin_convertvector(left, Floats16);
     Floats16 lower_part = row - __builtin_convertvector(top, Floats16);
-    Ints16 first = top * stride + left, texels[2][2];
-    for (int below = 0; below < 2; below++)
-        load_pairs(scene->sky + below * stride, first, texels[below]);
-    Floats16 sums[3] = {{0}, {0}, {0}};
-    add_texels(texels[0][0], (1.0f - lower_part) * (1.0f - right_part), sums);
-    add_texels(texels[0][1], (1.0f - lower_part) * right_part, sums);
-    add_texels(texels[1][0], lower_part * (1.0f - right_part), sums);
-    add_texels(texels[1][1], lower_part * right_part, sums);
+    for (int below = 0; below < 2; below++) {
+        Ints16 texels[2];
+        Floats16 part = below ? lower_part : 1.0f - lower_part;
+        load_pairs(scene->sky + below * stride, top * stride + left, texels);
+        add_texels(texels[0], part * (1.0f - right_part), sums);
+        add_texels(texels[1], part * right_part, sums);
+    }
     for (int channel = 0; channel < 3; channel++)
-        store16(sums[channel], radiance[channel]);
-}
-
-void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
-              float radiance[3][BLOCK_RAYS]) {
-    Ints16 is_open = load_ints16(hits->object) == OBJECT_NONE;
-    if (!(bits16(is_open) & rays->active))
-        return;
-    _Alignas(64) float sky[3][BLOCK_RAYS];
-    find_sky(scene, rays, sky);
-    for (int channel = 0; channel < 3; channel++)
-        store16(select16(is_open, load16(sky[channel]), load16(radiance[channel])),
-                radiance[channel]);
+        store16(select16(is_open, sums[channel], load16(radiance[channel])), radiance[channel]);
 }

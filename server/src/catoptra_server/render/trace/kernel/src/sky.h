@@ -4,10 +4,7 @@
 
 #include "ray_block.h"
 
-/* Radiance of the sky along the rays of a block. */
-void find_sky(const Scene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]);
-
-/* The same of the rays that meet nothing; all others are left as they are. */
+/* Radiance of the rays of a block that meet nothing; all others are left as they are. */
 void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
               float radiance[3][BLOCK_RAYS]);
 

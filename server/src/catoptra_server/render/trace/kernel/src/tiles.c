@@ -21,7 +21,6 @@
 #include "plane_light.h"
 #include "ranges.h"
 #include "shading.h"
-#include "sky.h"
 
 #include <math.h>
 #include <string.h>
@@ -754,27 +753,6 @@ static int fill_single_tile(const FrameState *state, int tile, const TileContent
         (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
         return 0;
     fill_fogged_tile(state, tile, content->triangle, light.radiance);
-    return 1;
-}
-
-/* Draw a tile that shows nothing but sky, without a look at what its rays meet; 0 if it may. */
-static int fill_sky_tile(const FrameState *state, int tile, const TileContent *content) {
-    int blocks = state->rays->samples * state->rays->samples;
-    const float nothing[TILE_PX * TILE_PX] = {0};
-    PixelSums sums;
-    if (!state->scene->sky || has_fog(state) || state->is_rolling ||
-        content->triangle != SURFACE_BACKGROUND || !may_fill(state, tile, content))
-        return 0;
-    for (int block = 0; block < blocks; block++) {
-        _Alignas(64) float radiance[3][BLOCK_RAYS];
-        RayBlock rays;
-        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-        find_sky(state->scene, &rays, radiance);
-        add_samples(state, block, rays.active, radiance, &sums);
-    }
-    finish_tile(state, tile, &sums, nothing);
-    if (state->plan)
-        note_plane(state, tile, SURFACE_BACKGROUND);
     return 1;
 }
 
