@@ -27,7 +27,14 @@ from catoptra_server.world.world_description import (
 from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import grey_levels
 from helpers.trace_engines import ENGINES, open_engine
-from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from helpers.worlds import (
+    CAMERA_STATE,
+    make_omni_camera,
+    make_plan,
+    make_smooth_sky,
+    make_test_world,
+    under_sky,
+)
 
 CAMERA = make_omni_camera(width_px=120)
 LAMP = PointLight((0.5, 0.4, -1.5), (0.8, 0.8, 0.7))
@@ -78,6 +85,14 @@ def test_gloss_when_native_is_that_of_the_reference(
     assert (difference > 0.1).mean() < 0.004
     matt = grey_levels(trace("reference", world, replace(STATES[name], has_gloss=False)).image)
     assert np.abs(reference - matt).max() > 20.0
+
+
+def test_gloss_mirrors_the_sky_of_each_direction() -> None:
+    world = under_sky(make_glossy_world(SurfaceGloss(0.3, 0.0)), make_smooth_sky())
+    native, reference = (grey_levels(trace(e, world, GLOSSY).image) for e in ENGINES)
+    difference = np.abs(native - reference).max(axis=-1)
+    # An edge may meet another sample in float32.
+    assert (difference > 0.1).mean() < 0.004
 
 
 def test_mirror_shows_the_room_below_its_floor() -> None:
