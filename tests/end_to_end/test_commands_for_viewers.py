@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+import numpy as np
+
 from catoptra_protocol.stream.replies import CommandRecord, StateReply
 from helpers.configs import FIELD
 from helpers.control_lines import connect_control_lines
@@ -65,3 +67,28 @@ def test_commands_at_their_instants_repeat_a_drive(tmp_path: Path) -> None:
     assert again.commands == state.commands
     assert again.reports == state.reports
     assert again.robots[0].world_from_robot == state.robots[0].world_from_robot
+
+
+def test_ticks_that_a_slow_viewer_gets_have_every_pose_and_reading(tmp_path: Path) -> None:
+    with start_server(tmp_path, *LOCKSTEP) as server, server.connect_stream() as owner:
+        owner.spawn("OmniP2AT", location_m=(0.1, 0.2, 0.0), name="Mine")
+        with server.connect_stream() as viewer:
+            before = viewer.get_state("Mine", ticks_after=0.0)
+            assert not before.ticks
+            owner.drive(1.0, 2.0)
+            owner.step(1.6)
+            state = viewer.get_state("Mine", ticks_after=before.time_s)
+            owner.step(0.1)
+            ended = viewer.get_state("Mine", ticks_after=state.ticks[-1].time_s)
+            assert not viewer.get_state("Mine").ticks
+    assert len(state.ticks) == 64
+    ticks = (*state.ticks, *ended.ticks)
+    times_s = [before.time_s + 0.02 * number for number in range(1, 86)]
+    np.testing.assert_allclose([one.time_s for one in ticks], times_s, atol=1e-9)
+    pose, turned = ended.robots[0].world_from_robot, ticks[0].world_from_robot
+    assert pose == ticks[-1].world_from_robot != turned
+    assert ticks[-1].wheel_speeds_rad_s == (1.0, 2.0)
+    # Those that a step read, too.
+    read = [line for one in ticks for line in one.reports]
+    assert set(ended.reports) <= set(read)
+    assert sum("{Type Odometry}" in line for line in read) > 8

@@ -125,7 +125,7 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
     client.get_landmark_projections()
     client.publish("n", {"pose": [0.0, 0.0, 0.0], "text": "x"})
     client.share_control()
-    client.get_state("R", commands_after=0)
+    client.get_state("R", commands_after=0, ticks_after=0.0)
     client.get_setup()
     client.get_pixel(30.0, 30.0, robot="R", camera=OMNI)
     client.get_frame(robot="R", camera=OMNI, variant=FrameVariant(polygons=16, reference="exact"))

@@ -28,6 +28,7 @@ from catoptra_protocol.stream.replies import (
     StartPosesReply,
     StateReply,
     StatusReply,
+    TickRecord,
 )
 from catoptra_protocol.stream.requests import (
     DriveRequest,
@@ -143,6 +144,7 @@ SAMPLE_REPLIES: list[Reply] = [
         *(9, 1.25, (ROBOT_STATE,), "Mine", ("SEN {Time 1.0}",)),
         (NoteRecord("ekf", 1.0, '{"pose":[1.0,2.0,0.5]}'),),
         (CommandRecord(4, 1.125, "DRIVE {Left 1.5}"),),
+        (TickRecord(1.25, ROBOT_STATE.world_from_robot, (0.5, -0.5), ("SEN {Time 1.0}",)),),
     ),
     SetupReply(11, {"a.ini": "[A]"}, {"a.ini": "5e88", "b.glb": "9f86"}, {"seed": "3"}),
     PixelReply(10, 1.25, 1.5, -0.5, None, "", 0.375),

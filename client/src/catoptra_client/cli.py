@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import dataclasses
 import math
 import secrets
 import signal
@@ -290,7 +291,8 @@ def _publish_topics(words: Sequence[str]) -> int:
         parsed.robot = driver.get_state(robot).robot
         if not parsed.robot:
             raise CatoptraError("there is no such robot: --robot names one, --spawn adds one")
-        plan = _make_recording_plan(parser, parsed)
+        # In each tick: who drives by these topics does not wait for more of them.
+        plan = dataclasses.replace(_make_recording_plan(parser, parsed), state_hz=50.0)
         source = MessageSource(plan, host=parsed.host, stream_port=parsed.stream_port)
         run = partial(run_node, source, driver, parsed.robot, parsed.duration)
         print(_describe_recording(_run_until_interrupt(source, run)))

@@ -108,7 +108,9 @@ def measure_median_px(
             hull = cv2.convexHull(uv.reshape(-1, 1, 2).astype(np.float32))
             moments, (left, top, width, height) = cv2.moments(hull), cv2.boundingRect(hull)
             is_whole = min(left, top) > 4 and left + width + 4 < colour.shape[1]
-            if moments["m00"] < 15.0 or not is_whole or top + height + 4 >= colour.shape[0]:
+            # Of what is small elsewhere, a goal or a beacon behind it is a part.
+            is_large = moments["m00"] >= (15.0 if "omni" in camera.lower() else 100.0)
+            if not (is_large and is_whole and top + height + 4 < colour.shape[0]):
                 continue
             rows, columns = slice(top - 4, top + height + 4), slice(left - 4, left + width + 4)
             # Both colours weigh the same; pixels of the border by what they have of them.

@@ -112,6 +112,12 @@ def test_unmodified_clients_get_what_was_recorded(drive: Path) -> None:
         assert images.get_frame().rgb.shape == (64, 64, 3)
         with pytest.raises(CatoptraError, match="cannot show another frame: it has ended at"):
             list(islice(client.iter_frames(), len(frames)))
+        ticks = client.get_state(ticks_after=1.0).ticks
+        assert 10 < len(ticks) <= 64
+        assert ticks[0].time_s > 1.0
+        for one in ticks:
+            assert states[one.time_s].robots[0].world_from_robot == one.world_from_robot
+        assert any("{Type Odometry}" in line for one in ticks for line in one.reports)
         for reject, reason in (
             (lambda: client.drive(1.0, 1.0), "cannot answer drive"),
             (lambda: client.get_frame(robot="Other"), "cannot show camera '' of 'Other'"),

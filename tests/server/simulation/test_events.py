@@ -44,7 +44,7 @@ WORK: tuple[tuple[ClientWork, list[object]], ...] = (
         PixelRequested(CLIENT, CameraChannel("R", ""), (0.5, 0.5), store),
         [(0.5, Fault(FAULT_REASON))],
     ),
-    (StateRequested(CLIENT, "R", None, store), [(0.5, Fault(FAULT_REASON))]),
+    (StateRequested(CLIENT, "R", None, None, store), [(0.5, Fault(FAULT_REASON))]),
     (NotePublished(CLIENT, Note("ekf", "{}"), store), [(FAULT_REASON,)]),
     (SharedRobotDriven(CLIENT, "R", Drive(1.0, 1.0), store), [(FAULT_REASON,)]),
     (CommandReceived(CLIENT, Drive(1.0, 1.0)), []),

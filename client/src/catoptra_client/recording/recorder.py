@@ -9,9 +9,8 @@ state: states are newer than the frame beside them, and stamps of a topic never 
 
 **Odometry** (REP 105). `odom` to `base_link` is what the odometry says, `map` to `odom` the rest,
 its drift: at each stamp both together are the true pose to the last bit of a double. Odometry is
-read some times a second and has no instant of its own, so `map` to `odom` changes with readings
-whose instant is known, those between two states of consecutive ticks, and at a stand; between two
-readings the true motion continues the last one. Without odometry `odom` is the pose of spawning.
+read some times a second, when `map` to `odom` changes; between two readings the true motion
+continues the last one. Without odometry `odom` is the pose of spawning.
 """
 
 from __future__ import annotations
@@ -80,11 +79,7 @@ from catoptra_protocol.usarsim.reports import (
 
 _QUEUE_S = 2.0
 _PROGRESS_INTERVAL_S = 0.5
-# In intervals of states.
-_STATE_WAIT, _EARLY_WAIT = 0.93, 0.12
-_TICK_S, _LANDMARKS_INTERVAL_S = 0.02, 0.2
-# A reading without a time that stays the same is written again after this time.
-_REPEAT_S = 0.2
+_LANDMARKS_INTERVAL_S = 0.2
 _FRAMES = ("map", "odom", "base_link")
 # Channels of labels that ROS has an image encoding for.
 CHANNEL_ENCODINGS = {"range": "32FC1", "ids": "16UC1"}
@@ -117,8 +112,8 @@ class RecordingPlan:
     """Pictures unwarped from those of an omnidirectional camera: names of `VIEWS`."""
     hz: float = 30.0
     """Most frames a second of the time of day."""
-    state_hz: float = 50.0
-    """Readings and poses a second, likewise."""
+    state_hz: float = 10.0
+    """Requests a second for the ticks since the last one."""
     attachments: Mapping[str, bytes] = dataclasses.field(default_factory=dict)
     """Files to attach, by name."""
 
@@ -205,6 +200,8 @@ class MessageSource:
         self._host, self._port, self._clock = host, stream_port, clock
         self._ended = threading.Event()
         self._queue: deque[tuple[float, Callable[[], None], str]] = deque()
+        # Frames whose states are not all written.
+        self._waiting: deque[tuple[FrameHeader, list[bytes], int]] = deque()
         self._changed = threading.Condition()
         self._dropped: Counter[str] = Counter()
         self._error: CatoptraError | None = None
@@ -214,10 +211,7 @@ class MessageSource:
         self._static_transforms: dict[str, ros.RosMessage] = {}
         self._sensors: dict[str, ros.MountedSensor] = {}
         self._map_from_odom = Pose.identity()
-        self._has_odometry = self._is_lockstep = False
-        # Of the state before: its time, and when each line of it was written.
-        self._state_s = -math.inf
-        self._written_s: dict[str, float] = {}
+        self._has_odometry = self._has_state = False
         self._max_wheel_rad_s = 0.0
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
@@ -262,7 +256,9 @@ class MessageSource:
         on_progress: Callable[[RecordingProgress], None],
     ) -> RecordingProgress:
         self._sink = sink
-        self._write_state(self._write_head(client), time.time_ns())
+        head = self._write_head(client)
+        self._write_state(head, time.time_ns())
+        self._tick_s = head.time_s
         # The head can take seconds, of which none is the drive's.
         start_s = self._clock()
         threads = [threading.Thread(target=self._produce, args=(self._poll_states,))]
@@ -273,6 +269,7 @@ class MessageSource:
                 thread.start()
             self._write_until(start_s, duration_s, on_progress)
             self._drain_queue()
+            self._write_frames(math.inf)
         finally:
             self.stop()
             for thread in threads:
@@ -342,7 +339,7 @@ class MessageSource:
         while not self._ended.is_set():
             header, parts = client.get_encoded_frame(request)
             wall_ns = time.time_ns()
-            self._put("frames", partial(self._write_frame, header, parts, wall_ns))
+            self._put("frames", partial(self._waiting.append, (header, parts, wall_ns)))
             next_s = max(next_s + 1.0 / plan.hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
@@ -358,7 +355,6 @@ class MessageSource:
         return any_camera_from_pairs(tuple(header.camera_model.items()))
 
     def _poll_states(self, client: StreamClient) -> None:
-        interval_s, newest_s = 1.0 / self._plan.state_hz, -1.0
         next_s = landmarks_s = self._clock()
         while not self._ended.is_set():
             if self._plan.camera is not None and self._clock() >= landmarks_s:
@@ -366,16 +362,16 @@ class MessageSource:
                 found = client.get_landmark_projections(self._robot, self._camera)
                 if found:
                     self._put("states", partial(self._write_projections, found, time.time_ns()))
-            state = client.get_state(self._robot, commands_after=self._last_command)
-            wall_ns = time.time_ns()
+            state = client.get_state(
+                self._robot, commands_after=self._last_command, ticks_after=self._tick_s
+            )
             # What found no room is asked for again.
-            if self._put("states", partial(self._write_state, state, wall_ns)) and state.commands:
-                self._last_command = state.commands[-1].number
-            # Requests at the rate of the ticks would drift past them, and miss some: each comes a
-            # little before the tick, and again soon where it came too early.
-            is_early, newest_s = state.time_s == newest_s, state.time_s
-            wait_s = interval_s * (_EARLY_WAIT if is_early else _STATE_WAIT)
-            next_s = max(next_s + wait_s, self._clock())
+            if self._put("states", partial(self._write_states, state, time.time_ns())):
+                if state.commands:
+                    self._last_command = state.commands[-1].number
+                if state.ticks:
+                    self._tick_s = state.ticks[-1].time_s
+            next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
     def _write_head(self, client: StreamClient) -> StateReply:
@@ -389,7 +385,9 @@ class MessageSource:
             if isinstance(camera, OmniCamera) and camera.picture is not self._plan.picture:
                 self._turned_width_px = camera.width_px
             ros.calibration_message(self._camera, camera, {}, self._plan.picture)
-        state, status = client.get_state(self._robot), client.get_status()
+        # The ticks from now on are kept for the first request of them.
+        state, status = client.get_state(self._robot, ticks_after=0.0), client.get_status()
+        state = dataclasses.replace(state, ticks=())
         facts = {"server": status.server, "world": status.world, "clock": status.clock}
         self._sink.add_metadata("catoptra", {"robot": state.robot, **facts})
         setup = client.get_setup()
@@ -410,7 +408,6 @@ class MessageSource:
         self._sink.add_metadata("catoptra_replies", replies)
         now_ns, time_s = time.time_ns(), state.time_s
         self._begin_s = time_s
-        self._is_lockstep = status.clock == "lockstep"
         self._describe_robot(parts, state.time_s)
         markers = ros.landmarks_message(landmarks)
         self._write("/landmarks", "visualization_msgs/MarkerArray", markers, time_s, now_ns, True)
@@ -485,14 +482,40 @@ class MessageSource:
         if ros.nanoseconds_from_s(time_s) > self._last_ns.get("/landmarks/pixels", -1):
             self._write("/landmarks/pixels", "std_msgs/String", text, time_s, wall_ns)
 
-    def _write_state(self, state: StateReply, wall_ns: int) -> None:
-        time_s = state.time_s
+    def _write_frames(self, end_s: float) -> None:
+        """Write the frames that were exposed before a time."""
+        while self._waiting and self._waiting[0][0].time_s < end_s:
+            self._write_frame(*self._waiting.popleft())
+
+    def _write_states(self, state: StateReply, wall_ns: int) -> None:
+        """Write the commands and ticks of a reply."""
+        self._write_commands(state, wall_ns)
+        for tick in state.ticks:
+            robots = tuple(
+                dataclasses.replace(
+                    one,
+                    world_from_robot=tick.world_from_robot,
+                    wheel_speeds_rad_s=tick.wheel_speeds_rad_s,
+                )
+                if one.name == state.robot
+                else one
+                for one in state.robots
+            )
+            then = StateReply(0, tick.time_s, robots, state.robot, tick.reports, state.notes)
+            self._write_state(then, wall_ns)
+
+    def _write_commands(self, state: StateReply, wall_ns: int) -> None:
         for command in state.commands:
             # Those before the recording would be a pause at its begin.
             record = ros.string_message(dataclasses.asdict(command))
             command_s = max(command.time_s, self._begin_s)
             self._write("/catoptra/commands", "std_msgs/String", record, command_s, wall_ns)
             self._write_velocity(command.line, state, command_s, wall_ns)
+
+    def _write_state(self, state: StateReply, wall_ns: int) -> None:
+        """Write a state and its readings, which are of its own tick but for the first state's."""
+        time_s = state.time_s
+        self._write_frames(time_s)
         # Where nothing has moved the same state comes again.
         if ros.nanoseconds_from_s(time_s) <= self._last_ns.get("/ground_truth", -1):
             return
@@ -512,19 +535,14 @@ class MessageSource:
             self._write_base(robot.world_from_robot, time_s, wall_ns)
         speeds = ros.string_message({"wheel_speeds_rad_s": robot.wheel_speeds_rad_s})
         self._write("/catoptra/wheel_speeds", "std_msgs/String", speeds, time_s, wall_ns)
-        is_exact = self._is_lockstep or time_s - self._state_s < 1.5 * _TICK_S
-        is_exact = is_exact or robot.wheel_speeds_rad_s == (0.0, 0.0)
+        is_exact = self._has_state or robot.wheel_speeds_rad_s == (0.0, 0.0)
+        self._has_state = True
         for line in state.reports:
-            # Lines without a time of their own are there until the next ones.
-            if time_s - self._written_s.get(line, -math.inf) >= _REPEAT_S:
-                report = self._write_report(line, time_s, wall_ns)
-                if isinstance(report, OdometryReading) and is_exact:
-                    place = (report.x_m, report.y_m, 0.0)
-                    odom = ros.flu_pose(Pose.from_rpy(place, (0.0, 0.0, report.yaw_rad)))
-                    self._map_from_odom = pose @ odom.inverse()
-                self._written_s[line] = time_s
-        self._written_s = {line: self._written_s[line] for line in state.reports}
-        self._state_s = time_s
+            report = self._write_report(line, time_s, wall_ns)
+            if isinstance(report, OdometryReading) and is_exact:
+                place = (report.x_m, report.y_m, 0.0)
+                odom = ros.flu_pose(Pose.from_rpy(place, (0.0, 0.0, report.yaw_rad)))
+                self._map_from_odom = pose @ odom.inverse()
         for note in state.notes:
             text = json.dumps([note.name, note.time_s, note.text])
             if self._is_new(f"note {note.name}", text):
@@ -566,11 +584,12 @@ class MessageSource:
         self._write("/cmd_vel", "geometry_msgs/Twist", speed, time_s, wall_ns)
 
     def _write_report(self, line: str, time_s: float, wall_ns: int) -> Report | None:
-        report = report_from_message(parse_message(line))
+        message = parse_message(line)
+        report = report_from_message(message)
         found = ros.reading_messages(report, time_s, self._sensors)
         # A reading with a time of its own is there until the next one.
         stamp_s = getattr(report, "time_s", None) or time_s
-        if not found and self._is_new(_name_of_line(line), line):
+        if not found and self._is_new(ros.source_of_message(message), line):
             words = ros.string_message(line)
             self._write("/catoptra/reports", "std_msgs/String", words, time_s, wall_ns)
         for topic, type_name, message_ in found:
@@ -678,9 +697,3 @@ class Recorder(MessageSource):
                 f"{progress.num_messages} messages"
             )
         return progress
-
-
-def _name_of_line(line: str) -> str:
-    """What distinguishes a sensor's lines from those of others."""
-    message = parse_message(line)
-    return f"{message.word} {message.get('Type')} {message.get('Name')}"

@@ -20,6 +20,7 @@ from catoptra_client.recording.mcap_file import (
     decode_message,
     read_entries,
 )
+from catoptra_client.recording.ros2_messages import source_of_message
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.json_object import json_object_from_text
 from catoptra_protocol.limits import MAX_REQUEST_BYTES
@@ -32,12 +33,13 @@ from catoptra_protocol.stream.replies import (
     SetupReply,
     StateReply,
 )
+from catoptra_protocol.usarsim.grammar import parse_message
 
 _MAX_TOPICS = 4096
 _MAX_ATTACHED_BYTES = 2**26
 # Image, labels and views of one frame.
 _MAX_FRAME_BYTES = 2**28
-_MAX_COMMANDS = 2**16
+_MAX_COMMANDS, _MAX_SOURCES = 2**16, 2**10
 # As of stamps; NaN and infinity are no JSON here.
 _MAX_TIME_S = 2.0**31
 # What simulates or shows a recording goes through all of its time.
@@ -88,6 +90,9 @@ class RecordedState:
     """A state as the stream delivered it."""
 
     state: StateReply
+    """With the newest reading of each sensor."""
+    readings: tuple[str, ...]
+    """Those of its own tick."""
     publish_ns: int
 
     @property
@@ -192,6 +197,7 @@ class Recording:
         images: dict[str, RecordedMessage] = {}
         # Those of states that were not recorded, since their robots had not moved, are here too.
         commands: list[CommandRecord] = []
+        newest: dict[str, str] = {}
         time_s: float | None = None
         for entry in read_entries(self.path):
             if not isinstance(entry, RecordedMessage):
@@ -203,9 +209,13 @@ class Recording:
             elif entry.topic == STATE_TOPIC:
                 state = self._parse(self._read_text(entry), StateReply)
                 time_s = self._check_time(state.time_s, time_s)
-                state = replace(state, commands=tuple(commands))
-                commands.clear()
-                yield RecordedState(state, entry.publish_ns)
+                newest |= {source_of_message(parse_message(one)): one for one in state.reports}
+                if len(newest) > _MAX_SOURCES:
+                    raise self.error(f"readings of more than {_MAX_SOURCES} sensors")
+                due = tuple(one for one in commands if one.time_s <= state.time_s)
+                commands = [one for one in commands if one.time_s > state.time_s]
+                whole = replace(state, reports=tuple(newest.values()), commands=due)
+                yield RecordedState(whole, state.reports, entry.publish_ns)
             elif entry.topic == COMMAND_TOPIC:
                 commands.append(self._parse_command(entry))
                 if len(commands) > _MAX_COMMANDS:

@@ -75,6 +75,8 @@ _HEARTBEAT_S = 0.5
 _MAX_UNSENT_BYTES = 2**20
 _MAX_CLIENTS = 256
 _MAX_COMMANDS = 512
+# As a server's.
+_MAX_TICKS, _MAX_LISTED_TICKS = 256, 64
 _SAME_PLACE_M = 0.01
 # As many unread ones fit into a client's queue.
 _MAX_IDLE_HEARTBEATS = 16
@@ -149,6 +151,7 @@ class ReplayServer:
             raise recording.error(f"its state does not list its robot {state.robot[:60]!r}")
         self._state, self._name, self._begin_s = state, state.robot, state.time_s
         self._commands = deque(state.commands, _MAX_COMMANDS)
+        self._ticks: deque[replies.TickRecord] = deque(maxlen=_MAX_TICKS)
         self._aliases: set[str] = set()
         self._clients: dict[bytes, _Client] = {}
         self._controllers: set[asyncio.StreamWriter] = set()
@@ -204,7 +207,7 @@ class ReplayServer:
             if isinstance(event, RecordedFrame):
                 await self._show_frame(event)
             else:
-                self._show_state(event.state)
+                self._show_state(event)
         log.info("the recording has ended at %.2f s", self._state.time_s)
         self._has_ended = True
         async with self._changed:
@@ -223,17 +226,16 @@ class ReplayServer:
             if client.pending is not None:
                 await self._send_frame(identity, client)
 
-    def _show_state(self, state: replies.StateReply) -> None:
-        before, self._state = set(self._state.reports), state
-        self._commands.extend(state.commands)
-        if all(line in before for line in state.reports):
-            return
-        # Lines without a time are as new as the others of their cycle.
-        lines = [line for line in state.reports if line not in before or "{Time " not in line]
+    def _show_state(self, event: RecordedState) -> None:
+        self._state = event.state
+        self._commands.extend(event.state.commands)
+        robot = self._find_robot()
+        place = robot.world_from_robot, robot.wheel_speeds_rad_s
+        self._ticks.append(replies.TickRecord(event.time_s, *place, event.readings))
         for writer in self._controllers:
             is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
-            if is_reading and not writer.is_closing():
-                _write_lines(writer, lines)
+            if event.readings and is_reading and not writer.is_closing():
+                _write_lines(writer, event.readings)
 
     def _end_error(self) -> CatoptraError:
         return _RejectedError(f"show another frame: it has ended at {self._state.time_s:.2f} s")
@@ -330,11 +332,13 @@ class ReplayServer:
                 if robot is not None or camera is not None:
                     raise _RejectedError("project landmarks into a camera")
                 return replace(self._landmarks, id=id_)
-            case requests.GetStateRequest(id_, name, after):
+            case requests.GetStateRequest(id_, name, after, ticks_after):
                 if self._is_own(name):
                     newer = [one for one in self._commands if one.number > (after or 0)]
                     commands = () if after is None else tuple(newer)
-                    return replace(state, id=id_, commands=commands)
+                    late = [one for one in self._ticks if one.time_s > (ticks_after or 0.0)]
+                    ticks = () if ticks_after is None else tuple(late[:_MAX_LISTED_TICKS])
+                    return replace(state, id=id_, commands=commands, ticks=ticks)
                 if any(one.name == name for one in state.robots):
                     raise _RejectedError(f"tell the readings of {name!r}: it has {self._name!r}")
                 return replace(state, id=id_, robot="", reports=(), notes=(), commands=())

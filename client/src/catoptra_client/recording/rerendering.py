@@ -90,7 +90,7 @@ class _Rewriter(MessageSource):
         self._sink = writer
         self._write_head(client)
         self._is_omni = isinstance(self._find_camera(client), OmniCamera)
-        self._begin_s, self._is_lockstep = recording.span_s[0], not recording.is_realtime
+        self._begin_s = recording.span_s[0]
         time_s, num_frames = self._begin_s, 0
         # Readings are of the recorded robot's sensors.
         lines = recording.get_reply(SensorReports).reports
@@ -99,7 +99,8 @@ class _Rewriter(MessageSource):
         writer.add_metadata("catoptra_rerendered", {"from": recording.path.name})
         for event in recording.iter_events():
             if isinstance(event, RecordedState):
-                self._write_state(event.state, event.publish_ns)
+                self._write_commands(event.state, event.publish_ns)
+                self._write_state(replace(event.state, reports=event.readings), event.publish_ns)
                 continue
             # For the random numbers of effects, which follow from the tick.
             while time_s < event.time_s:

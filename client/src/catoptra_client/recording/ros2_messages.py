@@ -31,6 +31,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
+from catoptra_protocol.usarsim.grammar import Message
 from catoptra_protocol.usarsim.readings import (
     GroundTruthReading,
     InsReading,
@@ -375,6 +376,11 @@ def filter_message(time_s: float, note: dict[str, Any]) -> RosMessage | None:
     message = pose_odometry_message(time_s, "map", pose)
     message["pose"]["covariance"] = covariance.ravel().tolist()
     return message
+
+
+def source_of_message(message: Message) -> str:
+    """What distinguishes a sensor's lines from those of others."""
+    return f"{message.word} {message.get('Type')} {message.get('Name')}"
 
 
 def reading_messages(

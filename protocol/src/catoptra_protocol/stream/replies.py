@@ -228,6 +228,20 @@ class CommandRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class TickRecord:
+    """A robot after a tick."""
+
+    time_s: float
+    """Simulation time."""
+    world_from_robot: Transform
+    """True pose."""
+    wheel_speeds_rad_s: tuple[float, float]
+    """As commanded, left and right."""
+    reports: tuple[str, ...]
+    """Readings of this tick, as in SensorReports."""
+
+
+@dataclass(frozen=True, slots=True)
 class StateReply:
     """All robots, and the newest readings and notes of one of them."""
 
@@ -245,6 +259,9 @@ class StateReply:
     notes: tuple[NoteRecord, ...]
     commands: tuple[CommandRecord, ...] = ()
     """Commands to the robot after the requested one, INIT first; at most 64 KiB of them."""
+    ticks: tuple[TickRecord, ...] = ()
+    """Ticks of the robot after the requested one, at most 64. A robot's ticks are kept from the
+    first request for them on, 256 of them."""
 
 
 @dataclass(frozen=True, slots=True)

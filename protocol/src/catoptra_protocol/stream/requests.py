@@ -303,6 +303,8 @@ class GetStateRequest:
     commands_after: int | None = None
     """Number of the last command to the robot that the client knows, 0 before the first; None for
     no commands."""
+    ticks_after: float | None = None
+    """Simulation time of the last tick that the client knows; None for no ticks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -164,6 +164,8 @@ class StateRequested:
     """Exact name; empty for the robot that the image port displays."""
     commands_after: int | None
     """Number of the last known command; None for no commands."""
+    ticks_after: float | None
+    """Time of the last known tick; None for no ticks."""
     reply: Callable[[float, FleetState | Fault], None]
     """Receives the simulation time and the state."""
 

@@ -253,12 +253,14 @@ class Fleet:
             raise RejectedError("this client has no robot")
         robot.publish(note, time_s)
 
-    def get_state(self, name: str, commands_after: int | None = None) -> FleetState:
-        """All robots; readings, notes, and commands after a number of the robot of a name, empty
-        for the displayed one.
+    def get_state(
+        self, name: str, commands_after: int | None = None, ticks_after: float | None = None
+    ) -> FleetState:
+        """All robots; readings, notes, commands after a number and ticks after a time of the robot
+        of a name, empty for the displayed one.
         """
         robot = self.cameras.find_robot(name)
-        return collect_fleet_state(self._robots.values(), robot, commands_after)
+        return collect_fleet_state(self._robots.values(), robot, commands_after, ticks_after)
 
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""

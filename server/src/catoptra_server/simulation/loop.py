@@ -236,8 +236,8 @@ class Simulation:
             case PixelRequested(_, channel, point_px, pixel_reply):
                 view = self._fleet.cameras.look_through_pixel(channel, point_px)
                 pixel_reply(self._time_s, view)
-            case StateRequested(_, robot, commands_after, state_reply):
-                state_reply(self._time_s, self._fleet.get_state(robot, commands_after))
+            case StateRequested(_, robot, commands_after, ticks_after, state_reply):
+                state_reply(self._time_s, self._fleet.get_state(robot, commands_after, ticks_after))
             case NotePublished() | SharedRobotDriven():
                 event.reply(self._attempt(event))
             case _:

@@ -13,6 +13,7 @@ readings, published notes.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -57,6 +58,8 @@ _PublishedNote = tuple[Note, float]
 _LoggedCommand = tuple[int, float, str]
 # Of lines of commands that are kept, and of those that one reply may have.
 _MAX_COMMANDS_BYTES, _MAX_LISTED_BYTES = 2**18, 2**16
+# Ticks that are kept, and those that one reply may have.
+_MAX_TICKS, _MAX_LISTED_TICKS = 256, 64
 
 
 class Robot:
@@ -121,8 +124,10 @@ class Robot:
         # Set by a command whose driver may fall silent.
         self._halt_at_s = math.inf
         self.twist = AT_REST
-        self.commands = CommandLog()
         """Motion in the last tick, slip included, at the chassis origin in world axes."""
+        self.commands = CommandLog()
+        # Only for who asks: a scan has some hundred numbers.
+        self._ticks: deque[TickSnapshot] | None = None
         # One entry a sensor: as many as the robot file lists.
         self._newest_reports: dict[object, Report] = {}
         self._notes: dict[str, _PublishedNote] = {}
@@ -301,13 +306,29 @@ class Robot:
         self, time_s: float, sense: EnvironmentProvider = lambda: EMPTY_ENVIRONMENT
     ) -> list[Report]:
         """Reports of a whole cycle in UT2004's order: sensors, mission packages, STA."""
-        return self._read(range(len(self.sensors) + 1), time_s, sense)
+        return self._log_tick(time_s, self._read(range(len(self.sensors) + 1), time_s, sense))
 
     def read_due(
         self, time_s: float, sense: EnvironmentProvider = lambda: EMPTY_ENVIRONMENT
     ) -> list[Report]:
         """Reports that are due at a time, which is taken off the schedule."""
-        return self._read(self._schedule.pop_due(time_s), time_s, sense)
+        return self._log_tick(time_s, self._read(self._schedule.pop_due(time_s), time_s, sense))
+
+    def _log_tick(self, time_s: float, reports: list[Report]) -> list[Report]:
+        """The reports, which become part of the tick of a time where ticks are kept."""
+        if self._ticks is not None:
+            has_tick = self._ticks and self._ticks[-1].time_s == time_s
+            before = self._ticks.pop().reports if has_tick else ()
+            pose, speeds = self.world_from_robot, self.wheel_speeds_rad_s
+            self._ticks.append(TickSnapshot(time_s, pose, speeds, (*before, *reports)))
+        return reports
+
+    def list_ticks_after(self, time_s: float) -> tuple[TickSnapshot, ...]:
+        """Ticks after a time, as many as a reply may have; they are kept from now on."""
+        if self._ticks is None:
+            self._ticks = deque(maxlen=_MAX_TICKS)
+        newer = (tick for tick in self._ticks if tick.time_s > time_s)
+        return tuple(itertools.islice(newer, _MAX_LISTED_TICKS))
 
     def _read(
         self, indices: Sequence[int], time_s: float, sense: EnvironmentProvider
@@ -358,6 +379,16 @@ class RobotSnapshot:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TickSnapshot:
+    """A robot after a tick, with the reports of this tick."""
+
+    time_s: float
+    world_from_robot: Pose
+    wheel_speeds_rad_s: tuple[float, float]
+    reports: tuple[Report, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FleetState:
     """All robots at one time, and the details of one of them."""
 
@@ -371,12 +402,17 @@ class FleetState:
     """Notes with the simulation times of their arrival."""
     commands: tuple[_LoggedCommand, ...] = ()
     """Commands to it, as far as requested."""
+    ticks: tuple[TickSnapshot, ...] = ()
+    """Its ticks, as far as requested."""
 
 
 def collect_fleet_state(
-    robots: Iterable[Robot], detailed: Robot | None, commands_after: int | None = None
+    robots: Iterable[Robot],
+    detailed: Robot | None,
+    commands_after: int | None = None,
+    ticks_after: float | None = None,
 ) -> FleetState:
-    """State of robots, with readings, notes, and commands after a number of one of them, if any."""
+    """State of robots, with readings, notes, and commands and ticks after some of one, if any."""
     snapshots = tuple(
         RobotSnapshot(
             robot.name,
@@ -393,7 +429,9 @@ def collect_fleet_state(
     if detailed is None:
         return FleetState(snapshots)
     commands = () if commands_after is None else detailed.commands.list_after(commands_after)
-    return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes, commands)
+    ticks = () if ticks_after is None else detailed.list_ticks_after(ticks_after)
+    reports, notes = detailed.newest_reports, detailed.notes
+    return FleetState(snapshots, detailed.name, reports, notes, commands, ticks)
 
 
 class CommandLog:

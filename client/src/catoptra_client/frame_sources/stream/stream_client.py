@@ -315,8 +315,14 @@ class StreamClient:
         """
         self._call(PublishRequest, Ok, name, text_from_note(name, note))
 
-    def get_state(self, robot: str = "", *, commands_after: int | None = None) -> StateReply:
-        """Poses of all robots, and the newest readings, notes and commands of one.
+    def get_state(
+        self,
+        robot: str = "",
+        *,
+        commands_after: int | None = None,
+        ticks_after: float | None = None,
+    ) -> StateReply:
+        """Poses of all robots, and the newest readings, notes, commands and ticks of one.
 
         For viewers: it needs no robot. The readings of this client's own robot, parsed, are those
         of `get_readings`.
@@ -325,8 +331,10 @@ class StreamClient:
             robot: Exact name; empty = the robot that the image port displays.
             commands_after: Number of the last command that is known, 0 before the first; None for
                 no commands.
+            ticks_after: Simulation time of the last tick that is known; None for no ticks. They
+                are kept from the first such request on.
         """
-        return self._call(GetStateRequest, StateReply, robot, commands_after)
+        return self._call(GetStateRequest, StateReply, robot, commands_after, ticks_after)
 
     def get_setup(self) -> SetupReply:
         """What it takes to build the same simulation again."""

@@ -40,6 +40,7 @@ from catoptra_protocol.stream.replies import (
     StartPoseRecord,
     StateReply,
     StatusReply,
+    TickRecord,
 )
 from catoptra_protocol.stream.requests import (
     GetLandmarksRequest,
@@ -438,7 +439,9 @@ def request_state(
     def reply(time_s: float, state: FleetState | Fault) -> None:
         pending.reply_from_thread(partial(_state_reply, request.id, time_s, state, report_lines))
 
-    session.post(StateRequested(session, request.robot, request.commands_after, reply))
+    session.post(
+        StateRequested(session, request.robot, request.commands_after, request.ticks_after, reply)
+    )
 
 
 def _state_reply(
@@ -454,6 +457,15 @@ def _state_reply(
         reports=report_lines.get(state.reports),
         notes=tuple(NoteRecord(note.name, time_s, note.text) for note, time_s in state.notes),
         commands=tuple(CommandRecord(*one) for one in state.commands),
+        ticks=tuple(
+            TickRecord(
+                tick.time_s,
+                transform_from_pose(tick.world_from_robot),
+                tick.wheel_speeds_rad_s,
+                report_lines.get(tick.reports),
+            )
+            for tick in state.ticks
+        ),
     )
 
 
