@@ -99,7 +99,8 @@ browser-test: $(READY) $(TOOLS) ## Drive the live page in headless Chromium; wri
 
 stability: $(READY) $(TOOLS) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html: [UPDATE=yes: docs]
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
-	  tests/protocol/optics/test_elementary.py tests/end_to_end/test_determinism.py tests/end_to_end/test_same_bytes.py -q
+	  tests/protocol/optics/test_elementary.py tests/end_to_end/test_determinism.py tests/end_to_end/test_same_bytes.py \
+	  tests/server/render/trace/occlusion/test_light_bake.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability $(if $(filter yes,$(UPDATE)),--page docs/measured.md)
 

@@ -22,6 +22,10 @@ LAMP = {
     "float64": {"rel": 4e-15, "reason": "a dozen roundings"},
     "float32": {"rel": 4e-6, "reason": "a dozen roundings"},
 }
+BAKED = {
+    "float64": {"rel": 1e-5, "reason": "16 bits, and bounces that are left out"},
+    "float32": {"rel": 1e-5, "reason": "16 bits, and bounces that are left out"},
+}
 KNEE = 0.0031308
 LINEAR = {
     "no light": 0.0,
@@ -83,6 +87,20 @@ def lamp_rows() -> list[dict[str, Any]]:
     ] + [case("within the millimetre", {"height_m": 1e-9}, exact=within, tolerance=LAMP)]
 
 
+def furnace_rows() -> list[dict[str, Any]]:
+    """Cases of baked light: a closed room of one albedo, all of which emits the radiance 1."""
+    albedos = {"black walls": 0.0, "grey walls": 0.5, "white walls": 0.875}
+    return [
+        case(name, {"albedo": albedo}, exact=furnace, tolerance=BAKED)
+        for name, albedo in albedos.items()
+    ]
+
+
+def furnace(albedo: Any) -> Any:
+    """The sum of all bounces: 1 + albedo + albedo^2 and so on."""
+    return 1 / (1 - albedo)
+
+
 def encode(linear: Any) -> Any:
     """IEC 61966-2-1's curve of light clipped to [0, 1]."""
     light = min(max(linear, mpf(0)), mpf(1))
@@ -111,3 +129,4 @@ if __name__ == "__main__":
     write("light", "srgb_from_linear", curve_rows())
     write("light", "sample_sums", sum_rows())
     write("light", "point_irradiance", lamp_rows())
+    write("light", "furnace", furnace_rows())

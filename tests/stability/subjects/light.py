@@ -1,16 +1,21 @@
-"""Light: ends of the sRGB curve, sums of samples in linear light, point lights near and far."""
+"""Light: ends of the sRGB curve, sums of samples, point lights near and far, closed rooms."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.occlusion.light_bake import bake_light
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.reference import reference_engine as ray_batches
 from catoptra_server.world import shading
 from catoptra_server.world import world_description as colour
-from catoptra_server.world.world_description import PointLight
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, PointLight, World
 
 
 def _encode(linear: float) -> Floats:
@@ -34,7 +39,34 @@ def _irradiance(height_m: float) -> float:
     return float(shading.point_irradiance((lamp,), floor, up)[0, 0])
 
 
+def _furnace(albedo: float) -> float:
+    """Baked irradiance in the middle of the floor of a closed room that emits the radiance 1."""
+    material, walls = Material((albedo,) * 3), ((0.0, -2.2), (0.0, 0.2), (-1.2, -1.0), (1.2, -1.0))
+    items = [
+        Item(
+            f"{x} {z}",
+            Box((2.0, 2.0, 0.4) if x == 0.0 else (0.4, 2.0, 2.0)),
+            Pose.from_rpy((x, 0.0, z)),
+            material,
+        )
+        for x, z in walls
+    ]
+    items += [
+        Item(f"end {y}", Box((2.8, 0.4, 2.8)), Pose.from_rpy((0.0, y, -1.0)), material)
+        for y in (-1.2, 1.2)
+    ]
+    world = World("furnace", tuple(items))
+    scene = build_scene(world)
+    scene = replace(scene, emission=np.ones((len(scene), 3)))
+    light = bake_light(scene, world, 2, threads=1)
+    up, at = np.array([[0.0, 0.0, 1.0]]), np.array([[0.1, 0.2, -1.0]])
+    distances, triangles = commit_ray_caster(scene).closest_triangles(at, up)
+    factors = light.occlusion.factors(triangles, at + distances[:, None] * up)
+    return float(light.brightest[0] * factors[0, 0])
+
+
 SUBJECTS = {
+    "furnace": _furnace,
     "srgb_from_linear": _encode,
     "sample_sums": _greys,
     "point_irradiance": _irradiance,

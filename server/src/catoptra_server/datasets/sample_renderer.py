@@ -166,16 +166,25 @@ def _close_labels(labels: LabelRenderer, renderer: TraceRenderer) -> None:
 
 
 def _scale_lights(world: World, factor: float) -> World:
-    """World whose lights are brighter by a factor; luminous surfaces stay as they are."""
-    return replace(world, lights=tuple(_scale_light(light, factor) for light in world.lights))
+    """World whose lights are brighter by a factor; luminous surfaces stay as they are.
+
+    Baked light is brighter by the same factor, which is all that its lamps differ by.
+    """
+    sky = None if world.object_sky is None else _scale_hemisphere(world.object_sky, factor)
+    lights = tuple(_scale_light(light, factor) for light in world.lights)
+    return replace(world, lights=lights, object_sky=sky)
+
+
+def _scale_hemisphere(light: HemisphereLight, factor: float) -> HemisphereLight:
+    return HemisphereLight(
+        _scale(light.up_irradiance, factor), _scale(light.down_irradiance, factor)
+    )
 
 
 def _scale_light(light: Light, factor: float) -> Light:
     match light:
         case HemisphereLight():
-            return HemisphereLight(
-                _scale(light.up_irradiance, factor), _scale(light.down_irradiance, factor)
-            )
+            return _scale_hemisphere(light, factor)
         case DirectionalLight():
             return replace(light, irradiance=_scale(light.irradiance, factor))
         case PointLight():

@@ -81,11 +81,13 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
+_GOLDEN = 0.6180339887
 _MAX_BOUNCES = 48
 # Before the first picture; the rest is that of one factor a bounce.
 _FIRST_BOUNCES = 8
 # Of the brightest node: what further bounces may add together.
 _REMAINDER = 1e-6
+_FINEST = 1e-5
 # Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
 SIGMAS = 3.0
 MAX_CHANGE = 1.0
@@ -256,7 +258,8 @@ class LightBake:
         lengths = np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
         axis_x = frames.side_x / lengths
         axes = np.stack((axis_x, np.cross(frames.normal, axis_x), frames.normal), axis=1)
-        turns = 2.0 * np.pi * np.arange(256) / 256
+        # Off all fractions of the sequence: rays along diagonals would end on the edges of rooms.
+        turns = 2.0 * np.pi * (np.arange(256) + _GOLDEN) / 256
         lamps = (BakeLamp * max(1, len(self._lamps)))(
             *(_lamp_struct(lamp, scene.centre) for lamp in self._lamps)
         )
@@ -307,6 +310,7 @@ class LightBake:
         self._device.bake(self._job)
         self.num_passes += 1
 
+    @np.errstate(under="ignore")  # an underflow is black
     def gather(self) -> BakedLight:
         """Light of the scene after all bounces, from the passes so far; two at least."""
         lit, reflected = self._find_lamp_light()
@@ -321,7 +325,7 @@ class LightBake:
         means = np.zeros((self.num_passes, len(texel), 3), dtype=np.float32)
         irradiance, change = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
         lamp_light = lit.mean(axis=0, dtype=np.float64)
-        ratio = np.zeros(3)
+        ratio = np.full(3, 0.99)
         bounces = _FIRST_BOUNCES if self.num_passes <= FIRST_PASSES else _MAX_BOUNCES
         for _ in range(bounces):
             radiance = albedo * (irradiance + lamp_light + reflected) + emission
@@ -333,10 +337,12 @@ class LightBake:
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
             irradiance = gathered
             largest = np.abs(change).max(axis=0, initial=0.0)
-            # Nothing is known of the ratio before the second bounce.
-            ratio = np.minimum(largest / np.where(before > 0.0, before, 1e-30), 0.99)
-            rest = largest * ratio / (1.0 - ratio)
-            if (rest <= _REMAINDER * (irradiance + lamp_light).max(axis=0, initial=0.0)).all():
+            top = (irradiance + lamp_light).max(axis=0, initial=0.0)
+            # Nothing is known of it before the second bounce, nor of changes near float32's steps.
+            is_known = (before > 0.0) & (largest > _FINEST * top)
+            latest = np.minimum(largest / np.where(is_known, before, 1.0), 0.99)
+            ratio = np.where(is_known, latest, ratio)
+            if (largest * ratio <= _REMAINDER * (1.0 - ratio) * top).all():
                 break
         # What is left falls by one factor a bounce.
         means += lit
