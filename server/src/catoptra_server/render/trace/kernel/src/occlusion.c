@@ -78,6 +78,21 @@ static size_t plane_size(const Occlusion *occlusion) {
     return (size_t)occlusion->width * (size_t)occlusion->height;
 }
 
+static void mix_light(const Occlusion *occlusion, const int32_t node[BLOCK_RAYS],
+                      const float fx[BLOCK_RAYS], const float fy[BLOCK_RAYS],
+                      float factors[3][BLOCK_RAYS]) {
+    _Alignas(64) uint32_t upper[BLOCK_RAYS], lower[BLOCK_RAYS];
+    int32_t width = occlusion->width;
+    for (int channel = 0; channel < 3; channel++) {
+        const uint16_t *plane = occlusion->light + (size_t)channel * plane_size(occlusion);
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            upper[i] = load_shorts(plane + node[i]);
+            lower[i] = load_shorts(plane + node[i] + width);
+        }
+        mix_pairs(upper, lower, 16, fx, fy, factors[channel]);
+    }
+}
+
 void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
                   const float rows[BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
     const Occlusion *occlusion = &scene->occlusion;
@@ -89,28 +104,10 @@ void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOC
     for (int i = 0; i < BLOCK_RAYS; i++)
         node[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]) * width +
                   find_node(columns[i], patch->left, patch->right, &fx[i]);
-    int32_t differs = 0;
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        differs |= node[i] ^ node[0];
-    for (int channel = 0; occlusion->light && channel < 3; channel++) {
-        const uint16_t *plane = occlusion->light + (size_t)channel * plane_size(occlusion);
-        if (!differs) {
-            /* Near a camera, between the same four nodes. */
-            uint32_t first = load_shorts(plane + node[0]);
-            uint32_t second = load_shorts(plane + node[0] + width);
-            for (int i = 0; i < BLOCK_RAYS; i++) {
-                upper[i] = first;
-                lower[i] = second;
-            }
-        }
-        for (int i = 0; differs && i < BLOCK_RAYS; i++) {
-            upper[i] = load_shorts(plane + node[i]);
-            lower[i] = load_shorts(plane + node[i] + width);
-        }
-        mix_pairs(upper, lower, 16, fx, fy, factors[channel]);
-    }
-    if (occlusion->light)
+    if (occlusion->light) {
+        mix_light(occlusion, node, fx, fy, factors);
         return;
+    }
     for (int i = 0; i < BLOCK_RAYS; i++) {
         const uint8_t *texels = occlusion->texels + node[i];
         upper[i] = load_bytes(texels);
