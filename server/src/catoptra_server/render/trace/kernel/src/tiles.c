@@ -768,7 +768,7 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         flow_tile(state, tile);
         return;
     }
-    if (fill_single_tile(state, tile, content) || fill_sky_tile(state, tile, content)) {
+    if (fill_single_tile(state, tile, content)) {
         if (state->frame->labels)
             label_filled_tile(state, tile, content);
         return;
