@@ -36,9 +36,14 @@ MAX_LIMIT_MIB = 2**20
 # A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 590, with
 # colours at its corners 670; texture coordinates add 60.
 BYTES_PER_TRIANGLE = 750
-# Held: three bytes, which both renderers share; trace adds eight of coarser levels, raster four on
-# the device with a third more for those. For one texture at a time: Pillow's pixels, then float32s.
+# Held: three bytes, which both renderers share; trace adds two of coarser levels and six of light,
+# or three of large scenes' bytes; raster four on the device with a third more for coarser levels.
+# For one texture at a time: Pillow's pixels, then float32s.
 BYTES_PER_TEXEL = 11
+LARGE_SCENE_BYTES_PER_TEXEL = 9
+# Above this, images of a scene stay bytes where trace looks texels up, which takes twice the time:
+# sixteen of 1024 px cost 48 MiB more as light; 87 would take all of the default limit.
+MAX_LIGHT_TEXELS = 16 * 2**20
 PEAK_BYTES_PER_TEXEL = 24
 
 # Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.

@@ -39,6 +39,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import (
     BYTES_PER_TEXEL,
+    LARGE_SCENE_BYTES_PER_TEXEL,
+    MAX_LIGHT_TEXELS,
     PEAK_BYTES_PER_TEXEL,
     MemoryBudget,
     count_processors,
@@ -70,6 +72,7 @@ class TextureReader:
         """
         self.memory = memory or MemoryBudget()
         self.has_texels = has_texels
+        self._light_texels_left = MAX_LIGHT_TEXELS
         self._textures: dict[tuple[Path | bytes, bool], Texture] = {}
         self._decoding: dict[int, futures.Future[None]] = {}
         self._busy: list[futures.Future[None]] = []
@@ -90,7 +93,7 @@ class TextureReader:
         key = name.encode(), False
         if key not in self._textures:
             size = SIDE_PX if self.has_texels else 1
-            self._reserve(self.memory, BYTES_PER_TEXEL, size, size, SourceLocation(name))
+            self._reserve_held(size, size, SourceLocation(name))
             self._textures[key] = load_named_texture(name) if self.has_texels else _make_white(3)
         return self._textures[key]
 
@@ -118,8 +121,9 @@ class TextureReader:
         if key not in self._textures:
             image = _open_image(data, where)
             width, height = image.size
-            self._reserve(self.memory.for_reading(), PEAK_BYTES_PER_TEXEL, width, height, where)
-            self._reserve(self.memory, BYTES_PER_TEXEL, width, height, where)
+            peak = PEAK_BYTES_PER_TEXEL * width * height
+            self._reserve(self.memory.for_reading(), peak, width, height, where)
+            self._reserve_held(width, height, where)
             channels = 4 if has_opacity and not image.mode.startswith("I") else 3
             if not self.has_texels:
                 return self._textures.setdefault(key, _make_white(channels))
@@ -133,12 +137,20 @@ class TextureReader:
             self._decoding[id(texture)] = decoding
         return self._textures[key]
 
+    def _reserve_held(self, width: int, height: int, where: SourceLocation) -> None:
+        """Count an image: the first texels as light, those of a large scene are counted more."""
+        light = min(width * height, self._light_texels_left)
+        self._light_texels_left -= light
+        num_bytes = BYTES_PER_TEXEL * light
+        num_bytes += LARGE_SCENE_BYTES_PER_TEXEL * (width * height - light)
+        self._reserve(self.memory, num_bytes, width, height, where)
+
     @staticmethod
     def _reserve(
         memory: MemoryBudget, num_bytes: int, width: int, height: int, where: SourceLocation
     ) -> None:
         memory.reserve(
-            num_bytes * width * height,
+            num_bytes,
             where=where,
             key="Texture",
             value=f"{width} x {height} px",

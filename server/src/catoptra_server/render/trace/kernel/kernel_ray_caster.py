@@ -18,7 +18,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
     corner_arrays,
     hole_arrays,
-    texture_array,
+    hole_textures,
 )
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
@@ -98,10 +98,7 @@ class KernelMeshCaster:
             caster = cls(scene.corners, scene.centre, committed=committed)
             release_freed_memory()
             return caster
-        # Holes are those of the images themselves, where these have an opacity.
-        textures = texture_array(
-            scene, lambda image: (image if image.shape[-1] == 4 else image[:1, :1],)
-        )
+        textures = hole_textures(scene)
         holes = hole_arrays(scene, scene.centre, textures.struct)
         arrays = OwningStruct(holes.struct, (*holes.owners, textures))
         return cls(scene.corners, scene.centre, arrays=arrays)

@@ -39,7 +39,11 @@ class MeshArrays(ctypes.Structure):
 class TextureLevelStruct(ctypes.Structure):
     """Texels of an image, or of a coarser level."""
 
-    _fields_: ClassVar[Fields] = [("width", c_int32), ("height", c_int32), ("texels", c_void_p)]
+    _fields_: ClassVar[Fields] = [
+        ("width", c_int32),
+        ("height", c_int32),
+        *_addresses("texels", "light"),
+    ]
 
 
 class TextureStruct(ctypes.Structure):

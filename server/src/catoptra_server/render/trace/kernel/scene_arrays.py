@@ -1,8 +1,9 @@
 """Scenes and objects as the kernel's structures, with the arrays that these point into.
 
-An image is read where the scene holds it, in bytes: 3 a texel. Coarser levels, 2 bytes more, are
-16-bit linear light; they have a border, the level repeated by one texel on every side, so that a
-bilinear look-up never leaves the array. Twin: `world/textures.py:sample_levels`.
+Levels of textures, 6 bytes a texel of the image and 2 of the coarser ones, are 16-bit linear light;
+images of large scenes are sRGB bytes, 3 a texel. Each has a border, the level repeated by one texel
+on every side, so that a bilinear look-up never leaves the array. Twin:
+`world/textures.py:sample_levels`.
 
 The kernel proves for parts of an image that one flat surface fills all (`src/coverage.h`); it finds
 the surfaces by sorting edges, a million triangles in the time of their hierarchy.
@@ -47,7 +48,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.library import KernelDevice
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import MAX_LIGHT_TEXELS, count_processors
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
@@ -271,8 +272,11 @@ def texture_array(
 ) -> OwningStruct:
     """Textures of a scene at their levels; an image that is sampled in two ways is there once."""
     images = {id(image): image for image in scene.textures}
+    light = np.rint(_MAX_TEXEL * light_of_bytes())
+    num_texels = sum(image.shape[0] * image.shape[1] for image in images.values())
+    table = light if num_texels > MAX_LIGHT_TEXELS else None
     with ThreadPoolExecutor(count_processors()) as pool:
-        levels = pool.map(lambda image: _texture_levels(find_levels(image)), images.values())
+        levels = pool.map(lambda image: _texture_levels(find_levels(image), table), images.values())
         owned = dict(zip(images, levels, strict=True))
     structs = [
         TextureStruct(
@@ -283,8 +287,13 @@ def texture_array(
         )
         for image, sampling in zip(scene.textures, scene.samplings, strict=True)
     ]
-    owners = tuple(owned.values())
+    owners = (*owned.values(), light)
     return OwningStruct((TextureStruct * max(1, len(structs)))(*structs), owners)
+
+
+def hole_textures(scene: SceneMesh) -> OwningStruct:
+    """Textures of a scene for its holes: only images that have an opacity."""
+    return texture_array(scene, lambda image: (image if image.shape[-1] == 4 else image[:1, :1],))
 
 
 def _sampling_bits(sampling: TextureSampling) -> int:
@@ -292,13 +301,15 @@ def _sampling_bits(sampling: TextureSampling) -> int:
     return SAMPLE_CLAMP_U * sampling.clamps_u + SAMPLE_CLAMP_V * sampling.clamps_v + nearest
 
 
-def _texture_levels(levels: Levels) -> OwningStruct:
-    """The levels of one texture."""
-    texels = (_pad_texels(_decode_image(levels[0])), *map(_pad_texels, levels[1:]))
+def _texture_levels(levels: Levels, table: npt.NDArray[np.float32] | None) -> OwningStruct:
+    """The levels of one texture; with a table the image's bytes are kept."""
+    image = levels[0] if table is not None else _decode_image(levels[0])
+    texels = (_pad_texels(image), *map(_pad_texels, levels[1:]))
     structs = [
         TextureLevelStruct(level.shape[1], level.shape[0], owned.ctypes.data)
         for level, owned in zip(levels, texels, strict=True)
     ]
+    structs[0].light = _address(table)
     return OwningStruct((TextureLevelStruct * len(structs))(*structs), texels)
 
 
@@ -309,17 +320,19 @@ def _decode_image(image: Texture) -> npt.NDArray[np.uint16]:
     return light
 
 
-def _pad_texels(linear: npt.NDArray[np.float32] | npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
-    """(h + 2, w + 2, c) texels of (h, w, c) linear light and opacity; 16 bits are kept."""
-    height, width, channels = linear.shape
+def _pad_texels(level: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(h + 2, w + 2, c) texels of a (h, w, c) level: uint16 of float32, else as they are."""
+    height, width, channels = level.shape
+    is_float = level.dtype == np.float32
     # One number more: the kernel reads four at once.
-    buffer = np.zeros((height + 2) * (width + 2) * channels + 1, dtype=np.uint16)
+    size = (height + 2) * (width + 2) * channels + 1
+    buffer = np.zeros(size, dtype=np.uint16 if is_float else level.dtype)
     texels = buffer[:-1].reshape(height + 2, width + 2, channels)
     inner = texels[1:-1, 1:-1]
-    if linear.dtype == np.uint16:
-        inner[...] = linear
+    if is_float:
+        np.rint(_MAX_TEXEL * level, out=inner, casting="unsafe")
     else:
-        np.rint(_MAX_TEXEL * linear, out=inner, casting="unsafe")
+        inner[...] = level
     texels[0], texels[-1] = texels[-2], texels[1]
     texels[:, 0], texels[:, -1] = texels[:, -2], texels[:, 1]
     return texels

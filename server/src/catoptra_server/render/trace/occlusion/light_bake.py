@@ -39,8 +39,8 @@ from catoptra_server.render.trace.kernel.library import KernelDevice, choose_ins
 from catoptra_server.render.trace.kernel.scene_arrays import (
     OwningStruct,
     hole_arrays,
+    hole_textures,
     patch_structs,
-    texture_array,
 )
 from catoptra_server.render.trace.occlusion.baking import (
     SurfaceFrames,
@@ -245,7 +245,7 @@ class LightBake:
     def _make_job(self) -> BakeJob:
         """All of a pass that no pass changes."""
         scene, frames = self._scene, self._frames
-        textures = texture_array(scene) if scene.coverage is not None else None
+        textures = hole_textures(scene) if scene.coverage is not None else None
         shines = scene.unlit if scene.emission is None else scene.unlit | scene.emission.any(axis=1)
         rows = scene.casts_shadows | shines
         self._rows = np.flatnonzero(rows)

@@ -87,17 +87,15 @@ static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BL
 static void place_alike(const Texture *texture, const TextureLevel *level,
                         const TexturePoints *points, TexelSquares *squares) {
     _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
-    int32_t stride = texture->channels * (level->width + 2);
+    int32_t size = texel_size(texture, level), stride = size * (level->width + 2);
     store_ints16((Ints16){0} + level->width, width);
     store_ints16((Ints16){0} + level->height, height);
     store_ints16((Ints16){0} + stride, squares->stride);
-    store_ints16((Ints16){0} + texture->channels, squares->channels);
+    store_ints16((Ints16){0} + size, squares->size);
     find_texels(width, height, points->u, points->v, column, row, squares);
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        squares->upper[lane] =
-            level->texels + (ptrdiff_t)stride * row[lane] + texture->channels * column[lane];
-        __builtin_prefetch(squares->upper[lane]);
-        __builtin_prefetch(squares->upper[lane] + stride);
+        squares->upper[lane] = place_texels(level, size, stride, column[lane], row[lane]);
+        squares->light[lane] = level->light;
     }
 }
 
@@ -122,18 +120,17 @@ static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAY
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         const Texture *texture = texture_of(from, lane);
-        const uint16_t *texels = texture->levels[level[lane]].texels;
-        int32_t channels = texture->channels, stride = channels * (width[lane] + 2);
-        squares->stride[lane] = stride, squares->channels[lane] = channels;
-        squares->upper[lane] = texels + (ptrdiff_t)stride * row[lane] + channels * column[lane];
-        __builtin_prefetch(squares->upper[lane]);
-        __builtin_prefetch(squares->upper[lane] + stride);
+        const TextureLevel *texels = texture->levels + level[lane];
+        int32_t size = texel_size(texture, texels), stride = size * (width[lane] + 2);
+        squares->stride[lane] = stride, squares->size[lane] = size;
+        squares->upper[lane] = place_texels(texels, size, stride, column[lane], row[lane]);
+        squares->light[lane] = texels->light;
     }
 }
 
 static Texel mix_lane(const TexelSquares *squares, int lane) {
-    TexelSquare square = {squares->upper[lane], squares->stride[lane], squares->channels[lane],
-                          squares->fx[lane], squares->fy[lane]};
+    TexelSquare square = {squares->upper[lane], squares->light[lane], squares->stride[lane],
+                          squares->size[lane],  squares->fx[lane],    squares->fy[lane]};
     return mix_texels(&square);
 }
 

@@ -7,8 +7,9 @@
 
 /* Texels around a block's points, by component. */
 typedef struct {
-    const uint16_t *upper[BLOCK_RAYS];
-    _Alignas(64) int32_t stride[BLOCK_RAYS], channels[BLOCK_RAYS];
+    const uint8_t *upper[BLOCK_RAYS];
+    const float *light[BLOCK_RAYS];
+    _Alignas(64) int32_t stride[BLOCK_RAYS], size[BLOCK_RAYS];
     float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
 } TexelSquares;
 

@@ -46,12 +46,13 @@ typedef struct Device Device;
 typedef struct Mesh Mesh;
 typedef struct View View;
 
-/* The image or a coarser level: linear light as uint16, 65535 = white,
+/* The image or a coarser level: linear light as uint16, 65535 = white, or the image's sRGB bytes;
  * (height + 2, width + 2, channels), with a border of one texel repeated from the other side, and
- * two readable bytes behind the last. */
+ * one readable number behind the last. */
 typedef struct {
     int32_t width, height; /* without border */
-    const uint16_t *texels;
+    const void *texels;
+    const float *light; /* (256,) linear light of sRGB bytes, 65535 = white; NULL for uint16 */
 } TextureLevel;
 
 enum { SAMPLE_CLAMP_U = 1, SAMPLE_CLAMP_V = 2, SAMPLE_NEAREST = 4 };

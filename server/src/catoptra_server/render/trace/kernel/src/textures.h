@@ -1,8 +1,8 @@
 /* Bilinear look-up in linear light. Float64 twin: world/shading.py:sample_texture.
  *
  * Texels are 16-bit linear light: a step is a 40th of a grey level where the sRGB curve is
- * steepest. The image's own bytes and a table take half the memory, and twice the time. In a
- * header, for most of a textured frame's time is spent here.
+ * steepest. Bytes and a table of the same light take half the memory and twice the time: those of
+ * large scenes' images. In a header, for most of a textured frame's time is spent here.
  */
 #ifndef CATOPTRA_TEXTURES_H
 #define CATOPTRA_TEXTURES_H
@@ -18,8 +18,9 @@
 
 /* The four texels around a point, and the point between them. */
 typedef struct {
-    const uint16_t *upper;    /* left texel of the upper row */
-    int32_t stride, channels; /* numbers of a row and of a texel */
+    const uint8_t *upper;  /* left texel of the upper row */
+    const float *light;    /* of the level */
+    int32_t stride, size;  /* bytes of a row and of a texel */
     float fx, fy;
 } TexelSquare;
 
@@ -34,15 +35,20 @@ static inline int32_t find_texel(float coordinate, int32_t size, float *fraction
     return texel;
 }
 
-/* Texels around a column and a row as by `find_texel`, requested from memory; `square` has the
- * point between them. The texture repeats. */
-static inline void place_texels(const Texture *texture, const TextureLevel *level, int32_t column,
-                                int32_t row, TexelSquare *square) {
-    square->channels = texture->channels;
-    square->stride = square->channels * (level->width + 2);
-    square->upper = level->texels + (ptrdiff_t)square->stride * row + square->channels * column;
-    __builtin_prefetch(square->upper);
-    __builtin_prefetch(square->upper + square->stride);
+/* Bytes of a texel. */
+static inline int32_t texel_size(const Texture *texture, const TextureLevel *level) {
+    return texture->channels * (level->light ? 1 : (int32_t)sizeof(uint16_t));
+}
+
+/* The left upper one of the texels around a column and a row as by `find_texel`, of rows of
+ * `stride` bytes. All are requested from memory. The texture repeats. */
+static inline const uint8_t *place_texels(const TextureLevel *level, int32_t size, int32_t stride,
+                                          int32_t column, int32_t row) {
+    const uint8_t *upper =
+        (const uint8_t *)level->texels + (ptrdiff_t)stride * row + size * column;
+    __builtin_prefetch(upper);
+    __builtin_prefetch(upper + stride);
+    return upper;
 }
 
 /* A coordinate between the centres of the first and of the last texel. */
@@ -72,10 +78,12 @@ static inline TexelSquare sample_texels(const Texture *texture, int32_t level, f
                                         int is_image) {
     if (__builtin_expect(texture->sampling, 0))
         adjust_coordinates(texture, level, is_image, &u, &v);
-    TexelSquare square;
-    int32_t column = find_texel(u, texture->levels[level].width, &square.fx);
-    int32_t row = find_texel(v, texture->levels[level].height, &square.fy);
-    place_texels(texture, texture->levels + level, column, row, &square);
+    const TextureLevel *texels = texture->levels + level;
+    int32_t size = texel_size(texture, texels);
+    TexelSquare square = {.light = texels->light, .stride = size * (texels->width + 2), .size = size};
+    int32_t column = find_texel(u, texels->width, &square.fx);
+    int32_t row = find_texel(v, texels->height, &square.fy);
+    square.upper = place_texels(texels, size, square.stride, column, row);
     return square;
 }
 
@@ -84,7 +92,11 @@ typedef uint16_t TexelBits __attribute__((vector_size(16)));
 
 /* Texels of both rows, one above the other; with the next texel's red in place of an opacity that
  * is not there. */
-static inline Floats8 load_texels(const uint16_t *upper, const uint16_t *lower) {
+static inline Floats8 load_texels(const float *light, const uint8_t *upper, const uint8_t *lower) {
+    /* 257 times a byte is the same part of 65535. */
+    if (__builtin_expect(light != NULL, 0))
+        return (Floats8){light[upper[0]], light[upper[1]], light[upper[2]], 257.0f * (float)upper[3],
+                         light[lower[0]], light[lower[1]], light[lower[2]], 257.0f * (float)lower[3]};
     uint64_t pair[2];
     TexelBits bits;
     __builtin_memcpy(pair, upper, sizeof *pair);
@@ -96,9 +108,9 @@ static inline Floats8 load_texels(const uint16_t *upper, const uint16_t *lower) 
 /* Linear colour, and opacity of four channels, at the point. a + f (b - a) is exact for equal
  * texels. */
 static inline Texel mix_texels(const TexelSquare *square) {
-    const uint16_t *upper = square->upper, *lower = upper + square->stride;
-    Floats8 left = load_texels(upper, lower);
-    Floats8 right = load_texels(upper + square->channels, lower + square->channels);
+    const uint8_t *upper = square->upper, *lower = upper + square->stride;
+    Floats8 left = load_texels(square->light, upper, lower);
+    Floats8 right = load_texels(square->light, upper + square->size, lower + square->size);
     Floats8 rows = left + square->fx * (right - left);
     Texel above = __builtin_shufflevector(rows, rows, 0, 1, 2, 3);
     Texel below = __builtin_shufflevector(rows, rows, 4, 5, 6, 7);
