@@ -9,6 +9,7 @@ importer. Run with
 
 from __future__ import annotations
 
+import os
 import resource
 import sys
 import tempfile
@@ -19,8 +20,10 @@ import numpy as np
 
 from catoptra_server.config.sdf_world import import_sdf
 from catoptra_server.config.world_file import read_world
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.gazebo_house import write_house
+from helpers.memory import resident_mb
 
 _NUM_MODELS, _NUM_PLACEMENTS, _NUM_SEGMENTS, _NUM_TEXTURES = 69, 113, 162, 87
 
@@ -54,6 +57,11 @@ def main() -> None:
             for point in placement.vertices[:: max(len(placement.vertices) // 32, 1)]:
                 gap_m = float(np.linalg.norm(corners - point, axis=1).min())
                 worst_m = max(worst_m, gap_m)
+        begin_s = time.process_time()
+        engine = KernelEngine(scene, world, threads=1, scene_lights=world.lights)
+        mib = resident_mb(os.getpid())
+        print(f"trace: {time.process_time() - begin_s:.2f} s, resident memory {mib:.0f} MiB")
+        engine.close()
         print(f"placements: {len(placements)}, largest distance {1000.0 * worst_m:.6f} mm")
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(f"peak memory {peak / 1024:.0f} MiB")

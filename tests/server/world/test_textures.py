@@ -14,7 +14,12 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.runtime.memory import BYTES_PER_TEXEL, PEAK_BYTES_PER_TEXEL, MemoryBudget
+from catoptra_server.runtime.memory import (
+    BYTES_PER_TEXEL,
+    BYTES_PER_TRIANGLE,
+    PEAK_BYTES_PER_TEXEL,
+    MemoryBudget,
+)
 from catoptra_server.world.shading import sample_texture
 from catoptra_server.world.textures import (
     MAX_STRETCH,
@@ -198,6 +203,17 @@ def test_textures_count_together(tmp_path: Path) -> None:
         textures.load(tmp_path / "1.png")
         with pytest.raises(ConfigError, match=r"'300 x 302 px'.*3 MiB"):
             textures.load(tmp_path / "2.png")
+
+
+def test_textures_of_a_large_house_fit_beside_its_triangles() -> None:
+    with TextureReader(has_texels=False) as textures:
+        for number in range(87):
+            image = make_announcing_png(1024, 1024) + bytes([number])
+            textures.decode(image, SourceLocation("house"))
+        house = 146_448 * BYTES_PER_TRIANGLE
+        textures.memory.reserve(
+            house, where=SourceLocation("house"), key="Mesh", value="", remedy=""
+        )
 
 
 def test_texture_that_is_decoded_in_more_memory_than_there_is_is_rejected(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.labels import RaySource, build_label_rays
+from catoptra_server.render.trace.kernel import scene_arrays
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import (
@@ -25,6 +26,7 @@ from catoptra_server.render.trace.trace_engine import (
     TraceRequest,
 )
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
@@ -103,6 +105,22 @@ def assert_same(expected: Arrays, found: Arrays) -> None:
     """Compare all outputs of two engines, byte by byte."""
     for array, other in zip(expected, found, strict=True):
         np.testing.assert_array_equal(array, other)
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_images_held_as_bytes_and_as_light_give_the_same_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, channels: int
+) -> None:
+    world, exposure = make_cases(tmp_path)["shadows"]
+    image = np.random.default_rng(1).integers(0, 256, (7, 9, channels), dtype=np.uint8)
+    scene = replace(build_scene(world), textures=(image,))
+    if channels == 4:
+        holes = np.where(scene.texture_index >= 0, 2.0, np.inf)
+        scene = replace(scene, coverage=holes[:, None].repeat(3, axis=1))
+    table = make_table(exposure, samples=2)
+    light = render_all((world, exposure), table, scene=scene)
+    monkeypatch.setattr(scene_arrays, "MAX_LIGHT_TEXELS", 7 * 9 - 1)
+    assert_same(light, render_all((world, exposure), table, scene=scene))
 
 
 @pytest.mark.parametrize("samples", [1, 2, 4])

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.kernel import scene_arrays as texture_arrays
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
     FACET_TEXTURED,
@@ -190,8 +191,17 @@ def test_textures_have_their_size_without_border(textured: SceneMesh) -> None:
     )
 
 
-def test_image_is_held_once_for_all_its_samplings(textured: SceneMesh) -> None:
+# Six bytes a texel of a small scene, three of a large one; two of coarser levels; borders.
+@pytest.mark.parametrize(("is_large", "max_bytes_per_texel"), [(False, 8.9), (True, 5.6)])
+def test_image_is_held_once_for_all_its_samplings(
+    textured: SceneMesh,
+    monkeypatch: pytest.MonkeyPatch,
+    is_large: bool,
+    max_bytes_per_texel: float,
+) -> None:
     image = textured.textures[0]
+    num_texels = image.shape[0] * image.shape[1]
+    monkeypatch.setattr(texture_arrays, "MAX_LIGHT_TEXELS", num_texels - is_large)
     samplings = (REPEATED, TextureSampling(clamps_u=True))
     owned = texture_array(replace(textured, textures=(image, image), samplings=samplings))
     first, second = owned.struct
@@ -200,8 +210,7 @@ def test_image_is_held_once_for_all_its_samplings(textured: SceneMesh) -> None:
     levels = owned.owners[0]
     assert isinstance(levels, OwningStruct)
     held = sum(one.nbytes for one in levels.owners if isinstance(one, np.ndarray))
-    # Six bytes a texel, two of coarser levels, and their borders.
-    assert held < 8.9 * image.shape[0] * image.shape[1]
+    assert held < max_bytes_per_texel * num_texels
 
 
 def test_rays_of_sensors_have_the_images_alone(textured: SceneMesh) -> None:
