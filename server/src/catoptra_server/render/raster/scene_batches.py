@@ -574,7 +574,7 @@ class DynamicObjectBuffer:
         per_corner = np.broadcast_to(
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
-        columns = [split_positions(positions), per_corner]
+        columns: list[Floats] = [split_positions(positions), per_corner]
         if self._is_bent:
             at_corners = _bent_normals(dynamic_object)[triangles]
             columns.append(at_corners if weights is None else weights @ at_corners)
