@@ -169,7 +169,8 @@ def build_object_mesh(
         bent=bent,
     )
     shared = (mesh.corners, mesh.normals, mesh.albedo, mesh.unlit, mesh.centre, mesh.half_size_m)
-    for array in shared:
+    smooth = () if at_corners is None or bent is None else (at_corners, bent)
+    for array in (*shared, *smooth):
         # Shared by all objects of a class and by caches that are keyed by the mesh.
         array.setflags(write=False)
     return mesh

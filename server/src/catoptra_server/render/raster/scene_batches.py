@@ -574,11 +574,11 @@ class DynamicObjectBuffer:
         per_corner = np.broadcast_to(
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
-        columns: list[Floats] = [split_positions(positions), per_corner]
+        vertices: Floats = np.concatenate((split_positions(positions), per_corner), axis=-1)
         if self._is_bent:
-            at_corners = _bent_normals(dynamic_object)[triangles]
-            columns.append(at_corners if weights is None else weights @ at_corners)
-        vertices: Floats = np.concatenate(columns, axis=-1)
+            bent = _bent_normals(dynamic_object)[triangles]
+            bent = bent if weights is None else weights @ bent
+            vertices = np.concatenate((vertices, bent), axis=-1)
         return vertices.reshape(-1, vertices.shape[-1])
 
     def _split(
