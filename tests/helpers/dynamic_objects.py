@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.simulation.spawning import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.world import shapes as primitives
@@ -13,11 +15,16 @@ P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
 ROBOT_MESH = build_robot_mesh(
     P2AT, OmniCameraTower(make_omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543)))
 )
+SMOOTH_ROBOT_MESH = build_robot_mesh(
+    replace(P2AT, is_smooth=True),
+    OmniCameraTower(make_omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543))),
+)
 # One ahead of helpers.worlds.CAMERA_STATE before the wall, one behind, partly behind the crate.
 TWO_ROBOTS = (
     DynamicObject(ROBOT_MESH, Pose.from_rpy((0.85, 0.4, -0.1457), (0.0, 0.0, 0.8))),
     DynamicObject(ROBOT_MESH, Pose.from_rpy((-1.4, -1.2, -0.1457), (0.0, 0.0, 2.0))),
 )
+SMOOTH_ROBOTS = tuple(replace(robot, mesh=SMOOTH_ROBOT_MESH) for robot in TWO_ROBOTS)
 
 
 def build_cube_mesh(size_m: float, rgb: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> ObjectMesh:

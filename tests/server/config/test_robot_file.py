@@ -14,6 +14,7 @@ from catoptra_server.config.robot_file import find_unserved_robots, read_robot, 
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
+from catoptra_server.simulation.spawning import build_carrier_mesh
 from helpers.configs import OMNI_ROBOT, ROBOTS
 
 BARE = """\
@@ -66,6 +67,17 @@ def test_p2at_when_read_has_its_sensors_in_order() -> None:
 def test_robot_when_it_has_no_omni_camera_stands_on_its_own(tmp_path: Path) -> None:
     robot, _ = read_robot(write_file(tmp_path, BARE))
     assert (robot.omni_camera, robot.sensors, robot.max_viewpoint_height_m) == (None, (), 0.0)
+
+
+@pytest.mark.parametrize("is_smooth", [False, True])
+def test_robot_when_its_shading_is_smooth_has_normals_at_its_wheels(
+    tmp_path: Path, is_smooth: bool
+) -> None:
+    robot, _ = read_robot(write_file(tmp_path, BARE + "SmoothShading=true\n" * is_smooth))
+    mesh = build_carrier_mesh(robot)
+    # Of 24 triangles of two boxes, and four wheels' 40 of walls and 40 of ends.
+    assert (0 if mesh.bent is None else mesh.bent.sum()) == 160 * is_smooth
+    assert (mesh.corner_normals is not None) == is_smooth
 
 
 def test_robot_when_several_sections_are_there_is_the_first_that_steers(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Light, Material, World
-from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
+from helpers.dynamic_objects import ROBOT_MESH, SMOOTH_ROBOTS, TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
 from helpers.worlds import (
@@ -67,13 +67,16 @@ def green_wall(x: float) -> Item:
     return Item("wall", shape, Pose.from_rpy((x, 0, 0)), Material((0, 1, 0), unlit=True))
 
 
+@pytest.mark.parametrize("robots", [TWO_ROBOTS, SMOOTH_ROBOTS])
 @pytest.mark.parametrize(
     "lights",
     [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)],
 )
-def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[Light, ...]) -> None:
+def test_raster_shows_two_robots_as_trace_does(
+    device: GlDevice, lights: tuple[Light, ...], robots: tuple[DynamicObject, ...]
+) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
-    camera_state = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
+    camera_state = dataclasses.replace(CAMERA_STATE, objects=robots)
     plan = make_plan(camera, face_size_px=640)
     with make_both(device, world) as renderers:
         raster, trace = (r.prepare(camera, plan).render(camera_state).rgb for r in renderers)

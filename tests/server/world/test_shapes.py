@@ -17,6 +17,7 @@ from catoptra_server.world.shapes import (
     concatenate,
     facet_normals,
     grid,
+    smooth_normals,
 )
 from catoptra_server.world.triangles import ROWS_PER_BLOCK
 from catoptra_server.world.world_description import (
@@ -60,6 +61,19 @@ def test_triangle_without_area_has_normal_zero(corners: list[list[float]]) -> No
     normals, has_area = facet_normals(np.array([corners]))
     np.testing.assert_array_equal(normals, 0.0)
     assert not has_area.any()
+
+
+def test_smooth_normals_are_radial_on_a_wall_and_the_facets_on_ends_and_boxes() -> None:
+    cylinder = build_shape(Cylinder(0.5, 0.2, 20)).corners
+    facets, _ = facet_normals(cylinder)
+    is_wall = np.abs(facets[:, 2]) < 0.5
+    smooth = smooth_normals(cylinder, facets)
+    radial = cylinder[is_wall] * (2.0, 2.0, 0.0)
+    np.testing.assert_allclose(smooth[is_wall], radial, atol=1e-9)
+    np.testing.assert_array_equal(smooth[~is_wall], np.repeat(facets[~is_wall, None], 3, axis=1))
+    crate = build_shape(Box((1.0, 2.0, 3.0))).corners
+    facets, _ = facet_normals(crate)
+    assert (smooth_normals(crate, facets) == facets[:, None]).all()
 
 
 @pytest.mark.parametrize("count", [1, 63, 64, 65, len(CORNERS)])

@@ -378,6 +378,7 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         mission_packages=read_mission_packages(file, section),
         chassis_joints=read_joint_parts(section),
         stand_in=section.get_str("StandIn", ""),
+        is_smooth=section.get_bool("SmoothShading", False),
     )
 
 

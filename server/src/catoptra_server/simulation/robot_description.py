@@ -327,6 +327,8 @@ class RobotDescription:
     """Joints of the robot itself, such as flippers."""
     stand_in: str = ""
     """How the robot differs from USARSim's of this class, logged when it spawns; mostly empty."""
+    is_smooth: bool = False
+    """Whether cameras show its round parts as round, and not facet by facet."""
 
     @property
     def model_name(self) -> str:

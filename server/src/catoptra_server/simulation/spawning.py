@@ -50,6 +50,8 @@ class RobotDimensions:
     wheel_radius_m: float
     wheel_base_m: float
     """Distance of the axles; 0 for one pair of wheels, in the centre."""
+    is_smooth: bool = False
+    """Whether round parts are lit as such, and not facet by facet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +68,7 @@ def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = Non
     parts = [*_chassis_parts(shape), *_wheel_parts(shape)]
     if tower is not None:
         parts += _tower_parts(tower, deck_z=_deck_z(shape))
-    return build_object_mesh(parts)
+    return build_object_mesh(parts, is_smooth=shape.is_smooth)
 
 
 def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
@@ -79,7 +81,8 @@ def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> Objec
             *_chassis_parts(shape),
             *_wheel_parts(shape),
             *_capture_camera_parts(tower, deck_z=_deck_z(shape)),
-        ]
+        ],
+        is_smooth=shape.is_smooth,
     )
 
 
@@ -435,7 +438,11 @@ def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
 def _dimensions(description: RobotDescription) -> RobotDimensions:
     drive = description.drive
     return RobotDimensions(
-        drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m
+        drive.dimensions_m,
+        drive.ride_height_m,
+        drive.wheel_radius_m,
+        drive.wheel_base_m,
+        description.is_smooth,
     )
 
 

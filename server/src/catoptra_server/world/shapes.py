@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import cos, einsum, sin
+from catoptra_protocol.optics.elementary import arctan2, cos, einsum, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
@@ -277,6 +277,28 @@ def _unit_normals(corners: Floats) -> tuple[Floats, Bools]:
     length = np.sqrt(np.square(cross).sum(axis=0))
     has_area = length > 0.0
     return cross / np.where(has_area, length, 1.0), has_area
+
+
+# Facets of a cylinder of 20 sectors turn by 18 degrees, and its ends by 90.
+_MIN_SMOOTH_COSINE = math.cos(math.radians(30.0))
+
+
+def smooth_normals(corners: Floats, facets: Floats) -> Floats:
+    """(n, 3, 3) unit normals at the corners of (n, 3, 3) triangles, a few hundred.
+
+    Of the (n, 3) normals of the triangles, `facets`, those that turn from the own one by less than
+    30 degrees are averaged at each corner by their angles there; without any the own one is kept.
+    """
+    along, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    sine, cosine = np.linalg.norm(np.cross(along, back), axis=-1), (along * back).sum(axis=-1)
+    points, own = corners.reshape(-1, 3), np.repeat(facets, 3, axis=0)
+    apart = np.abs(points[:, None] - points).max(axis=-1)
+    cosines = matmul(own, own.T)
+    shared = (apart <= 1e-9 * apart.max()) & (cosines >= _MIN_SMOOTH_COSINE)
+    total = matmul(shared * arctan2(sine, cosine).reshape(-1), own)
+    mean = total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
+    is_flat = ~(shared & (cosines < 1.0 - 1e-9)).any(axis=1, keepdims=True)
+    return np.where(is_flat, own, mean).reshape(corners.shape)
 
 
 def hit_normals(normals: Floats, triangles: npt.NDArray[np.int32]) -> Floats:

@@ -76,7 +76,8 @@ def test_pieces_are_small_for_their_distance_and_cover_the_surface_without_a_cra
     weights = ((1, 0, 0), (0.3, 0.7, 0), (0.4, 0.35, 0.25), (0.98, 0.01, 0.01))[seed]
     foot = np.array(weights) @ corners[rng.integers(len(corners))]
     viewpoint = foot + height_m * normal / np.linalg.norm(normal)
-    whole, triangles = make_large(corners)[0].replace(viewpoint)
+    whole, triangles, weights = make_large(corners)[0].replace(viewpoint)
+    np.testing.assert_allclose(weights @ corners[triangles], whole, rtol=0.0, atol=1e-12 * side_m)
     assert edge_ratios(whole, viewpoint).max() <= MAX_SIZE_PER_DISTANCE * (1.0 + 1e-9)
     areas = np.bincount(triangles, doubled_areas(whole))
     np.testing.assert_allclose(areas, doubled_areas(corners), rtol=1e-9)
@@ -130,7 +131,7 @@ def test_surfaces_that_are_small_for_their_distance_are_never_split() -> None:
 
 def test_degenerate_triangles_end() -> None:
     line = np.array([[[-1e5, 0.0, 0.0], [1e5, 0.0, 0.0], [3.0, 0.0, 0.0]], np.zeros((3, 3))])
-    whole, _ = make_large(line)[0].replace(np.array((0.0, 0.0, 1e-5)))
+    whole, _, _ = make_large(line)[0].replace(np.array((0.0, 0.0, 1e-5)))
     assert np.isfinite(whole).all()
     assert (
         edge_ratios(whole[doubled_areas(whole) > 0.0], np.zeros(3)).max(initial=0.0)

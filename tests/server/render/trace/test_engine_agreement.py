@@ -42,7 +42,7 @@ from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.world.objects import CameraState, DynamicObject, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
-from helpers.dynamic_objects import P2AT, TWO_ROBOTS
+from helpers.dynamic_objects import P2AT, SMOOTH_ROBOTS, TWO_ROBOTS
 from helpers.long_cases import quick_cases
 from helpers.standing_things import bake_scene, bend_scene, blend_scene, pierce_scene
 from helpers.trace_engines import open_engine
@@ -271,7 +271,7 @@ def test_bent_and_shining_surfaces_agree(tmp_path: Path, has_shadows: bool, is_b
     )
     scene = bend_scene(bake_scene(world) if is_baked else build_scene(world))
     table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=2))
-    exposure = replace(CAMERA_STATE, has_shadows=has_shadows)
+    exposure = replace(CAMERA_STATE, has_shadows=has_shadows, objects=SMOOTH_ROBOTS)
     outlines = MAX_OUTLINES if has_shadows else 0.0
     check_agreement(world, table, exposure, scene=scene, max_outlines=outlines)
 

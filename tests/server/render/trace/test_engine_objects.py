@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE
+from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, MovingExposure
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.objects import DynamicObject, build_object_mesh
-from catoptra_server.world.shapes import box
+from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
+from catoptra_server.world.shapes import box, build_shape
 from catoptra_server.world.world_description import (
     Box,
+    Cylinder,
     DirectionalLight,
+    HemisphereLight,
     Item,
     Material,
+    PointLight,
     Rectangle,
     World,
 )
@@ -76,6 +79,59 @@ def test_object_is_lit_at_its_pose_by_lights_that_the_scene_culls(engine: Engine
     # Normals of two faces are 60 and 30 degrees off the axis: its first hit is on the latter.
     expected = np.cos(np.radians(30.0)) * np.array(light.irradiance)
     np.testing.assert_allclose(seen[0], expected, atol=1e-5)
+
+
+def test_round_object_is_lit_by_its_own_normals_while_it_turns(engine: EngineName) -> None:
+    mesh = build_object_mesh(
+        [(build_shape(Cylinder(0.5, 1.0, 24)), Material((0.8, 0.8, 0.8)))], is_smooth=True
+    )
+    light = DirectionalLight((1.0, 0.0, 0.0), (1.0, 0.5, 0.2))
+    world = World("w", (), lights=(light, PointLight((-9.0, 0.0, -9.0), (0.0, 0.0, 4.0))))
+    y = np.linspace(-0.4, 0.4, 16)
+    origins = np.stack((0.0 * y, y, 0.0 * y), axis=-1)
+    states = tuple(
+        CameraState(
+            Pose.identity(),
+            (DynamicObject(mesh, Pose.from_rpy((3.0, 0.0, 0.0), (0.0, 0.0, yaw))),),
+        )
+        for yaw in (0.3, 0.4)
+    )
+    for lights in (world, replace(world, lights=(light,))):
+        for exposure in (states[0], MovingExposure(states)):
+            seen = render_rays(
+                engine,
+                lights,
+                np.tile(AHEAD, (16, 1)),
+                origins,
+                exposure=exposure,
+                times=0.0 * y + 0.5,
+            )
+            # Of the true cylinder; the chords of 24 sectors are met up to 5 mm behind it.
+            expected = 0.8 * np.sqrt(1.0 - np.square(y / 0.5))
+            np.testing.assert_allclose(seen[:, 0], expected, atol=0.015)
+            # Of flat facets the same light would come in steps of up to 0.2.
+            assert np.unique(seen[:, 0].round(5)).size >= 8
+
+
+def test_smooth_object_without_round_parts_keeps_its_bytes(engine: EngineName) -> None:
+    crate = (box(Box((0.4, 0.4, 0.4))), Material((0.7, 0.6, 0.5)))
+    world = World("w", (), lights=(HemisphereLight((0.9, 0.9, 0.9), (0.2, 0.2, 0.2)),))
+    place = Pose.from_rpy((2.0, 0.1, 0.2), (0.3, 0.2, 0.4))
+    directions = np.stack([(1.0, 0.02 * i, 0.1) for i in range(-4, 8)])
+    flat, smooth = (
+        render_rays(
+            engine,
+            world,
+            directions,
+            exposure=replace(
+                AT_ORIGIN,
+                objects=(DynamicObject(build_object_mesh([crate], is_smooth=is_smooth), place),),
+            ),
+        )
+        for is_smooth in (False, True)
+    )
+    assert flat.any()
+    assert np.array_equal(flat, smooth)
 
 
 def test_meshes_of_one_class_are_committed_once_for_all_frames(engine: EngineName) -> None:

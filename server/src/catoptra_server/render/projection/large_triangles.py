@@ -111,14 +111,19 @@ class LargeTriangles:
             self._pieces = self._make_pieces(*cell)
         return self._pieces
 
-    def replace(self, viewpoint: Floats) -> tuple[Floats, Indices]:
-        """(m, 3, 3) corners of all triangles or their pieces, and their (m,) triangles."""
+    def replace(self, viewpoint: Floats) -> tuple[Floats, Indices, Floats]:
+        """(m, 3, 3) corners of all triangles or their pieces, and their (m,) triangles.
+
+        Last, (m, 3, 3) weights of the triangle's corners in each of these corners.
+        """
         pieces, order = self.split(viewpoint), self._clusters.order
         if pieces is _NO_PIECES:
-            return self._corners, np.arange(len(self._corners))
+            whole = np.broadcast_to(np.eye(3), self._corners.shape)
+            return self._corners, np.arange(len(self._corners)), whole
         kept = np.delete(order, pieces.replaced)
         corners = np.concatenate((self._corners[kept], pieces.corners))
-        return corners, np.concatenate((kept, order[pieces.parents]))
+        weights = np.concatenate((np.broadcast_to(np.eye(3), (len(kept), 3, 3)), pieces.weights))
+        return corners, np.concatenate((kept, order[pieces.parents])), weights
 
     def _find_in_cell(self, centre: Floats, sides: Floats) -> _Cell | None:
         """Large triangles of a cell; None for a cell too large for its surroundings."""

@@ -74,6 +74,27 @@ class FacetLighting:
     definitions: Definitions = ()
     """Definitions of programs that shade further lights per fragment; empty without such lights."""
 
+    @property
+    def bent(self) -> Definitions:
+        """Definitions of programs that light some facets by other normals than their own."""
+        return (("BENT", 1), ("NUM_SUNS", len(self._suns)))
+
+    @property
+    def _suns(self) -> list[DirectionalLight]:
+        return [light for light in self.constant_lights if isinstance(light, DirectionalLight)]
+
+    def set_lights(self, program: moderngl.Program) -> None:
+        """Set the lights that facets of one normal have in their radiance."""
+        skies = hemisphere_lights(self.constant_lights)
+        both = [(np.asarray(sky.up_irradiance), np.asarray(sky.down_irradiance)) for sky in skies]
+        set_uniform(program, "sky_up", sum((up for up, _ in both), np.zeros(3)))
+        set_uniform(program, "sky_down", sum((down for _, down in both), np.zeros(3)))
+        if self._suns:
+            towards = np.array([sun.direction for sun in self._suns])
+            set_uniform(program, "sun_directions", -towards)
+            irradiances = np.array([sun.irradiance for sun in self._suns])
+            set_uniform(program, "sun_irradiances", irradiances)
+
 
 class SceneBatches:
     """Draws a scene's clusters with one lighting model."""
@@ -105,9 +126,6 @@ class SceneBatches:
         self._textures = textures
         self._clusters = clusters
         self._lighting = lighting
-        self._suns = [
-            light for light in lighting.constant_lights if isinstance(light, DirectionalLight)
-        ]
         self._owned = self._upload(scene)
         self._position = position
         self._occlusion = _upload_atlas(context, scene.occlusion)
@@ -188,7 +206,7 @@ class SceneBatches:
         opaque: Definitions = () if scene.blended is None else (("OPAQUE", 1),)
         if scene.bent is not None:
             names = [*names, "bent_normal", "bend"]
-            definitions = (*definitions, ("BENT", 1), ("NUM_SUNS", len(self._suns)))
+            definitions = (*definitions, *self._lighting.bent)
         if self._lighting.definitions or scene.bent is not None:
             names = [*dict.fromkeys((*names, "normal")), "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
@@ -248,7 +266,7 @@ class SceneBatches:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
             if batch.program.get("sky_up", None) is not None:
-                self._set_lights(batch.program)
+                self._lighting.set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use(0)
             for first, count in runs:
@@ -256,18 +274,6 @@ class SceneBatches:
             calls += len(runs)
             triangles += sum(count for _, count in runs)
         return calls, triangles
-
-    def _set_lights(self, program: moderngl.Program) -> None:
-        """Set the lights that facets of one normal have in their radiance."""
-        skies = hemisphere_lights(self._lighting.constant_lights)
-        both = [(np.asarray(sky.up_irradiance), np.asarray(sky.down_irradiance)) for sky in skies]
-        set_uniform(program, "sky_up", sum((up for up, _ in both), np.zeros(3)))
-        set_uniform(program, "sky_down", sum((down for _, down in both), np.zeros(3)))
-        if self._suns:
-            towards = np.array([sun.direction for sun in self._suns])
-            set_uniform(program, "sun_directions", -towards)
-            irradiances = np.array([sun.irradiance for sun in self._suns])
-            set_uniform(program, "sun_irradiances", irradiances)
 
     def _upload_pieces(self, pieces: TrianglePieces) -> None:
         """Write the attributes of pieces behind those of all triangles."""
@@ -472,6 +478,16 @@ def _repeat_at_corners(values: Floats) -> Floats:
     return np.repeat(values[:, None], 3, axis=1)
 
 
+def _bent_normals(dynamic_object: DynamicObject) -> Floats:
+    """(n, 3, 4) normals at corners, world frame, and 1 for triangles that are lit by these."""
+    mesh = dynamic_object.mesh
+    values = np.zeros((len(mesh), 3, 4))
+    if mesh.corner_normals is not None and mesh.bent is not None:
+        turned = dynamic_object.world_from_object.rotate_directions(mesh.corner_normals)
+        values[..., :3], values[..., 3] = turned, mesh.bent[:, None]
+    return values
+
+
 class DynamicObjectBuffer:
     """The dynamic objects of one world, on the device."""
 
@@ -497,6 +513,8 @@ class DynamicObjectBuffer:
         self._buffer: moderngl.Buffer | None = None
         self._vertices: moderngl.VertexArray | None = None
         self._spheres: _BoundingSpheres | None = None
+        # Of the frame: some object has smooth facets.
+        self._is_bent = False
         self._large_triangles: dict[ObjectMesh, LargeTriangles] = {}
 
     @property
@@ -511,6 +529,12 @@ class DynamicObjectBuffer:
             return set()
         return {self._vertices.program}
 
+    @property
+    def _definitions(self) -> Definitions:
+        """Definitions of the program that draws this frame's objects."""
+        lighting = self._lighting
+        return (*lighting.bent, *lighting.definitions) if self._is_bent else lighting.definitions
+
     def upload(self, objects: tuple[DynamicObject, ...], viewpoint: Floats) -> None:
         """Upload the objects of a camera state at their current poses.
 
@@ -521,6 +545,10 @@ class DynamicObjectBuffer:
         if not objects:
             self._spheres = None
             return
+        is_bent = any(dynamic_object.mesh.bent is not None for dynamic_object in objects)
+        if is_bent != self._is_bent:
+            self.close()  # the layout changes
+            self._is_bent = is_bent
         data = [self._vertex_data(dynamic_object, viewpoint) for dynamic_object in objects]
         self._spheres = _BoundingSpheres(
             centres=np.array([dynamic_object.centre - self._origin for dynamic_object in objects]),
@@ -530,16 +558,16 @@ class DynamicObjectBuffer:
         self._write_vertices(np.concatenate(data))
 
     def _vertex_data(self, dynamic_object: DynamicObject, viewpoint: Floats) -> Floats:
-        """(3 n, 9) or (3 n, 15) attributes of an object's corners, split positions first."""
+        """(3 n, 9), (3 n, 15) or (3 n, 19) attributes of corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
         attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
-        if self._lighting.definitions:
+        if self._definitions:
             # An albedo of zero for unlit materials spares the shader a branch.
             attributes += [
                 world_facets_of.normals,
                 world_facets_of.albedo * ~world_facets_of.unlit[:, None],
             ]
-        corners, triangles = self._split(dynamic_object, viewpoint)
+        corners, triangles, weights = self._split(dynamic_object, viewpoint)
         positions = dynamic_object.world_from_object.transform_points(corners) - self._origin
         per_triangle = np.concatenate(attributes, axis=-1)[triangles]
         # OpenGL 3.3 has no attributes per triangle: each corner carries a copy.
@@ -547,17 +575,21 @@ class DynamicObjectBuffer:
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
         vertices: Floats = np.concatenate((split_positions(positions), per_corner), axis=-1)
-        return vertices.reshape(-1, 6 + per_triangle.shape[1])
+        if self._is_bent:
+            bent = _bent_normals(dynamic_object)[triangles]
+            bent = bent if weights is None else weights @ bent
+            vertices = np.concatenate((vertices, bent), axis=-1)
+        return vertices.reshape(-1, vertices.shape[-1])
 
     def _split(
         self, dynamic_object: DynamicObject, viewpoint: Floats
-    ) -> tuple[Floats, Indices | slice]:
-        """(m, 3, 3) corners in the object's frame, without large triangles, and their triangles."""
+    ) -> tuple[Floats, Indices | slice, Floats | None]:
+        """As `LargeTriangles.replace`, in the object's frame; weights None: none is split."""
         mesh, pose = dynamic_object.mesh, dynamic_object.world_from_object
         # Most objects are far, and their sphere is small for its distance.
         near_m = math.dist(dynamic_object.centre, viewpoint) - mesh.radius_m
         if 2.0 * mesh.radius_m <= MAX_SIZE_PER_DISTANCE * near_m:
-            return mesh.corners, slice(None)
+            return mesh.corners, slice(None), None
         if mesh not in self._large_triangles:
             clusters = make_clusters(mesh.corners, np.zeros(len(mesh), dtype=np.intp))
             self._large_triangles[mesh] = LargeTriangles(clusters, mesh.corners)
@@ -577,9 +609,11 @@ class DynamicObjectBuffer:
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
         """Vertex array with the attributes of the lighting."""
         names, layout = ["position", "position_rest", "radiance"], f"{SPLIT_FORMAT} 3f"
-        if self._lighting.definitions:
+        if self._definitions:
             names, layout = [*names, "normal", "lit_albedo"], f"{layout} 3f 3f"
-        program = self._programs.get(ProgramSpec("face", "face", self._lighting.definitions))
+        if self._is_bent:
+            names, layout = [*names, "bent_normal", "bend"], f"{layout} 3f 1f"
+        program = self._programs.get(ProgramSpec("face", "face", self._definitions))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
     def draw(self, clip_from_scene: Floats, planes: Floats, viewpoint: Floats) -> tuple[int, int]:
@@ -594,6 +628,8 @@ class DynamicObjectBuffer:
         runs = visible_runs(visible, spheres.offsets)
         if runs:
             set_uniform(self._vertices.program, "clip_from_scene", clip_from_scene.T)
+        if runs and self._is_bent:
+            self._lighting.set_lights(self._vertices.program)
         for first, count in runs:
             self._vertices.render(vertices=3 * count, first=3 * first)
         return len(runs), sum(count for _, count in runs)
@@ -602,7 +638,7 @@ class DynamicObjectBuffer:
         """Draw all objects by a program that reads nothing but split positions."""
         if self._buffer is None or self._spheres is None:
             return
-        rest = 12 if not self._lighting.definitions else 36
+        rest = (36 if self._definitions else 12) + (16 if self._is_bent else 0)
         attributes = (self._buffer, f"{SPLIT_FORMAT} {rest}x", "position", "position_rest")
         vertices = self._context.vertex_array(program, [attributes])
         vertices.render(vertices=3 * int(self._spheres.offsets[-1]))

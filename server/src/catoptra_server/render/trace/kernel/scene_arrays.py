@@ -122,7 +122,12 @@ def scene_arrays(
 def object_arrays(mesh: ObjectMesh) -> OwningStruct:
     """Triangles of a dynamic object, in its own frame."""
     flags = mesh.unlit * np.uint8(FACET_UNLIT)
-    return _mesh_arrays(mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags)
+    if mesh.bent is not None:
+        flags |= mesh.bent * np.uint8(FACET_SMOOTH)
+    at_corners = _float32(mesh.corner_normals)
+    return _mesh_arrays(
+        mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags, corner_normals=at_corners
+    )
 
 
 def caster_arrays(

@@ -287,7 +287,7 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
 def trace_object(mesh: ObjectMesh, lights: tuple[Light, ...]) -> TracedMesh:
     """A dynamic object's mesh, in the object's frame."""
     surface = TriangleSearch(mesh.corners)
-    return TracedMesh(surface, surface, mesh, lights)
+    return TracedMesh(surface, surface, mesh, lights, corner_normals=mesh.corner_normals)
 
 
 def interpolate_poses(poses: Sequence[Pose], times: Floats | None) -> _Affine:

@@ -199,7 +199,7 @@ def _shade_mesh(
 def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:
     """Positions and normals of hits."""
     positions = rays.origins + hits.distance[:, None] * rays.directions
-    # The static scene alone has backs and smooth facets, and its axes are the world's.
+    # The static scene alone has backs, and its axes are the world's.
     shading = placed.mesh.shading_normals(hits, rays.directions)
     normals = placed.world_from_mesh.normals(shading)
     largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)

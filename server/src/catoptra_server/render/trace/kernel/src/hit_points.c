@@ -32,6 +32,12 @@ static void move_to_resting_object(const Pose *pose, int lane, PlaneQueries *que
     set_lane(points->normal, lane, rotate(rotation, vec3(normal)));
 }
 
+static Vec3 turn_by(const float normals_matrix[9], Vec3 normal) {
+    Vec3 turned = rotate(normals_matrix, normal);
+    float length = sqrtf(dot(turned, turned));
+    return length > 0.0f ? scale(1.0f / length, turned) : turned;
+}
+
 /* A dynamic object's mesh is committed in a frame of its own: the ray is moved, not the mesh. */
 static void move_to_object(const FrameState *state, int object, float time, int lane,
                            PlaneQueries *queries, HitPoints *points, const float *normal) {
@@ -45,9 +51,7 @@ static void move_to_object(const FrameState *state, int object, float time, int 
     set_lane(queries->origin, lane, rotate_back(normals_matrix, from_object));
     set_lane(queries->direction, lane,
              rotate_back(normals_matrix, get_lane(queries->direction, lane)));
-    Vec3 turned = rotate(normals_matrix, vec3(normal));
-    float length = sqrtf(dot(turned, turned));
-    set_lane(points->normal, lane, length > 0.0f ? scale(1.0f / length, turned) : turned);
+    set_lane(points->normal, lane, turn_by(normals_matrix, vec3(normal)));
 }
 
 /* Set the queries of some rays that meet one facet. */
@@ -117,6 +121,20 @@ static uint32_t static_lanes(const HitBlock *hits, uint32_t mask) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         found |= (uint32_t)(hits->object[lane] == OBJECT_STATIC) << lane;
     return found & mask;
+}
+
+Vec3 turn_normal(const FrameState *state, int object, float time, Vec3 normal) {
+    const Frame *frame = state->frame;
+    if (object == OBJECT_STATIC)
+        return normal;
+    const Pose *poses = frame->object_poses + object - 1;
+    if (frame->num_poses == 1)
+        return rotate(poses->rotation, normal);
+    Pose pose;
+    float normals_matrix[9];
+    pose_at(poses, frame->num_poses, frame->num_objects, time, &pose);
+    invert_transposed(pose.rotation, normals_matrix);
+    return turn_by(normals_matrix, normal);
 }
 
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,

@@ -20,6 +20,9 @@ typedef struct {
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                      uint32_t mask, HitPoints *points);
 
+/* A unit normal of an object's mesh, or of the static scene, along the scene's axes at a time. */
+Vec3 turn_normal(const FrameState *state, int object, float time, Vec3 normal);
+
 /* Distances of these points alone: in metres, of unit rays. */
 void find_hit_distances(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                         uint32_t mask, float distance[BLOCK_RAYS]);

@@ -43,7 +43,9 @@ static int sees_back(const FrameState *state, const RayBlock *rays, int lane, in
 
 int is_tabulated(const FrameState *state, int object, int triangle) {
     if (object != OBJECT_STATIC)
-        return object == OBJECT_NONE || state->object_radiance;
+        return object == OBJECT_NONE ||
+               (state->object_radiance &&
+                !(mesh_of(state, object)->flags[triangle] & FACET_COMPUTED));
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED))
         return 0;
@@ -259,19 +261,23 @@ static void begin_plane(const FrameState *state, const RayBlock *rays, int32_t t
 }
 
 /* Shading normals of smooth facets and of backs; geometry stays as it is. */
-static void bend_normals(const FrameState *state, const HitBlock *hits, SurfaceBlock *surface) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
+static void bend_normals(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                         SurfaceBlock *surface) {
     for (uint32_t left = surface->smooth | surface->backs; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         Vec3 normal = get_lane(surface->points.normal, lane);
         if (surface->smooth >> lane & 1) {
-            const float *corners = mesh->corner_normals + 9 * (size_t)hits->triangle[lane];
+            int object = hits->object[lane];
+            const float *corners =
+                mesh_of(state, object)->corner_normals + 9 * (size_t)hits->triangle[lane];
             Vec3 first = vec3(corners);
             Vec3 along_u = scale(surface->points.u[lane], subtract(vec3(corners + 3), first));
             Vec3 along_v = scale(surface->points.v[lane], subtract(vec3(corners + 6), first));
             Vec3 between = add(first, add(along_u, along_v));
             float squared = dot(between, between);
-            normal = squared > 0.0f ? scale(1.0f / __builtin_sqrtf(squared), between) : normal;
+            if (squared > 0.0f)
+                normal = turn_normal(state, object, rays->time[lane],
+                                     scale(1.0f / __builtin_sqrtf(squared), between));
         }
         set_lane(surface->points.normal, lane,
                  surface->backs >> lane & 1 ? scale(-1.0f, normal) : normal);
@@ -290,7 +296,7 @@ static void add_emission(const FrameState *state, const HitBlock *hits, uint32_t
 static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                            SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     find_hit_points(state, rays, hits, surface->computed, &surface->points);
-    bend_normals(state, hits, surface);
+    bend_normals(state, rays, hits, surface);
     memset(surface->albedo, 0, sizeof surface->albedo);
     uint32_t single = surface->objects | surface->coloured;
     for (uint32_t left = surface->computed, same; left; left &= ~same) {

@@ -182,8 +182,11 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
     if (state->scene->sky && bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active)
         return 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        meets_object |= hits->object[lane] > OBJECT_STATIC;
-        if (!(rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC))
+        int object = hits->object[lane];
+        meets_object |= object > OBJECT_STATIC;
+        if (rays->active >> lane & 1 && object > OBJECT_STATIC)
+            flags |= mesh_of(state, object)->flags[hits->triangle[lane]];
+        if (!(rays->active >> lane & 1 && object == OBJECT_STATIC))
             continue;
         flags |= facets[hits->triangle[lane]];
         meets_gloss |= is_glossy(state, hits->triangle[lane]);
