@@ -64,7 +64,7 @@ def test_every_number_about_a_frame_holds_in_its_picture(
 ) -> None:
     # What is off is left out, what is on is forced off.
     named = [one.effect for one in draw_pair(world, factor)[0].effect_decisions]
-    assert len(named) == 24
+    assert len(named) == 26
     for name in named:
         pair = draw_pair(world, factor, exposure=exposure, without=name)
         decision = next(one for one in pair[0].effect_decisions if one.effect == name)

@@ -280,7 +280,7 @@ def _unit_normals(corners: Floats) -> tuple[Floats, Bools]:
 
 
 # Facets of a cylinder of 20 sectors turn by 18 degrees, and its ends by 90.
-_MIN_SMOOTH_COSINE = math.cos(math.radians(30.0))
+_MIN_SMOOTH_COSINE = cos(math.radians(30.0))
 
 
 def smooth_normals(corners: Floats, facets: Floats) -> Floats:

@@ -75,9 +75,9 @@ class SkyDescription:
     @property
     def towards_sun(self) -> Floats:
         """(3,) unit direction, world frame."""
-        level = math.cos(self.elevation_rad)
-        x, y = level * math.cos(self.azimuth_rad), level * math.sin(self.azimuth_rad)
-        return np.array((x, y, -math.sin(self.elevation_rad)))
+        level = cos(self.elevation_rad)
+        x, y = level * cos(self.azimuth_rad), level * sin(self.azimuth_rad)
+        return np.array((x, y, -sin(self.elevation_rad)))
 
 
 def find_sky(sky: SkyDescription) -> tuple[Panorama, tuple[Light, ...]]:
@@ -107,7 +107,7 @@ def compute_sky(sky: SkyDescription, size: int) -> tuple[Panorama, Floats]:
     weights = solid_angles(size).reshape(-1, 1)
     height = -directions[:, 2:]
     upper = height[:, 0] > 0.0
-    reflected = 0.5 * _GROUND * sun * math.sin(sky.elevation_rad)
+    reflected = 0.5 * _GROUND * sun * sin(sky.elevation_rad)
     # A mean of which each direction adds a part to itself.
     mean, added = ((weights * light).sum(axis=0) / (4.0 * math.pi) for light in (radiance, again))
     radiance += again * ((mean + reflected) / (1.0 - added))
@@ -118,7 +118,7 @@ def compute_sky(sky: SkyDescription, size: int) -> tuple[Panorama, Floats]:
         covering, _ = _draw_clouds(sky, sky.towards_sun[None], light)
         sun = sun * (1.0 - covering[0])
     of_sky = (weights * np.maximum(height, 0.0) * radiance).sum(axis=0) / math.pi
-    ground = _GROUND * (sun * math.sin(sky.elevation_rad) + of_sky)
+    ground = _GROUND * (sun * sin(sky.elevation_rad) + of_sky)
     radiance[~upper] += air.find_passing(directions[~upper]) * ground
     of_ground = (weights * np.maximum(-height, 0.0) * radiance).sum(axis=0) / math.pi
     disc = np.clip(
@@ -163,8 +163,8 @@ class _Air:
 
     def _towards(self, azimuth: float | Floats) -> tuple[Floats, Floats]:
         """Direction to the sun in the plane of a view at an azimuth from the sun: forward, up."""
-        return np.cos(self._elevation) * cos(np.asarray(azimuth)), np.asarray(
-            math.sin(self._elevation)
+        return cos(self._elevation) * cos(np.asarray(azimuth)), np.asarray(
+            sin(self._elevation)
         )
 
     def _integrate(self) -> tuple[Floats, Floats, Floats]:

@@ -264,15 +264,15 @@ def test_motion_that_nobody_sees_is_left_out(rays: KernelRays) -> None:
     assert rays.last_counts.num_blurred_tiles < 0.1 * rays.last_counts.num_tiles
 
 
-def test_blur_leaves_out_lamps_light_that_slopes_evenly() -> None:
+def test_blur_leaves_out_light_that_slopes_evenly() -> None:
     # All of its floor and ceiling changes by some levels from pixel to pixel.
     state = replace(driving_camera_state(START, 0.5, 30.0), shutter=Shutter(0.5 * T_S, 0.0, 64.0))
     with open_rays("warehouse", 2) as rays:
         frame = rays.render(state, TraceRequest(is_linear=True, thresholds=THRESHOLDS))
         counts = rays.last_counts
         everywhere = rays.render_linear(state)
-    # 0.95 of them by contrast alone; in 0.06 of them something may pass between the samples.
-    assert counts.num_blurred_tiles < 0.82 * counts.num_tiles
+    # In 0.06 of them something may pass between the samples.
+    assert counts.num_blurred_tiles < 0.9 * counts.num_tiles
     assert measure_change(frame.image, everywhere).largest <= 0.5
 
 
