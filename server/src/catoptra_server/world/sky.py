@@ -163,9 +163,7 @@ class _Air:
 
     def _towards(self, azimuth: float | Floats) -> tuple[Floats, Floats]:
         """Direction to the sun in the plane of a view at an azimuth from the sun: forward, up."""
-        return cos(self._elevation) * cos(np.asarray(azimuth)), np.asarray(
-            sin(self._elevation)
-        )
+        return cos(self._elevation) * cos(np.asarray(azimuth)), np.asarray(sin(self._elevation))
 
     def _integrate(self) -> tuple[Floats, Floats, Floats]:
         """(e, a, 2, 3) light scattered by molecules and haze but for their phases, by elevation
