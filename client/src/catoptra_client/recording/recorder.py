@@ -268,17 +268,33 @@ class MessageSource:
             for thread in threads:
                 thread.start()
             self._write_until(start_s, duration_s, on_progress)
-            self._drain_queue()
-            self._write_frames(math.inf)
         finally:
             self.stop()
             for thread in threads:
                 thread.join()
+            self._drain_queue()
+            self._write_rest(client)
             dropped = {topic: str(count) for topic, count in self._dropped.items()}
             self._sink.add_metadata("catoptra_dropped", {"total": "0", **dropped})
         if self._error is not None:
             raise self._error
         return self._progress(start_s)
+
+    def _write_rest(self, client: StreamClient) -> None:
+        """Write the frames that wait, behind the ticks and commands up to them."""
+        has_more = self._error is None
+        while has_more and self._waiting and self._waiting[-1][0].time_s > self._tick_s:
+            try:
+                state = client.get_state(
+                    self._robot, commands_after=self._last_command, ticks_after=self._tick_s
+                )
+            except CatoptraError:
+                break
+            has_more = bool(state.ticks)
+            self._take_states(state)
+            self._drain_queue()
+        if not self._sink.is_full:
+            self._write_frames(math.inf)
 
     def _write_until(
         self,
@@ -365,14 +381,17 @@ class MessageSource:
             state = client.get_state(
                 self._robot, commands_after=self._last_command, ticks_after=self._tick_s
             )
-            # What found no room is asked for again.
-            if self._put("states", partial(self._write_states, state, time.time_ns())):
-                if state.commands:
-                    self._last_command = state.commands[-1].number
-                if state.ticks:
-                    self._tick_s = state.ticks[-1].time_s
+            self._take_states(state)
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
+
+    def _take_states(self, state: StateReply) -> None:
+        # What found no room is asked for again.
+        if self._put("states", partial(self._write_states, state, time.time_ns())):
+            if state.commands:
+                self._last_command = state.commands[-1].number
+            if state.ticks:
+                self._tick_s = state.ticks[-1].time_s
 
     def _write_head(self, client: StreamClient) -> StateReply:
         """Write what never changes; the state before the first messages."""

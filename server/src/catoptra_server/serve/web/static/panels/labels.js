@@ -1,13 +1,12 @@
-/** Ground truth of the camera's pixels in colours, and its value under the cursor. */
+/** Ground truth of pixels in colours, and its value under the cursor. */
 
 import { colourAt } from "../comparison.js";
 import { resizeCanvas } from "../canvas.js";
 import { bodyOf, isShown, make, makeSelect, onShown, setText } from "../panel.js";
 
 const INTERVAL_MS = 334;
-const SKY_CLASS = 65535;
 const textOfNumber = (key) => (values, at, objects) => {
-  if (key === "class_number" && values[at] === SKY_CLASS) return "sky";
+  if (key === "class_number" && values[at] === 65535) return "sky";
   const found = objects.find((one) => one[key] === values[at]);
   if (!found) return values[at] ? `number ${values[at]}` : "nothing";
   return `${key === "number" ? found.name : "all"} of class ${found.class_name}`;
@@ -17,7 +16,6 @@ const textOfNumber = (key) => (values, at, objects) => {
 const CHANNELS = {
   range: {
     type: Float32Array,
-    // Half of the colours for the first two metres.
     colour: (values, at) => colourAt(2 / (2 + values[at])),
     text: (values, at) => (values[at] < Infinity ? `${values[at].toFixed(3)} m` : "nothing"),
   },
