@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -23,7 +24,12 @@ from catoptra_client.recording.mcap_file import (
     decode_message,
     read_entries,
 )
-from catoptra_client.recording.recorder import Recorder, RecordingPlan
+from catoptra_client.recording.recorder import (
+    MessageSink,
+    MessageSource,
+    Recorder,
+    RecordingPlan,
+)
 from catoptra_client.recording.recording import RecordedFrame, RecordedState, Recording
 from catoptra_client.recording.rerendering import rerender
 from catoptra_client.recording.resimulation import resimulate
@@ -178,6 +184,34 @@ def test_altered_command_is_the_first_difference_by_time_and_topic(
     copy_altered(drive, cut, '"number": 1,', '"number": 3,')
     with pytest.raises(CatoptraError, match="those from INIT on"):
         resimulate(Recording(cut))
+
+
+def test_frame_of_the_last_tick_does_not_wait_for_another_one(tmp_path: Path) -> None:
+    options = ("--clock", "lockstep")
+    with start_server(tmp_path, *options) as server, server.connect_stream() as client:
+        client.spawn(CLASS, start_pose="Centre")
+        source = MessageSource(RecordingPlan(), stream_port=server.stream_port)
+        written, seen = threading.Event(), threading.Event()
+
+        class Sink(MessageSink):
+            is_full, num_messages = False, 0
+
+            def add_message(self, topic: str, *_: object, log_ns: int, **__: object) -> None:
+                if topic == "/catoptra/wheel_speeds":
+                    written.set()
+                if topic == "/catoptra/frame" and log_ns == last_ns:
+                    seen.set()
+
+        last_ns = round((client.get_state().time_s + 0.1) * 1e9)
+        with ThreadPoolExecutor() as pool:
+            running = pool.submit(source.publish, Sink())
+            try:
+                assert written.wait(DEADLINE_S)
+                client.step(0.1)
+                assert seen.wait(DEADLINE_S), "a program may step by what it sees"
+            finally:
+                source.stop()
+            running.result()
 
 
 def test_lockstep_drive_with_noise_is_simulated_again(tmp_path: Path) -> None:

@@ -212,6 +212,8 @@ class MessageSource:
         self._sensors: dict[str, ros.MountedSensor] = {}
         self._map_from_odom = Pose.identity()
         self._has_odometry = self._has_state = False
+        # Time of the newest state that is written.
+        self._written_s = -math.inf
         self._max_wheel_rad_s = 0.0
         self._wheels_rad_s = (0.0, 0.0)
         self._robot = self._camera = ""
@@ -283,15 +285,19 @@ class MessageSource:
     def _write_rest(self, client: StreamClient) -> None:
         """Write the frames that wait, behind the ticks and commands up to them."""
         has_more = self._error is None
-        while has_more and self._waiting and self._waiting[-1][0].time_s > self._tick_s:
+        while (
+            has_more
+            and not self._sink.is_full
+            and self._waiting
+            and self._waiting[-1][0].time_s > self._tick_s
+        ):
             try:
                 state = client.get_state(
                     self._robot, commands_after=self._last_command, ticks_after=self._tick_s
                 )
             except CatoptraError:
                 break
-            has_more = bool(state.ticks)
-            self._take_states(state)
+            has_more = bool(state.ticks) and self._take_states(state)
             self._drain_queue()
         if not self._sink.is_full:
             self._write_frames(math.inf)
@@ -318,6 +324,8 @@ class MessageSource:
     def _drain_queue(self) -> None:
         while self._queue and not self._sink.is_full:
             self._queue.popleft()[1]()
+        # Under a lockstep clock the next tick may wait for who sees this frame.
+        self._write_frames(math.nextafter(self._written_s, math.inf))
 
     def _progress(self, start_s: float) -> RecordingProgress:
         elapsed_s = self._clock() - start_s
@@ -385,13 +393,14 @@ class MessageSource:
             next_s = max(next_s + 1.0 / self._plan.state_hz, self._clock())
             self._ended.wait(next_s - self._clock())
 
-    def _take_states(self, state: StateReply) -> None:
-        # What found no room is asked for again.
-        if self._put("states", partial(self._write_states, state, time.time_ns())):
-            if state.commands:
-                self._last_command = state.commands[-1].number
-            if state.ticks:
-                self._tick_s = state.ticks[-1].time_s
+    def _take_states(self, state: StateReply) -> bool:
+        """Queue a reply if there is room; what found none is requested again."""
+        has_room = self._put("states", partial(self._write_states, state, time.time_ns()))
+        if has_room and state.commands:
+            self._last_command = state.commands[-1].number
+        if has_room and state.ticks:
+            self._tick_s = state.ticks[-1].time_s
+        return has_room
 
     def _write_head(self, client: StreamClient) -> StateReply:
         """Write what never changes; the state before the first messages."""
@@ -555,7 +564,7 @@ class MessageSource:
         speeds = ros.string_message({"wheel_speeds_rad_s": robot.wheel_speeds_rad_s})
         self._write("/catoptra/wheel_speeds", "std_msgs/String", speeds, time_s, wall_ns)
         is_exact = self._has_state or robot.wheel_speeds_rad_s == (0.0, 0.0)
-        self._has_state = True
+        self._has_state, self._written_s = True, time_s
         for line in state.reports:
             report = self._write_report(line, time_s, wall_ns)
             if isinstance(report, OdometryReading) and is_exact:

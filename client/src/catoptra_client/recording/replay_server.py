@@ -229,9 +229,10 @@ class ReplayServer:
     def _show_state(self, event: RecordedState) -> None:
         self._state = event.state
         self._commands.extend(event.state.commands)
-        robot = self._find_robot()
-        place = robot.world_from_robot, robot.wheel_speeds_rad_s
-        self._ticks.append(replies.TickRecord(event.time_s, *place, event.readings))
+        for robot in event.state.robots:
+            if robot.name == self._name:
+                place = robot.world_from_robot, robot.wheel_speeds_rad_s
+                self._ticks.append(replies.TickRecord(event.time_s, *place, event.readings))
         for writer in self._controllers:
             is_reading = writer.transport.get_write_buffer_size() < _MAX_UNSENT_BYTES
             if event.readings and is_reading and not writer.is_closing():
