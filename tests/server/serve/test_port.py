@@ -208,6 +208,8 @@ ALL = [0, 1, 2, 3]
         ({"has_handshake": ALL}, None),
         ({"is_in_use": ALL, "old": ALL}, None),
         ({"is_in_use": ALL, "has_left": [3]}, 3),
+        # A newcomer whose first bytes have not been read yet stays.
+        ({"has_left": [2, 3], "has_handshake": [0, 2, 3]}, 2),
         ({"is_in_use": [0, 1, 3], "old": ALL, "has_handshake": ALL}, 2),
         # Three quarters for those without a robot; the rest for newcomers.
         ({"old": ALL, "has_handshake": [0]}, 1),

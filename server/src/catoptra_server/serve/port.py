@@ -279,14 +279,15 @@ class Port(Generic[_ConnectionT]):
 
     def _free_place(self, candidates: list[_ConnectionT], limit: str) -> None:
         opened_before_s = self._loop.time() - NEWCOMER_AGE_S
-        unused = [one for one in candidates if one.has_left or not one.is_in_use]
-        old = [one for one in unused if one.has_left or one.opened_at_s < opened_before_s]
+        left = [one for one in candidates if one.has_left]
+        unused = [one for one in candidates if not one.is_in_use]
+        old = [one for one in unused if one.opened_at_s < opened_before_s]
         silent = [one for one in unused if one not in old and not one.has_handshake]
         # The last quarter is for newcomers, of which those without a word make room for others.
         is_crowded = 4 * len(old) > 3 * self._limits.max_connections
         ended = min(
-            old if is_crowded or not silent else silent,
-            key=lambda one: (not one.has_left, one.has_handshake, one.opened_at_s),
+            left or (old if is_crowded or not silent else silent),
+            key=lambda one: (one.has_handshake, one.opened_at_s),
             default=None,
         )
         if ended is None:
