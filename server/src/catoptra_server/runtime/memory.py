@@ -36,8 +36,8 @@ MAX_LIMIT_MIB = 2**20
 # A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 590, with
 # colours at its corners 670; texture coordinates add 60.
 BYTES_PER_TRIANGLE = 750
-# Held: three bytes, which both renderers share; trace adds two of coarser levels and six of light,
-# or three of large scenes' bytes; raster four on the device with a third more for coarser levels.
+# Held: three bytes, which both renderers share; trace adds two of coarser levels, and six of light
+# but in large scenes; raster four on the device with a third more for coarser levels.
 # For one texture at a time: Pillow's pixels, then float32s.
 BYTES_PER_TEXEL = 11
 LARGE_SCENE_BYTES_PER_TEXEL = 9

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import warnings
 from concurrent import futures
 from dataclasses import replace
@@ -127,12 +128,13 @@ class TextureReader:
             channels = 4 if has_opacity and not image.mode.startswith("I") else 3
             if not self.has_texels:
                 return self._textures.setdefault(key, _make_white(channels))
-            texture = self._textures[key] = np.zeros((height, width, channels), dtype=np.uint8)
+            bordered = make_texels(height, width, channels, np.uint8)
+            texture = self._textures[key] = bordered[1:-1, 1:-1]
             # Files wait in memory for their threads: not all of them.
             self._busy = [one for one in self._busy if not one.done()]
             if len(self._busy) > _MAX_WAITING:
                 futures.wait(self._busy, return_when=futures.FIRST_COMPLETED)
-            decoding = self._pool.submit(_decode_image, image, where, texture)
+            decoding = self._pool.submit(_decode_image, image, where, bordered, texture)
             self._busy.append(decoding)
             self._decoding[id(texture)] = decoding
         return self._textures[key]
@@ -193,8 +195,35 @@ def read_within(path: Path, memory: MemoryBudget, *, key: str) -> bytes:
     return path.read_bytes()
 
 
-def _decode_image(image: Any, where: SourceLocation, texture: Texture) -> None:
-    """Write the texels of a Pillow image into an array, which is read-only then."""
+def make_texels(height: int, width: int, channels: int, dtype: Any) -> npt.NDArray[Any]:
+    """(h + 2, w + 2, c) zeros: texels within a border of one, as the kernel reads them."""
+    # One number more: the kernel reads four at once.
+    buffer = np.zeros((height + 2) * (width + 2) * channels + 1, dtype=dtype)
+    return buffer[:-1].reshape(height + 2, width + 2, channels)
+
+
+def find_border(texels: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+    """(h + 2, w + 2, c) array of `make_texels` that texels are the inside of; None without one."""
+    height, width, channels = texels.shape
+    shape = height + 2, width + 2, channels
+    buffer = texels.base
+    if not isinstance(buffer, np.ndarray) or buffer.shape != (math.prod(shape) + 1,):
+        return None
+    bordered = buffer[:-1].reshape(shape)
+    inside = bordered[1:-1, 1:-1].__array_interface__
+    return bordered if texels.__array_interface__["data"][0] == inside["data"][0] else None
+
+
+def repeat_border(bordered: npt.NDArray[Any]) -> None:
+    """Write the border of texels: the texels of the opposite edges."""
+    bordered[0], bordered[-1] = bordered[-2], bordered[1]
+    bordered[:, 0], bordered[:, -1] = bordered[:, -2], bordered[:, 1]
+
+
+def _decode_image(
+    image: Any, where: SourceLocation, bordered: npt.NDArray[np.uint8], texture: Texture
+) -> None:
+    """Write the texels of a Pillow image, read-only then, and the border around them."""
     try:
         if image.mode.startswith("I"):
             # Grey of 16 bits, of which Pillow's own conversion keeps the lower eight.
@@ -204,6 +233,7 @@ def _decode_image(image: Any, where: SourceLocation, texture: Texture) -> None:
             texture[...] = np.asarray(image if image.mode == mode else image.convert(mode))
     except (OSError, SyntaxError, ValueError) as error:  # Pillow reports damage by all of these
         raise _image_error(where, str(error)) from error
+    repeat_border(bordered)
     texture.setflags(write=False)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from PIL import Image
 
+from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.kernel import scene_arrays as texture_arrays
 from catoptra_server.render.trace.kernel.kernel_structs import (
@@ -46,7 +49,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 )
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_radiance, light_of_bytes
-from catoptra_server.world.textures import REPEATED, TextureSampling
+from catoptra_server.world.textures import REPEATED, TextureReader, TextureSampling
 from catoptra_server.world.triangles import ROWS_PER_BLOCK
 from catoptra_server.world.world_description import (
     Box,
@@ -211,6 +214,25 @@ def test_image_is_held_once_for_all_its_samplings(
     assert isinstance(levels, OwningStruct)
     held = sum(one.nbytes for one in levels.owners if isinstance(one, np.ndarray))
     assert held < max_bytes_per_texel * num_texels
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_large_scenes_images_are_those_that_were_read(
+    textured: SceneMesh, monkeypatch: pytest.MonkeyPatch, channels: int
+) -> None:
+    pixels = np.random.default_rng(5).integers(0, 256, (6, 5, channels), dtype=np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    with TextureReader() as reader:
+        image = reader.decode(file.getvalue(), SourceLocation("x"), has_opacity=channels == 4)
+        reader.wait(image)
+    monkeypatch.setattr(texture_arrays, "MAX_LIGHT_TEXELS", 0)
+    levels = texture_array(replace(textured, textures=(image,))).owners[0]
+    assert isinstance(levels, OwningStruct)
+    texels = levels.owners[0]
+    assert isinstance(texels, np.ndarray)
+    assert np.shares_memory(texels, image)
+    np.testing.assert_array_equal(texels, np.pad(pixels, ((1, 1), (1, 1), (0, 0)), mode="wrap"))
 
 
 def test_rays_of_sensors_have_the_images_alone(textured: SceneMesh) -> None:

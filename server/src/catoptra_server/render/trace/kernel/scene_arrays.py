@@ -58,7 +58,15 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     write_facet_radiance,
 )
-from catoptra_server.world.textures import Levels, Texture, TextureSampling, build_levels
+from catoptra_server.world.textures import (
+    Levels,
+    Texture,
+    TextureSampling,
+    build_levels,
+    find_border,
+    make_texels,
+    repeat_border,
+)
 from catoptra_server.world.triangles import row_blocks, tile_over_block
 from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
@@ -327,20 +335,17 @@ def _decode_image(image: Texture) -> npt.NDArray[np.uint16]:
 
 def _pad_texels(level: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """(h + 2, w + 2, c) texels of a (h, w, c) level: uint16 of float32, else as they are."""
-    height, width, channels = level.shape
+    if (bordered := find_border(level)) is not None:
+        return bordered
     is_float = level.dtype == np.float32
-    # One number more: the kernel reads four at once.
-    size = (height + 2) * (width + 2) * channels + 1
-    buffer = np.zeros(size, dtype=np.uint16 if is_float else level.dtype)
-    texels = buffer[:-1].reshape(height + 2, width + 2, channels)
-    inner = texels[1:-1, 1:-1]
+    bordered = make_texels(*level.shape, np.uint16 if is_float else level.dtype)
+    inside = bordered[1:-1, 1:-1]
     if is_float:
-        np.rint(_MAX_TEXEL * level, out=inner, casting="unsafe")
+        np.rint(_MAX_TEXEL * level, out=inside, casting="unsafe")
     else:
-        inner[...] = level
-    texels[0], texels[-1] = texels[-2], texels[1]
-    texels[:, 0], texels[:, -1] = texels[:, -2], texels[:, 1]
-    return texels
+        inside[...] = level
+    repeat_border(bordered)
+    return bordered
 
 
 def light_array(
