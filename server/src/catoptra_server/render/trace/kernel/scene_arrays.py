@@ -338,7 +338,8 @@ def _pad_texels(level: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if (bordered := find_border(level)) is not None:
         return bordered
     is_float = level.dtype == np.float32
-    bordered = make_texels(*level.shape, dtype=np.uint16 if is_float else level.dtype)
+    height, width, channels = level.shape
+    bordered = make_texels(height, width, channels, np.uint16 if is_float else level.dtype)
     inside = bordered[1:-1, 1:-1]
     if is_float:
         np.rint(_MAX_TEXEL * level, out=inside, casting="unsafe")
