@@ -58,6 +58,7 @@ export function startFeed(context) {
     landmarks.ask();
     frames.ask();
   });
+  context.on("variant", () => frames.ask());
   // Frames too: under lockstep by its time, otherwise after an error.
   context.on("state", () => frames.ask());
   askAll();
@@ -121,7 +122,7 @@ class FramePull {
   #context;
   #isPending = false;
   #retryAt_ms = 0;
-  #shown = { robot: "", camera: "", picture: "", time_s: -1 };
+  #shown = { settings: "", time_s: -1 };
   /** Ends when the newest frame is on the screen. A slow unwarper skips frames by itself. */
   #drawing = Promise.resolve();
 
@@ -134,14 +135,14 @@ class FramePull {
     if (this.#isPending || !this.#isWanted()) return;
     this.#isPending = true;
     const { robot, camera } = this.#context.selected;
-    const { picture } = this.#context;
+    const settings = this.#settings;
     try {
-      const request = { robot, camera, encoding: "jpeg", ...this.#context.handRequest };
+      const request = { robot, camera, encoding: "jpeg", ...this.#context.variantRequest };
       const frame = await this.#context.pictures.requestFrame(request);
       const file = fileFromFrame(frame);
       const bitmap = await createImageBitmap(file, DECODING);
       await this.#drawing;
-      this.#shown = { robot, camera, picture, time_s: frame.header.time_s };
+      this.#shown = { settings, time_s: frame.header.time_s };
       this.#drawing = this.#draw({ ...frame, file, bitmap }, robot, camera);
     } catch (error) {
       this.#retryAt_ms = performance.now() + RETRY_MS;
@@ -153,15 +154,18 @@ class FramePull {
   }
 
   #isWanted() {
-    const { picture, pictures, selected, server, state } = this.#context;
+    const { pictures, selected, server, state } = this.#context;
     if (document.hidden || !pictures.isOpen || !selected.robot || !selected.camera) return false;
     if (performance.now() < this.#retryAt_ms) return false;
     if (server.clock !== "lockstep") return true;
     // The same moment gives the same picture.
-    const shown = this.#shown;
-    const isSameCamera = shown.robot === selected.robot && shown.camera === selected.camera;
-    if (!isSameCamera || shown.picture !== picture) return true;
-    return state !== null && state.reply.time_s !== shown.time_s;
+    if (this.#shown.settings !== this.#settings) return true;
+    return state !== null && state.reply.time_s !== this.#shown.time_s;
+  }
+
+  /** What a picture depends on beside the time. */
+  get #settings() {
+    return JSON.stringify([this.#context.selected, this.#context.variantRequest]);
   }
 
   /** Draw a frame in the next animation frame, unless the tab is hidden before. */

@@ -26,8 +26,8 @@ class Context {
   selected = { robot: "", camera: "" };
   /** Name of the robot that this page has spawned; empty for none. */
   own = "";
-  /** Hand of the pictures to request, "mirrored" or "flipped"; empty for that of the camera. */
-  picture = "";
+  /** Settings of the pictures that differ from the camera's, by the names of a FrameVariant. */
+  variant = {};
   /** Whether this page drives a robot at present. */
   isDriving = false;
   /** Newest frame, {header, file, bitmap, received_ms}; its bitmap lives until the next one. */
@@ -74,6 +74,7 @@ class Context {
     const chosen = camera || defaultCamera(this.camerasOf(robot));
     if (robot === this.selected.robot && chosen === this.selected.camera) return;
     this.selected = { robot, camera: chosen };
+    this.variant = {};
     this.#forgetFrame();
     this.landmarks = [];
     this.loadTable();
@@ -127,6 +128,13 @@ class Context {
     this.emit("cursor", this.cursor);
   }
 
+  /** Choose settings of the pictures; null leaves one as the camera has it. */
+  setVariant(changes) {
+    const all = Object.entries({ ...this.variant, ...changes });
+    this.variant = Object.fromEntries(all.filter(([, value]) => value !== null));
+    this.emit("variant", this.variant);
+  }
+
   /** Change the perspective view. */
   setWindow(changes) {
     this.window = { ...this.window, ...changes };
@@ -147,10 +155,10 @@ class Context {
     return robotFromMirror(this.frame?.header);
   }
 
-  /** Fields of a request for a picture in the chosen hand. */
-  get handRequest() {
-    const isChosen = this.picture !== "" && this.camera?.kind === "omni";
-    return isChosen ? { variant: { picture: this.picture } } : {};
+  /** Fields of a request for a picture with the chosen settings. */
+  get variantRequest() {
+    const isChosen = Object.keys(this.variant).length > 0 && this.camera?.kind === "omni";
+    return isChosen ? { variant: this.variant } : {};
   }
 
   /** Take a frame: table and cursor are turned round where it has the other hand. */

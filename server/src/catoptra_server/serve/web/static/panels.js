@@ -13,16 +13,16 @@ const from = (path) => async (section, context) => (await import(path)).create(s
 
 /** In the order of their creation: the pictures first. */
 const PANELS = [
-  { id: "omni", title: "Omnidirectional picture", create: from("./views/omni.js") },
+  { id: "omni", title: "What the robot sees", create: from("./views/omni.js") },
   { id: "status", title: "Status", create: from("./panels/status.js") },
   { id: "drive", title: "Drive", create: from("./panels/drive.js") },
+  { id: "cost", title: "What accuracy costs", create: from("./panels/cost.js") },
   { id: "panorama", title: "Panorama", create: from("./views/panorama.js") },
+  { id: "perspective", title: "Look around", create: from("./views/perspective.js") },
   { id: "map", title: "Map", create: from("./panels/map.js") },
-  { id: "perspective", title: "Perspective view", create: from("./views/perspective.js") },
-  { id: "cursor", title: "Under the cursor", create: from("./panels/cursor.js") },
+  { id: "effects", title: "What this scene calls for", create: from("./panels/effects.js") },
   { id: "robot", title: "Robots", create: from("./panels/robot.js") },
-  { id: "accuracy", title: "Accuracy", create: from("./panels/accuracy.js") },
-  { id: "effects", title: "Image effects", create: from("./panels/effects.js") },
+  { id: "accuracy", title: "Accuracy in detail", create: from("./panels/accuracy.js") },
   { id: "labels", title: "Ground truth", create: from("./panels/labels.js") },
   { id: "plots", title: "Plots", create: from("./panels/plots.js") },
   { id: "scans", title: "Range scans", create: from("./panels/scans.js") },

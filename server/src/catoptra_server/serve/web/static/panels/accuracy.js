@@ -1,17 +1,17 @@
 /**
- * What accuracy costs: the picture of a tolerance, of a budget, or of explicit numbers, its
- * difference from the exact one, its milliseconds, its bound, and the plans next to it.
+ * Accuracy in detail: the plan of the picture, its milliseconds by stage, its bound by part, the
+ * plans next to it; a tolerance or a budget from which the server plans, samples, renderer.
  */
 
 import { BarList, format, LogScale } from "../bars.js";
-import { Comparison } from "../comparison.js";
-import { bodyOf, make, makeButton, makeSelect, setText } from "../panel.js";
-import { VariantPull } from "../variant_pull.js";
+import { bodyOf, drawOnDemand, make, makeButton, makeSelect, setText } from "../panel.js";
+import { durationOf } from "./status.js";
 
+const INTERVAL_MS = 250;
 const TOLERANCE_PX = new LogScale(0.05, 20);
 const BUDGET_MS = new LogScale(1, 500);
 const SLIDER_STEPS = 200;
-const SAMPLES = [1, 2, 3, 4];
+const SAMPLES = ["", 1, 2, 3, 4];
 /** Parts of the bound by key of `error_bounds`. */
 const PARTS = {
   polygons_px: "flat polygons",
@@ -23,97 +23,98 @@ const PARTS = {
   edge_px: "sampling of edges",
 };
 const BOUND_PX = new LogScale(1e-5, 20);
+/** What a target takes the place of. */
+const NO_NUMBERS = { polygons: null, samples: null };
 
 /** Create the panel. */
 export function create(section, context) {
   const panel = new AccuracyPanel(section, context);
-  context.on("selection", () => panel.updateAvailability());
-  context.on("state", () => panel.updateAvailability());
+  const draw = drawOnDemand(section, () => panel.update());
+  for (const event of ["frame", "selection", "variant"]) context.on(event, draw);
 }
 
 class AccuracyPanel {
   #context;
-  #pull;
-  #controls;
-  #comparison = new Comparison("With these settings");
+  #drawn_ms = -INTERVAL_MS;
   #stages = new BarList("Milliseconds by stage");
   #parts = new BarList("Error bound and its parts");
   #plan = make("p", { className: "plan" });
-  #status = make("p", { className: "quiet", role: "status" });
   #alternatives = make("div", { className: "alternatives" });
+  #hint = make("p", { className: "quiet" });
   #contents;
+  #tolerance;
+  #budget;
+  #samples;
+  #renderer;
 
   constructor(section, context) {
     this.#context = context;
-    this.#controls = new Controls(context.server, () => this.#pull.refresh());
+    const set = (changes) => context.setVariant(changes);
+    const target = () =>
+      set({ ...NO_NUMBERS, max_error_px: this.#tolerance.value, budget_ms: this.#budget.value });
+    this.#tolerance = new Slider("Tolerance", TOLERANCE_PX, "px", target);
+    this.#budget = new Slider("Budget", BUDGET_MS, "ms", target);
+    this.#samples = select("Samples", SAMPLES, (n) => n ? `${n} \u00d7 ${n} per pixel` : "as set");
+    const noTarget = { max_error_px: null, budget_ms: null };
+    this.#samples.control.addEventListener("change", ({ target: { value } }) =>
+      set({ ...noTarget, samples: Number(value) || null }),
+    );
+    const renderers = ["", ...context.server.renderers];
+    this.#renderer = select("Renderer", renderers, (name) => name || "of the camera");
+    this.#renderer.control.addEventListener("change", ({ target: { value } }) =>
+      set({ renderer: value || null }),
+    );
+    const rows = [this.#tolerance, this.#budget, this.#samples, this.#renderer];
     this.#contents = make(
       "div",
       { hidden: true },
-      this.#controls.node,
-      this.#status,
+      make("div", { className: "sliders" }, ...rows.flatMap(({ nodes }) => nodes)),
       this.#plan,
       this.#alternatives,
-      this.#comparison.node,
       make("h3", {}, "Time"),
       this.#stages.node,
       make("h3", {}, "Bound on the displacement of outlines"),
       this.#parts.node,
     );
-    this.hint = make("p", { className: "quiet" });
-    bodyOf(section).append(this.hint, this.#contents);
-    this.#pull = new VariantPull(section, context, {
-      variant: () => this.#controls.variant,
-      show: (header, bitmap) => this.#show(header, bitmap),
-      fail: (error) => this.#setStatus(error.message, true),
-      setBusy: (isBusy) => this.#setBusy(isBusy),
-    });
-    this.updateAvailability();
+    bodyOf(section).append(this.#hint, this.#contents);
+    context.on("state", () => this.#updateAvailability());
+    this.#updateAvailability();
   }
 
   /** Show the controls for cameras that have settings. */
-  updateAvailability() {
+  #updateAvailability() {
     const { camera } = this.#context;
     const hasSettings = camera?.kind === "omni";
-    this.#controls.hasMesh = camera?.has_mesh;
-    if (this.#contents.hidden === !hasSettings && this.hint.hidden === hasSettings) return;
     this.#contents.hidden = !hasSettings;
-    this.hint.hidden = hasSettings;
-    this.hint.textContent = camera
+    this.#hint.hidden = hasSettings;
+    const text = camera
       ? "An ordinary camera: its picture has no such settings."
       : "Waiting for a robot with an omnidirectional camera.";
+    setText(this.#hint, text);
   }
 
-  #setBusy(isBusy) {
-    if (!isBusy) {
-      if (!this.#status.classList.contains("error")) this.#setStatus("");
-    } else if (this.#controls.hasTarget) {
-      const text = "The server renders; a first target takes seconds, in which it measures costs.";
-      this.#setStatus(text);
-    } else {
-      this.#setStatus("The server renders.");
-    }
-  }
-
-  #setStatus(text, isError = false) {
-    this.#status.classList.toggle("error", isError);
-    setText(this.#status, text);
-  }
-
-  async #show(header, bitmap) {
-    this.#setStatus("");
+  /** Show the numbers of the newest frame, slowly enough to be read. */
+  update() {
+    this.#updateAvailability();
+    const { frame, variant } = this.#context;
+    if (frame === null || performance.now() - this.#drawn_ms < INTERVAL_MS) return;
+    this.#drawn_ms = performance.now();
+    this.#tolerance.set(variant.max_error_px ?? 0);
+    this.#budget.set(variant.budget_ms ?? 0);
+    this.#samples.control.value = String(variant.samples ?? "");
+    this.#renderer.control.value = variant.renderer ?? "";
+    const { header } = frame;
     const isMissed = !header.target_met ? "Target not met. " : "";
-    const plan = `${isMissed}${header.plan ?? "no plan"}`;
-    setText(this.#plan, plan);
+    setText(this.#plan, `${isMissed}${header.plan ?? "no plan"}`);
     this.#plan.classList.toggle("error", !header.target_met);
     this.#showStages(header);
     this.#showBounds(header);
     this.#showAlternatives(header);
-    if (header.difference) await this.#comparison.show(header, bitmap);
   }
 
-  #showStages({ stage_ms, predicted_ms }) {
-    const stages = Object.entries(stage_ms);
-    const total_ms = stages.reduce((sum, [, ms]) => sum + ms, 0);
+  #showStages(header) {
+    const stages = Object.entries(header.stage_ms);
+    const [total_ms, { predicted_ms }] = [durationOf(header), header];
     const longest_ms = Math.max(total_ms, predicted_ms ?? 0, 1e-6);
     const bar = (name, ms, isOn) => {
       return { name, fraction: ms / longest_ms, text: `${format(ms)} ms`, isOn };
@@ -147,85 +148,10 @@ class AccuracyPanel {
   #alternativeButton(title, { plan, error_bound_px, cost_ms }) {
     const text = `${title}: ${format(error_bound_px)} px, ${format(cost_ms)} ms (${plan})`;
     // The fastest plan within its bound is the plan itself: both lie on the Pareto front.
-    return makeButton(text, () => this.#controls.setTolerance(error_bound_px * 1.000001));
-  }
-}
-
-/** Sliders and lists; `variant` is what they select. */
-class Controls {
-  #onChange;
-  #hasMesh = true;
-  #mode;
-  #tolerance;
-  #budget;
-  #polygons;
-  #samples;
-  #renderer;
-  #targetRows;
-  #numberRows;
-
-  constructor({ polygons, renderers }, onChange) {
-    this.#onChange = onChange;
-    // First what the server can render at once: a target takes seconds of measuring.
-    const modes = { numbers: "polygons and samples", target: "tolerance and budget" };
-    this.#mode = select("Settings by", Object.keys(modes), (mode) => modes[mode]);
-    this.#tolerance = new Slider("Tolerance", TOLERANCE_PX, "px", 0.5, onChange);
-    this.#budget = new Slider("Budget", BUDGET_MS, "ms", 0, onChange);
-    const surfaceText = (n) => (n === 0 ? "exact surface" : `${n} polygons`);
-    this.#polygons = select("Mirror", [...polygons, 0], surfaceText);
-    this.#polygons.control.value = String(polygons.at(-2) ?? 0);
-    this.#samples = select("Samples", SAMPLES, (n) => `${n} \u00d7 ${n} per pixel`);
-    this.#samples.control.value = "2";
-    this.#renderer = select("Renderer", ["", ...renderers], (name) => name || "of the camera");
-    this.#targetRows = [...this.#tolerance.nodes, ...this.#budget.nodes];
-    this.#numberRows = [...this.#polygons.nodes, ...this.#samples.nodes];
-    const rows = [...this.#targetRows, ...this.#numberRows, ...this.#renderer.nodes];
-    this.node = make("div", { className: "sliders" }, ...this.#mode.nodes, ...rows);
-    for (const { control } of [this.#polygons, this.#samples, this.#renderer]) {
-      control.addEventListener("change", onChange);
-    }
-    this.#mode.control.addEventListener("change", () => this.#changeMode());
-    this.#showRows();
-  }
-
-  /** A lens or a mirror without a viewpoint has no mesh of polygons to choose. */
-  set hasMesh(hasMesh) {
-    this.#hasMesh = hasMesh;
-    this.#showRows();
-  }
-
-  get hasTarget() {
-    return this.#mode.control.value === "target";
-  }
-
-  /** FrameVariant of the present settings. */
-  get variant() {
-    const renderer = this.#renderer.control.value || null;
-    const target = { max_error_px: this.#tolerance.value, budget_ms: this.#budget.value };
-    const numbers = {
-      polygons: this.#hasMesh ? Number(this.#polygons.control.value) : 0,
-      samples: Number(this.#samples.control.value),
-    };
-    return { ...(this.hasTarget ? target : numbers), renderer, reference: "exact" };
-  }
-
-  /** Set a tolerance without a budget. */
-  setTolerance(max_error_px) {
-    this.#mode.control.value = "target";
-    this.#tolerance.set(max_error_px);
-    this.#budget.set(0);
-    this.#changeMode();
-  }
-
-  #changeMode() {
-    this.#showRows();
-    this.#onChange();
-  }
-
-  #showRows() {
-    for (const node of this.#targetRows) node.hidden = !this.hasTarget;
-    for (const node of this.#numberRows) node.hidden = this.hasTarget;
-    for (const node of this.#polygons.nodes) node.hidden ||= !this.#hasMesh;
+    const max_error_px = error_bound_px * 1.000001;
+    return makeButton(text, () =>
+      this.#context.setVariant({ ...NO_NUMBERS, max_error_px, budget_ms: 0 }),
+    );
   }
 }
 
@@ -243,7 +169,9 @@ class Slider {
   #input;
   #output;
 
-  constructor(label, scale, unit, value, onChange) {
+  value = 0;
+
+  constructor(label, scale, unit, onChange) {
     this.#scale = scale;
     this.#unit = unit;
     const id = `accuracy-${label.toLowerCase()}`;
@@ -256,7 +184,7 @@ class Slider {
       this.#showValue();
       onChange();
     });
-    this.set(value);
+    this.#showValue();
   }
 
   /** Set a value, also between the steps. */

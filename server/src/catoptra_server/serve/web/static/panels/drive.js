@@ -30,10 +30,7 @@ class DrivePanel {
   #context;
   #control;
   #status = make("p", { className: "drive-status", role: "status" });
-  #left = make("td", { className: "number" });
-  #right = make("td", { className: "number" });
-  #reportedLeft = make("td", { className: "number" });
-  #reportedRight = make("td", { className: "number" });
+  #speed = make("p", { className: "quiet" });
   #limit = make("input", { type: "range", min: "5", max: "100", step: "5" });
   #limitText = make("output");
   #gamepad = make("p", { className: "quiet", hidden: true });
@@ -66,31 +63,12 @@ class DrivePanel {
     const label = "Stick: drag to drive. The keys W A S D and the arrows do the same.";
     this.#stick = make("div", { className: "stick", role: "img", ariaLabel: label }, knob);
     const halt = () => this.#control.emergencyStop("Stop was pressed");
-    const stop = makeButton("Stop (space)", halt, { className: "button stop" });
+    const stop = makeButton("Stop", halt, { className: "button stop", title: "Space bar" });
     this.#limit.addEventListener("input", () => this.#setLimit());
     const limit = make("label", { className: "limit" }, "Limit", this.#limit, this.#limitText);
-    const actions = make("div", { className: "controls" }, stop, ...this.#stepControls());
-    const values = make("div", { className: "drive-values" }, this.#status, this.#table(), limit);
-    values.append(actions, this.#gamepad);
-    return [this.#stick, values];
-  }
-
-  #table() {
-    const heading = (text) => make("th", { className: "number", scope: "col" }, text);
-    const row = (text, left, right) =>
-      make("tr", {}, make("th", { scope: "row" }, text), left, right);
-    const corner = make("td", { className: "quiet" }, "rad/s");
-    return make(
-      "table",
-      {},
-      make("thead", {}, make("tr", {}, corner, heading("Left"), heading("Right"))),
-      make(
-        "tbody",
-        {},
-        row("Commanded here", this.#left, this.#right),
-        row("Set in the robot", this.#reportedLeft, this.#reportedRight),
-      ),
-    );
+    // On the picture where there is room, else in front of the panel.
+    document.getElementById("stick").append(this.#stick);
+    return [this.#status, this.#speed, limit, stop, ...this.#stepControls(), this.#gamepad];
   }
 
   /** Button and duration of a step, and whether driving makes steps; none in real time. */
@@ -174,12 +152,7 @@ class DrivePanel {
 
   #show() {
     const target = targetOf(this.#context);
-    const [left, right] = this.#control.speeds_rad_s;
-    this.#left.textContent = left.toFixed(2);
-    this.#right.textContent = right.toFixed(2);
-    const [reportedLeft, reportedRight] = target.robot?.wheel_speeds_rad_s ?? [];
-    this.#reportedLeft.textContent = reportedLeft?.toFixed(2) ?? "\u2013";
-    this.#reportedRight.textContent = reportedRight?.toFixed(2) ?? "\u2013";
+    setText(this.#speed, this.#speedText(target.robot));
     this.#limitText.textContent = this.#limitInMetres(target.robot);
     this.#setStatus(...this.#stateOf(target));
     this.#stick.classList.toggle("disabled", !target.name);
@@ -195,6 +168,17 @@ class DrivePanel {
     const isDriven = robot?.wheel_speeds_rad_s.some((speed) => speed !== 0);
     if (wire_name && isDriven) return [`Another client drives ${shortName}; you may too.`, ""];
     return [`Ready to drive ${shortName}: keys W A S D or arrows, gamepad, stick.`, ""];
+  }
+
+  /** Speed and turn by the wheels of a robot; its wheel speeds where the class is unknown. */
+  #speedText(robot) {
+    if (!robot) return "";
+    const [left, right] = robot.wheel_speeds_rad_s;
+    const size = classOf(this.#context.server, robot.class_name);
+    if (!size?.wheel_radius_m) return `${left.toFixed(1)}, ${right.toFixed(1)} rad/s`;
+    const forward_m_s = 0.5 * (left + right) * size.wheel_radius_m;
+    const turn_rad_s = ((left - right) * size.wheel_radius_m) / size.wheel_separation_m;
+    return `${forward_m_s.toFixed(2)} m/s, turning ${turn_rad_s.toFixed(2)} rad/s`;
   }
 
   #limitInMetres(robot) {

@@ -1,6 +1,6 @@
 /** Ground truth of pixels in colours, and its value under the cursor. */
 
-import { colourAt } from "../comparison.js";
+import { colourAt } from "../difference.js";
 import { resizeCanvas } from "../canvas.js";
 import { bodyOf, isShown, make, makeSelect, onShown, setText } from "../panel.js";
 
@@ -63,8 +63,8 @@ class LabelsPanel {
     this.#select.addEventListener("change", () => this.ask());
     this.#canvas.setAttribute("aria-label", "Ground truth in colours");
     const label = make("label", {}, "Channel ", this.#select);
-    const figure = make("figure", {}, this.#canvas);
-    bodyOf(section).append(label, make("div", { className: "comparison" }, figure), this.#value);
+    const figure = make("figure", { className: "labels" }, this.#canvas);
+    bodyOf(section).append(label, figure, this.#value);
   }
 
   /** Request a frame with the channel: three a second at most, one pending. */
@@ -78,8 +78,9 @@ class LabelsPanel {
     try {
       // Names of objects come with their numbers.
       const channels = name === "classes" ? ["classes", "ids"] : [name];
-      const request = { ...selected, encoding: "jpeg", channels };
-      const reply = await commands.requestFrame({ ...request, ...this.#context.handRequest });
+      const { picture } = this.#context.variant;
+      const variant = picture ? { picture } : null;
+      const reply = await commands.requestFrame({ ...selected, encoding: "jpeg", channels, variant });
       if (selected === this.#context.selected) this.#show(name, reply);
     } catch (error) {
       setText(this.#value, error.message);

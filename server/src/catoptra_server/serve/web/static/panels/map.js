@@ -5,6 +5,7 @@
 
 import { clearedCanvas, onColourScheme, onResize } from "../canvas.js";
 import { DECODING, fetchJson } from "../connection.js";
+import { makeLegend } from "../landmarks.js";
 import * as draw from "../map_drawing.js";
 import { MapItems } from "../map_items.js";
 import {
@@ -93,9 +94,10 @@ class MapPanel {
     plan.image = await createImageBitmap(new Blob([bytes]), DECODING);
     this.#plans.set(name, plan);
     this.#redraw();
-    if (this.#layers.querySelector("i")) return;
+    const group = this.#layers.lastChild;
+    if (group.querySelector("i")) return;
     for (const [text, rgb] of Object.entries(plan.colours))
-      this.#layers.append(make("i", { style: `background: rgb(${rgb})` }), text);
+      group.append(make("i", { style: `background: rgb(${rgb})` }), text);
   }
 
   #tools() {
@@ -117,7 +119,8 @@ class MapPanel {
     const items = LAYERS.map(({ id, label, title }) =>
       this.#choice.makeBox(id, label, id, { title }),
     );
-    return make("div", { className: "layers", role: "group", ariaLabel: "Layers" }, ...items);
+    const group = make("div", { role: "group", ariaLabel: "Layers" }, ...items, makeLegend());
+    return make("details", { className: "layers" }, make("summary", {}, "Layers"), group);
   }
 
   get #isFollowing() {

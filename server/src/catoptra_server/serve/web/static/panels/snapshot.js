@@ -36,8 +36,8 @@ export function create(section, context) {
 }
 
 /** The newest frame as PNG; on the connection of commands, so that the feed goes on. */
-async function requestPng({ commands, selected, handRequest }) {
-  const frame = await commands.requestFrame({ ...selected, encoding: "png", ...handRequest });
+async function requestPng({ commands, selected, variantRequest }) {
+  const frame = await commands.requestFrame({ ...selected, encoding: "png", ...variantRequest });
   return { ...frame, blob: new Blob([frame.bytes], { type: "image/png" }) };
 }
 

@@ -1,33 +1,23 @@
-/** The status line: what the picture shows, how old it is, and by which plan it was rendered. */
+/** The line of facts: what is shown, how often, how exact it is, what it costs, where the robot is. */
 
+import { format } from "../bars.js";
+import { beliefsOf } from "../beliefs.js";
 import { bodyOf, make, setText, shorten } from "../panel.js";
+import { robotOf } from "../scan_geometry.js";
 
-const FIELDS = [
-  ["robot", "Robot"],
-  ["camera", "Camera"],
-  ["time", "Time"],
-  ["rate", "Frames"],
-  ["age", "Age"],
-  ["bound", "Bound"],
-  ["plan", "Plan"],
-];
+const FACTS = ["robot", "rate", "bound", "cost", "age", "belief"];
 
 /** Create the panel. */
 export function create(section, context) {
-  const values = new Map();
-  const list = make("dl", { className: "status" });
-  for (const [id, label] of FIELDS) {
-    const value = make("dd", { id: `status-${id}` }, "\u2013");
-    values.set(id, value);
-    list.append(make("div", { className: id }, make("dt", {}, label), value));
-  }
-  bodyOf(section).append(list);
+  const items = FACTS.map((id) => make("li", { id: `status-${id}`, className: id, hidden: true }));
+  bodyOf(section).append(make("ul", { className: "status" }, ...items));
   const update = () => {
     if (document.hidden) return;
     const texts = textsOf(context);
-    for (const id in texts) setText(values.get(id), texts[id]);
-    // Only the plan is longer than its place.
-    values.get("plan").title = texts.plan;
+    FACTS.forEach((id, i) => {
+      setText(items[i], texts[id]);
+      items[i].hidden = texts[id] === "";
+    });
   };
   // By time, not by frame: the age of a picture grows while none follows it.
   setInterval(update, 250);
@@ -35,21 +25,38 @@ export function create(section, context) {
   context.on("connection", update);
 }
 
-function textsOf({ selected, frame, state, statistics, server }) {
+function textsOf(context) {
+  const { selected, frame, statistics, server } = context;
   const header = frame?.header;
+  const robot = selected.robot || header?.robot;
+  const bound_px = header?.error_bound_px ?? null;
   const age_ms = header ? 1000 * header.age_s + performance.now() - frame.received_ms : null;
-  const time_s = state?.reply.time_s ?? header?.time_s;
   return {
-    robot: shorten(selected.robot || header?.robot || "none", 24),
-    camera: shorten(selected.camera || header?.camera || "none", 32),
-    time: time_s === undefined ? "\u2013" : `${time_s.toFixed(1)} s`,
-    rate: statistics ? `${statistics.rate_hz.toFixed(0)} / s` : "\u2013",
+    robot: robot ? `Robot ${shorten(robot, 24)}` : "No robot",
+    rate: header ? `${statistics.rate_hz.toFixed(0)} pictures/s` : "",
+    bound: bound_px === null ? "" : `off by at most ${format(Number(bound_px.toPrecision(2)))} px`,
+    cost: header ? `${format(Number(durationOf(header).toPrecision(2)))} ms a picture` : "",
     // Under lockstep the picture is up to date until time passes.
-    age: age_ms === null || server.clock === "lockstep" ? "\u2013" : ageText(age_ms),
-    bound: header?.error_bound_px == null ? "\u2013" : `${header.error_bound_px.toPrecision(3)} px`,
-    plan: header?.plan ?? "\u2013",
+    age: age_ms === null || server.clock === "lockstep" ? "" : ageText(age_ms),
+    belief: beliefText(context),
   };
 }
 
+/** Milliseconds of all stages of a frame. */
+export const durationOf = ({ stage_ms }) =>
+  Object.values(stage_ms).reduce((sum, ms) => sum + ms, 0);
+
 const ageText = (age_ms) =>
-  age_ms < 1000 ? `${Math.round(age_ms)} ms` : `${(age_ms / 1000).toFixed(1)} s`;
+  age_ms < 1000 ? `${Math.round(age_ms)} ms old` : `${(age_ms / 1000).toFixed(1)} s old`;
+
+/** Distance of the first published pose from the true one. */
+function beliefText(context) {
+  const robot = robotOf(context, context.selected.robot);
+  const belief = robot && beliefsOf(context.state).find(({ pose }) => pose !== null);
+  if (!belief) return "";
+  const [x, y] = robot.world_from_robot.position_m;
+  const distance_m = Math.hypot(belief.pose.x - x, belief.pose.y - y);
+  return distance_m < 1
+    ? `localized to ${Math.ceil(100 * distance_m)} cm`
+    : `believes to be ${distance_m.toFixed(1)} m away`;
+}

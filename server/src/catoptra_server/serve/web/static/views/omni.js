@@ -5,6 +5,7 @@
 
 import { otherHand } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
+import { CursorCard } from "../cursor_card.js";
 import { drawLandmarks } from "../landmarks.js";
 import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
 import {
@@ -42,6 +43,7 @@ class OmniView {
   #context;
   #canvases;
   #caption;
+  #card;
   #zoom = 1;
   /** Pixel of the frame in the middle of the view; null for the middle of the frame. */
   #middle = null;
@@ -53,7 +55,8 @@ class OmniView {
     this.requestOverlay = drawOnDemand(section, () => this.#drawOverlay());
     this.#canvases = new ViewCanvases(section, "Omnidirectional picture", HELP, this.requestDraw);
     this.#caption = make("p", { className: "view-caption" });
-    bodyOf(section).append(this.#caption);
+    this.#card = new CursorCard(section, context);
+    bodyOf(section).append(this.#caption, this.#card.node);
     this.#addTools(toolsOf(section));
     const { overlay } = this.#canvases;
     watchGestures(overlay, {
@@ -87,7 +90,10 @@ class OmniView {
     if (reasonForNoPicture(this.#context)) return;
     if (table) drawOutlines(pen, this.#context, (pixel) => this.#positionFromPixel(pixel));
     this.#drawLandmarks(pen);
-    if (cursor.pixel) drawCrosshair(pen, this.#positionFromPixel(cursor.pixel), cursor.isHeld);
+    if (!cursor.pixel) return;
+    const position = this.#positionFromPixel(cursor.pixel);
+    drawCrosshair(pen, position, cursor.isHeld);
+    this.#card.place(position, this.#canvases);
   }
 
   /** By the pose of the frame; without a model of the camera by the pixels of the reply. */
@@ -129,7 +135,7 @@ class OmniView {
 
   #turn() {
     const { table } = this.#context;
-    if (table) this.#context.picture = otherHand(table.picture);
+    if (table) this.#context.setVariant({ picture: otherHand(table.picture) });
   }
 
   /** CSS pixels per pixel of the frame, and the position of the frame's corner. */

@@ -43,7 +43,7 @@ class PanoramaView {
       drawEvents: ["selection", "table", "unwarper"],
       markEvents: ["cursor", "window", "landmarks"],
       geometry: () => this.#cylinder(),
-      drawMarks: (pen) => this.#drawMarks(pen),
+      drawMarks: (pen, drawn) => this.#drawMarks(pen, drawn),
       onKey: (event) => this.#onKey(event),
     });
     watchGestures(this.#view.canvases.overlay, {
@@ -70,7 +70,7 @@ class PanoramaView {
     return { cylinder, scale, left, top };
   }
 
-  #drawMarks(pen) {
+  #drawMarks(pen, drawn) {
     const placement = this.#placement();
     const { cylinder, scale, left, top } = placement;
     const project = (direction) => positionFromDirection(placement, direction);
@@ -80,7 +80,7 @@ class PanoramaView {
     pen.clip();
     const { width } = this.#view.canvases;
     const trace = (line) => tracePolyline(pen, line.map(project), 0.5 * width);
-    trace(horizonDirections(this.#context));
+    trace(horizonDirections(drawn));
     strokeHorizon(pen);
     this.#drawScale(pen, placement);
     trace(windowOutline(this.#context.window));

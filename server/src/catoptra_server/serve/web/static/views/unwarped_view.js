@@ -15,11 +15,14 @@ import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
 export class UnwarpedView {
   #context;
   #view;
+  /** The context at the frame that the view shows: a newer one may not be unwarped yet. */
+  #drawn;
 
   /**
    * Fill a section with a view: label, help; drawEvents that change the picture, markEvents;
-   * functions: geometry() for the unwarper, drawMarks(pen), onKey(event) which returns whether it
-   * is a key of the view, and perhaps onDraw(), onResize().
+   * functions: geometry() for the unwarper, drawMarks(pen, context) with the context at the frame
+   * that is shown, onKey(event) which returns whether it is a key of the view, and perhaps
+   * onDraw(), onResize().
    */
   constructor(section, context, view) {
     this.#context = context;
@@ -43,8 +46,12 @@ export class UnwarpedView {
   draw() {
     const reason = reasonForNoUnwarping(this.#context);
     this.canvases.setMessage(reason);
+    const drawn = Object.create(this.#context, { frame: { value: this.#context.frame } });
     // Together with its picture: marks lie on what they name.
-    const onDrawn = () => this.#drawOverlay();
+    const onDrawn = () => {
+      this.#drawn = drawn;
+      this.#drawOverlay();
+    };
     if (reason) onDrawn();
     else this.#context.unwarper.draw(this.canvases.picture, this.#view.geometry(), onDrawn);
     this.#view.onDraw?.();
@@ -52,13 +59,13 @@ export class UnwarpedView {
 
   #drawOverlay() {
     const pen = this.canvases.clear(this.canvases.overlay);
-    if (!reasonForNoUnwarping(this.#context)) this.#view.drawMarks(pen);
+    if (this.#drawn && !reasonForNoUnwarping(this.#context)) this.#view.drawMarks(pen, this.#drawn);
   }
 
   /** Draw landmarks and cursor; `project` gives the position of a direction, null outside. */
   drawDirections(pen, project) {
-    drawLandmarks(pen, landmarkPlaces(this.#context, project), this.canvases.width);
-    const cursor = cursorDirection(this.#context);
+    drawLandmarks(pen, landmarkPlaces(this.#drawn, project), this.canvases.width);
+    const cursor = cursorDirection(this.#drawn);
     const position = cursor && project(cursor);
     if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
   }

@@ -1,4 +1,4 @@
-/** A picture of other settings, and its difference from a reference as a heat map. */
+/** The difference of a picture from a reference, as a heat map. */
 
 import { make } from "./panel.js";
 import { format } from "./bars.js";
@@ -13,46 +13,36 @@ const COLOURS = [
 const PIXELS_PER_TASK = 200000;
 const SMALLEST_SCALE = 8;
 
-/** Two figures side by side. */
-export class Comparison {
-  #picture = make("canvas", { width: 1, height: 1, role: "img" });
-  #difference = make("canvas", { width: 1, height: 1, role: "img" });
+/** A heat map that covers the picture of a view, with its scale and its numbers. */
+export class Difference {
+  #canvas = make("canvas", { width: 1, height: 1, role: "img" });
   #scale = make("canvas", { className: "scale", width: 256, height: 1, ariaHidden: "true" });
   #labels = ["0", "", ""].map((text) => make("span", {}, text));
-  #pictureCaption;
-  #differenceCaption = make("figcaption", {});
+  #caption = make("p", {});
 
-  constructor(caption) {
-    this.#pictureCaption = make("figcaption", {}, caption);
-    this.#picture.setAttribute("aria-label", caption);
-    this.#difference.setAttribute("aria-label", "Difference as a heat map");
+  constructor() {
+    this.#canvas.setAttribute("aria-label", "Difference as a heat map");
     drawScale(this.#scale);
     const labels = make("div", { className: "scale-labels" }, ...this.#labels);
-    this.node = make(
-      "div",
-      { className: "comparison", hidden: true },
-      make("figure", {}, this.#picture, this.#pictureCaption),
-      make("figure", {}, this.#difference, this.#scale, labels, this.#differenceCaption),
-    );
+    const legend = make("div", { className: "legend" }, this.#scale, labels, this.#caption);
+    this.node = make("div", { className: "difference", hidden: true }, this.#canvas, legend);
   }
 
-  /** Show a frame with a reference: left half the picture, right half the differences. */
+  /** Show a frame with a reference: its right half are the differences. */
   async show({ difference }, bitmap) {
-    const [width, height] = [bitmap.width / 2, bitmap.height];
-    resizeCanvas(this.#picture, width, height);
-    this.#picture.getContext("2d", { alpha: false }).drawImage(bitmap, 0, 0);
+    if (!difference) return;
     const top = Math.max(SMALLEST_SCALE, 2 ** Math.ceil(Math.log2(difference.max_levels || 1)));
     this.#labels[1].textContent = String(top / 2);
     this.#labels[2].textContent = `${top} grey levels`;
-    this.#differenceCaption.textContent =
-      `Difference: at most ${difference.max_levels}, rms ${format(difference.rms_levels)} grey ` +
-      `levels; ${format(100 * difference.changed_fraction)} % of the pixels differ. Reference: ` +
-      // Its first part; the reasons would fill the panel.
+    this.#caption.textContent =
+      `Error: at most ${difference.max_levels}, rms ${format(difference.rms_levels)} grey levels; ` +
+      `${format(100 * difference.changed_fraction)} % of the pixels differ from: ` +
+      // Its first part; the reasons would fill the picture.
       difference.reference_plan.split(/[:;]/)[0];
-    this.#differenceCaption.title = difference.reference_plan;
+    this.#caption.title = difference.reference_plan;
+    resizeCanvas(this.#canvas, bitmap.width / 2, bitmap.height);
+    await drawHeatMap(this.#canvas, bitmap, top);
     this.node.hidden = false;
-    resizeCanvas(this.#difference, width, height);
-    await drawHeatMap(this.#difference, bitmap, top);
   }
 
   /** Show nothing. */

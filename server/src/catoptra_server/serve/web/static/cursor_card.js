@@ -1,30 +1,21 @@
-/** What the camera sees under the cursor of any view. */
+/** What the camera sees under the cursor of any view: a card beside it on the picture. */
 
-import { makeLegend } from "../landmarks.js";
-import { bodyOf, isShown, make, onShown, setText } from "../panel.js";
-import { degrees } from "../scan_geometry.js";
-import { rotate } from "../transforms.js";
-import { aimFromDirection, directionFromAngles } from "../views/directions.js";
+import { isShown, make, onShown, setText } from "./panel.js";
+import { degrees } from "./scan_geometry.js";
+import { rotate } from "./transforms.js";
+import { aimFromDirection, directionFromAngles } from "./views/directions.js";
 
 const INTERVAL_MS = 100;
-const ANGLES = ["incidence angle", "azimuth", "elevation"];
+const ROWS = ["object", "range", "azimuth", "elevation", "incidence angle", "pixel", "error bound"];
 const OUTSIDE = "outside the image of the camera";
+const OFFSET_PX = 16;
 
-/** Create the panel. */
-export function create(section, context) {
-  const panel = new CursorPanel(section, context);
-  context.on("cursor", () => panel.update());
-  context.on("table", () => panel.update());
-  // The robot moves below a cursor that rests.
-  context.on("state", () => panel.ask());
-  onShown(section, () => panel.update());
-}
-
-class CursorPanel {
+/** The card of a view. */
+export class CursorCard {
   #section;
   #context;
   #values = new Map();
-  #hint;
+  #hint = make("p", { className: "quiet" });
   #isPending = false;
   #askedAt_ms = 0;
   #askedFor = "";
@@ -33,26 +24,43 @@ class CursorPanel {
     this.#section = section;
     this.#context = context;
     const list = make("dl", { className: "values" });
-    for (const name of ["pixel", ...ANGLES, "range", "object", "error bound"]) {
+    for (const name of ROWS) {
       const value = make("dd", {}, "\u2013");
       this.#values.set(name, value);
       list.append(make("dt", {}, name), value);
     }
-    this.#hint = make("p", { className: "quiet" });
-    bodyOf(section).append(list, this.#hint, makeLegend());
+    this.node = make("div", { className: "card", id: "cursor-card", hidden: true }, list, this.#hint);
+    context.on("cursor", () => this.#update());
+    context.on("table", () => this.#update());
+    // The robot moves below a cursor that rests.
+    context.on("state", () => this.ask());
+    onShown(section, () => this.#update());
+  }
+
+  /** Place the card beside a position of the cursor in a view of a size, in CSS pixels. */
+  place([x, y], { width, height }) {
+    const { style } = this.node;
+    const [toLeft, toTop] = [x > 0.5 * width, y > 0.5 * height];
+    style.left = toLeft ? "" : `${x + OFFSET_PX}px`;
+    style.right = toLeft ? `${width - x + OFFSET_PX}px` : "";
+    style.top = toTop ? "" : `${y + OFFSET_PX}px`;
+    style.bottom = toTop ? `${height - y + OFFSET_PX}px` : "";
   }
 
   /** Show at once what the table knows, then ask for the rest. */
-  update() {
+  #update() {
     if (!isShown(this.#section)) return;
     const { cursor, table } = this.#context;
     const { pixel } = cursor;
-    this.#set("pixel", pixel ? `${pixel[0].toFixed(1)}, ${pixel[1].toFixed(1)}` : null);
-    const angles = pixel && table ? table.anglesFromPixel(pixel) : null;
-    const isOutside = Boolean(pixel && table && !angles);
+    this.node.hidden = pixel === null;
+    if (pixel === null) return;
+    this.#set("pixel", `${pixel[0].toFixed(1)}, ${pixel[1].toFixed(1)}`);
+    const angles = table ? table.anglesFromPixel(pixel) : null;
+    const isOutside = Boolean(table && !angles);
     this.#showAngles(angles && { ...angles, direction: directionFromAngles(angles) }, isOutside);
-    if (!pixel || isOutside) this.#showReply(null);
-    this.#setHint(cursor);
+    if (isOutside) this.#showReply(null);
+    const { isHeld } = cursor;
+    setText(this.#hint, isHeld ? "Held: Escape or Enter releases it." : "Click or Enter holds it.");
     this.ask();
   }
 
@@ -108,15 +116,6 @@ class CursorPanel {
     const aim = angles && aimFromDirection(rotate(this.#context.mount, angles.direction));
     this.#set("azimuth", aim && degrees(aim.yaw_rad, 2));
     this.#set("elevation", aim && degrees(aim.pitch_rad, 2));
-  }
-
-  #setHint({ pixel, isHeld }) {
-    const text = isHeld
-      ? "The cursor is held: Escape or Enter releases it."
-      : pixel
-        ? "Click or Enter holds the cursor."
-        : "Point at a picture, or focus it and press an arrow key.";
-    setText(this.#hint, text);
   }
 
   #set(name, text) {
