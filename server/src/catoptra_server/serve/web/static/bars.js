@@ -15,11 +15,6 @@ export class LogScale {
     const fraction = Math.log(value / this.low) / Math.log(this.high / this.low);
     return Math.min(Math.max(fraction, 0), 1);
   }
-
-  /** Value at a part of the way. */
-  valueAt(fraction) {
-    return this.low * (this.high / this.low) ** fraction;
-  }
 }
 
 /** A number with three significant digits, without an exponent where it can be avoided. */

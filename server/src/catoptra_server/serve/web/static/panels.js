@@ -26,7 +26,6 @@ const PANELS = [
   { id: "labels", title: "Ground truth", create: from("./panels/labels.js") },
   { id: "plots", title: "Plots", create: from("./panels/plots.js") },
   { id: "scans", title: "Range scans", create: from("./panels/scans.js") },
-  { id: "snapshot", title: "Snapshot", create: from("./panels/snapshot.js") },
 ];
 
 /** Section of the panel with this id. */

@@ -1,16 +1,13 @@
 /**
- * Accuracy in detail: the plan of the picture, its milliseconds by stage, its bound by part, the
- * plans next to it; a tolerance or a budget from which the server plans, samples, renderer.
+ * Accuracy in detail: the plan of the picture, its milliseconds by stage, its bound by part; a
+ * tolerance or a budget from which the server plans, samples, renderer.
  */
 
 import { BarList, format, LogScale } from "../bars.js";
-import { bodyOf, drawOnDemand, make, makeButton, makeSelect, setText } from "../panel.js";
+import { bodyOf, drawOnDemand, make, makeSelect, setText } from "../panel.js";
 import { durationOf } from "./status.js";
 
 const INTERVAL_MS = 250;
-const TOLERANCE_PX = new LogScale(0.05, 20);
-const BUDGET_MS = new LogScale(1, 500);
-const SLIDER_STEPS = 200;
 const SAMPLES = ["", 1, 2, 3, 4];
 /** Parts of the bound by key of `error_bounds`. */
 const PARTS = {
@@ -23,8 +20,6 @@ const PARTS = {
   edge_px: "sampling of edges",
 };
 const BOUND_PX = new LogScale(1e-5, 20);
-/** What a target takes the place of. */
-const NO_NUMBERS = { polygons: null, samples: null };
 
 /** Create the panel. */
 export function create(section, context) {
@@ -39,7 +34,6 @@ class AccuracyPanel {
   #stages = new BarList("Milliseconds by stage");
   #parts = new BarList("Error bound and its parts");
   #plan = make("p", { className: "plan" });
-  #alternatives = make("div", { className: "alternatives" });
   #hint = make("p", { className: "quiet" });
   #contents;
   #tolerance;
@@ -50,10 +44,16 @@ class AccuracyPanel {
   constructor(section, context) {
     this.#context = context;
     const set = (changes) => context.setVariant(changes);
+    const valueOf = ({ control }) => Number(control.value);
     const target = () =>
-      set({ ...NO_NUMBERS, max_error_px: this.#tolerance.value, budget_ms: this.#budget.value });
-    this.#tolerance = new Slider("Tolerance", TOLERANCE_PX, "px", target);
-    this.#budget = new Slider("Budget", BUDGET_MS, "ms", target);
+      set({
+        polygons: null,
+        samples: null,
+        max_error_px: valueOf(this.#tolerance),
+        budget_ms: valueOf(this.#budget),
+      });
+    this.#tolerance = number("Tolerance, px", target);
+    this.#budget = number("Budget, ms", target);
     this.#samples = select("Samples", SAMPLES, (n) => n ? `${n} \u00d7 ${n} per pixel` : "as set");
     const noTarget = { max_error_px: null, budget_ms: null };
     this.#samples.control.addEventListener("change", ({ target: { value } }) =>
@@ -70,7 +70,6 @@ class AccuracyPanel {
       { hidden: true },
       make("div", { className: "sliders" }, ...rows.flatMap(({ nodes }) => nodes)),
       this.#plan,
-      this.#alternatives,
       make("h3", {}, "Time"),
       this.#stages.node,
       make("h3", {}, "Bound on the displacement of outlines"),
@@ -99,17 +98,19 @@ class AccuracyPanel {
     const { frame, variant } = this.#context;
     if (frame === null || performance.now() - this.#drawn_ms < INTERVAL_MS) return;
     this.#drawn_ms = performance.now();
-    this.#tolerance.set(variant.max_error_px ?? 0);
-    this.#budget.set(variant.budget_ms ?? 0);
-    this.#samples.control.value = String(variant.samples ?? "");
-    this.#renderer.control.value = variant.renderer ?? "";
+    const show = ({ control }, value) => {
+      if (control !== document.activeElement) control.value = String(value || "");
+    };
+    show(this.#tolerance, variant.max_error_px);
+    show(this.#budget, variant.budget_ms);
+    show(this.#samples, variant.samples);
+    show(this.#renderer, variant.renderer);
     const { header } = frame;
     const isMissed = !header.target_met ? "Target not met. " : "";
     setText(this.#plan, `${isMissed}${header.plan ?? "no plan"}`);
     this.#plan.classList.toggle("error", !header.target_met);
     this.#showStages(header);
     this.#showBounds(header);
-    this.#showAlternatives(header);
   }
 
   #showStages(header) {
@@ -134,25 +135,6 @@ class AccuracyPanel {
     else bars.unshift(bar("bound", error_bound_px, true));
     this.#parts.show(bars);
   }
-
-  #showAlternatives({ more_accurate, faster }) {
-    const key = JSON.stringify([more_accurate, faster]);
-    if (this.#alternatives.dataset.key === key) return;
-    this.#alternatives.dataset.key = key;
-    const buttons = [["More accurate", more_accurate], ["Faster", faster]]
-      .filter(([, alternative]) => alternative !== null)
-      .map(([title, alternative]) => this.#alternativeButton(title, alternative));
-    this.#alternatives.replaceChildren(...buttons);
-  }
-
-  #alternativeButton(title, { plan, error_bound_px, cost_ms }) {
-    const text = `${title}: ${format(error_bound_px)} px, ${format(cost_ms)} ms (${plan})`;
-    // The fastest plan within its bound is the plan itself: both lie on the Pareto front.
-    const max_error_px = error_bound_px * 1.000001;
-    return makeButton(text, () =>
-      this.#context.setVariant({ ...NO_NUMBERS, max_error_px, budget_ms: 0 }),
-    );
-  }
 }
 
 /** A labelled list of choices. */
@@ -162,42 +144,10 @@ function select(label, values, textOf) {
   return { control, nodes: [make("label", { htmlFor: id }, label), control] };
 }
 
-/** A slider on a logarithmic scale whose left end is "none", the value 0. */
-class Slider {
-  #scale;
-  #unit;
-  #input;
-  #output;
-
-  value = 0;
-
-  constructor(label, scale, unit, onChange) {
-    this.#scale = scale;
-    this.#unit = unit;
-    const id = `accuracy-${label.toLowerCase()}`;
-    this.#input = make("input", { type: "range", id, min: 0, max: SLIDER_STEPS, step: 1 });
-    this.#output = make("output", { htmlFor: id });
-    this.nodes = [make("label", { htmlFor: id }, label), this.#input, this.#output];
-    this.#input.addEventListener("input", () => {
-      const step = Number(this.#input.value);
-      this.value = step === 0 ? 0 : scale.valueAt((step - 1) / (SLIDER_STEPS - 1));
-      this.#showValue();
-      onChange();
-    });
-    this.#showValue();
-  }
-
-  /** Set a value, also between the steps. */
-  set(value) {
-    this.value = value;
-    const step = value === 0 ? 0 : 1 + this.#scale.fractionOf(value) * (SLIDER_STEPS - 1);
-    this.#input.value = String(Math.round(step));
-    this.#showValue();
-  }
-
-  #showValue() {
-    const text = this.value === 0 ? "none" : `${format(this.value)} ${this.#unit}`;
-    this.#output.textContent = text;
-    this.#input.setAttribute("aria-valuetext", text);
-  }
+/** A labelled number, empty for none. */
+function number(label, onChange) {
+  const id = `accuracy-${label.split(",")[0].toLowerCase()}`;
+  const control = make("input", { type: "number", min: 0, step: "any", id, placeholder: "none" });
+  control.addEventListener("change", onChange);
+  return { control, nodes: [make("label", { htmlFor: id }, label), control] };
 }

@@ -178,7 +178,7 @@ class DrivePanel {
     if (!size?.wheel_radius_m) return `${left.toFixed(1)}, ${right.toFixed(1)} rad/s`;
     const forward_m_s = 0.5 * (left + right) * size.wheel_radius_m;
     const turn_rad_s = ((left - right) * size.wheel_radius_m) / size.wheel_separation_m;
-    return `${forward_m_s.toFixed(2)} m/s, turning ${turn_rad_s.toFixed(2)} rad/s`;
+    return `${forward_m_s.toFixed(2)} m/s, ${turn_rad_s.toFixed(2)} rad/s`;
   }
 
   #limitInMetres(robot) {

@@ -2,7 +2,7 @@
 
 import { clearedCanvas, onColourScheme, onResize } from "../canvas.js";
 import { drawLabel, fillFaintly, robotOutline, setLine, tracePositions } from "../map_drawing.js";
-import { bodyOf, drawOnDemand, LayerChoice, make, makeSelect, shorten } from "../panel.js";
+import { bodyOf, drawOnDemand, LayerChoice, make, shorten } from "../panel.js";
 import { numbersOf, readingKey } from "../readings.js";
 import {
   classOf,
@@ -27,7 +27,6 @@ class ScanPanel {
   #canvas = make("canvas", { role: "img", ariaLabel: "Ranges around the robot, forward up" });
   #chosen = make("div", { className: "controls", role: "group", ariaLabel: "Sensors" });
   #summary = make("p", { className: "quiet" });
-  #range = makeSelect([0, ...RANGES_M], (range) => (range ? `${range} m` : "automatic"));
   /** All but the summary: hidden for a robot without range sensors. */
   #view = make("div");
   #choice;
@@ -36,14 +35,10 @@ class ScanPanel {
 
   constructor(section, context) {
     this.#context = context;
-    const choice = make("label", {}, "Extent", this.#range);
-    const controls = make("div", { className: "controls" }, this.#chosen, choice);
-    const figure = make("div", { className: "figure scan" }, this.#canvas);
-    this.#view.append(controls, figure);
+    this.#view.append(this.#chosen, make("div", { className: "figure scan" }, this.#canvas));
     bodyOf(section).append(this.#view, this.#summary);
     this.#redraw = drawOnDemand(section, () => this.#draw());
     this.#choice = new LayerChoice("catoptra.scans.hidden", this.#redraw);
-    this.#range.addEventListener("change", this.#redraw);
     context.on("state", this.#redraw);
     onResize(this.#canvas, this.#redraw);
     onColourScheme(this.#redraw);
@@ -63,7 +58,7 @@ class ScanPanel {
     const shown = groups.filter(({ label }) => this.#choice.shows(label));
     const beams = shown.flatMap((group) => beamsOf(group, state.readings));
     const { pen, width, height } = clearedCanvas(this.#canvas);
-    const extent_m = Number(this.#range.value) || extentOf(beams);
+    const extent_m = extentOf(beams);
     const view = fanView(width, height, extent_m);
     drawRings(pen, view, extent_m);
     for (const beam of beams) drawBeam(pen, view, beam);

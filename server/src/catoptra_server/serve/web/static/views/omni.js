@@ -7,7 +7,8 @@ import { otherHand } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { CursorCard } from "../cursor_card.js";
 import { drawLandmarks } from "../landmarks.js";
-import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
+import { bodyOf, drawOnDemand, isShown, make, makeButton, setText, toolsOf } from "../panel.js";
+import { makeSaveButton, savePicture } from "../snapshot.js";
 import {
   aimFromDirection,
   directionFromPixel,
@@ -23,7 +24,6 @@ const MAX_ZOOM = 40;
 const ZOOM_STEP = 1.25;
 // Above, single pixels are meant to be seen.
 const SMOOTH_UP_TO = 3;
-const RATE_INTERVAL_MS = 500;
 const HELP =
   "Drag to pan, wheel or + and - to zoom, 0 to fit. Arrow keys move a cursor, with Shift by ten " +
   "pixels, with Alt they pan. Click or Enter holds the cursor, Escape releases it. Double click " +
@@ -47,7 +47,6 @@ class OmniView {
   #zoom = 1;
   /** Pixel of the frame in the middle of the view; null for the middle of the frame. */
   #middle = null;
-  #captionDrawn_ms = 0;
 
   constructor(section, context) {
     this.#context = context;
@@ -108,20 +107,12 @@ class OmniView {
     drawLandmarks(pen, places, this.#canvases.width);
   }
 
-  /** Rate and age, as a text that changes slowly enough to be read. */
   #drawCaption() {
-    const now_ms = performance.now();
-    if (now_ms - this.#captionDrawn_ms < RATE_INTERVAL_MS) return;
-    this.#captionDrawn_ms = now_ms;
-    const { statistics, frame } = this.#context;
+    const { frame } = this.#context;
     if (frame === null) return;
-    const ages = statistics.ages_ms.slice(-100).sort((a, b) => a - b);
-    const age = (part) => ages[Math.floor(part * (ages.length - 1))]?.toFixed(0) ?? "-";
     const { width_px, height_px, missed_frames, dropped_frames } = frame.header;
-    this.#caption.textContent =
-      `${width_px} \u00d7 ${height_px} px, ${statistics.rate_hz.toFixed(1)} /s\n` +
-      `age ${age(0.5)} ms, 99 %: ${age(0.99)} ms\n` +
-      `missed ${missed_frames}, dropped ${dropped_frames}`;
+    const lost = missed_frames + dropped_frames;
+    setText(this.#caption, `${width_px} \u00d7 ${height_px} px${lost ? `, ${lost} left out` : ""}`);
   }
 
   #addTools(tools) {
@@ -131,6 +122,7 @@ class OmniView {
     button("+", "Zoom in", () => this.#zoomAboutMiddle(ZOOM_STEP));
     button("\u21c4", "Turn the picture round, left to right", () => this.#turn());
     button("Fit", "Fit the whole picture", () => this.#fit());
+    tools.append(makeSaveButton(this.#context, "picture", savePicture));
   }
 
   #turn() {

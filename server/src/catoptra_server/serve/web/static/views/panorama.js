@@ -6,6 +6,8 @@
 import { chooseCylinder } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { drawLabel } from "../landmarks.js";
+import { toolsOf } from "../panel.js";
+import { makeSaveButton, savePanorama } from "../snapshot.js";
 import { viewAxes } from "../transforms.js";
 import {
   aimFromDirection,
@@ -46,6 +48,7 @@ class PanoramaView {
       drawMarks: (pen, drawn) => this.#drawMarks(pen, drawn),
       onKey: (event) => this.#onKey(event),
     });
+    toolsOf(section).append(makeSaveButton(context, "panorama", savePanorama));
     watchGestures(this.#view.canvases.overlay, {
       ...this.#view.cursorGestures((position) => this.#directionFromPosition(position)),
       aim: (x, y) => this.#aim(this.#directionFromPosition([x, y])),

@@ -1,38 +1,16 @@
 /** Files of what is seen: the picture without loss, and its panorama. */
 
-import { chooseCylinder } from "../camera_table.js";
-import { bodyOf, make, makeButton } from "../panel.js";
-import { robotFromMirror } from "../transforms.js";
+import { chooseCylinder } from "./camera_table.js";
+import { make, makeButton } from "./panel.js";
+import { robotFromMirror } from "./transforms.js";
 
 const MAX_COLUMNS = 4096;
 
-/** Create the panel. */
-export function create(section, context) {
-  const message = make("p", { className: "quiet", role: "status" });
-  const button = (text, save) => {
-    const element = makeButton(text, async () => {
-      element.disabled = true;
-      message.className = "quiet";
-      message.textContent = "Requesting the picture\u2026";
-      try {
-        message.textContent = `Saved ${await save(context)}`;
-      } catch (error) {
-        message.className = "error";
-        message.textContent = `No file: ${error.message}`;
-      }
-      element.disabled = false;
-    });
-    return element;
-  };
-  bodyOf(section).append(
-    make(
-      "div",
-      { className: "controls" },
-      button("Save picture (PNG)", savePicture),
-      button("Save panorama (PNG)", savePanorama),
-    ),
-    message,
-  );
+/** A small button that saves a file by `save(context)`. */
+export function makeSaveButton(context, what, save) {
+  const title = `Save the ${what} (PNG)`;
+  const action = () => save(context).catch((error) => context.report(error));
+  return makeButton("\u2913", action, { className: "button small", title, ariaLabel: title });
 }
 
 /** The newest frame as PNG; on the connection of commands, so that the feed goes on. */
@@ -41,13 +19,13 @@ async function requestPng({ commands, selected, variantRequest }) {
   return { ...frame, blob: new Blob([frame.bytes], { type: "image/png" }) };
 }
 
-async function savePicture(context) {
+export async function savePicture(context) {
   const { header, blob } = await requestPng(context);
-  return download(blob, fileName(header, ""));
+  download(blob, fileName(header, ""));
 }
 
 /** The panorama of a picture that is rendered for it, not of one that JPEG has changed. */
-async function savePanorama(context) {
+export async function savePanorama(context) {
   const { unwarper, table } = context;
   if (!table) throw new Error("this camera has no panorama");
   const { header, blob } = await requestPng(context);
@@ -57,7 +35,7 @@ async function savePanorama(context) {
   const pixels = await unwarper.read(cylinder, bitmap);
   bitmap.close();
   const panorama = await pngOf(new ImageData(pixels, columns, cylinder.rows));
-  return download(panorama, fileName(header, "_panorama"));
+  download(panorama, fileName(header, "_panorama"));
 }
 
 function pngOf(image) {
@@ -77,5 +55,4 @@ function download(blob, name) {
   make("a", { href: url, download: name }).click();
   // The browser reads the blob after the click; a minute is ample for a picture.
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
-  return name;
 }
