@@ -33,19 +33,32 @@ def _text(page: CameraPage, panel: str) -> str:
 
 
 def test_accuracy_of_a_lens_compares_samples_without_polygons(page: CameraPage) -> None:
-    accuracy = "document.querySelector('#panel-accuracy .body').innerText"
-    page.tab.wait_for(f"/at most \\d+/.test({accuracy})", "difference picture", _LIMIT_S)
-    text = _text(page, "accuracy")
-    assert "rejected" not in text
-    assert "per pixel" in text
-    selector = "document.querySelector('#accuracy-mirror').checkVisibility()"
-    assert page.tab.evaluate(selector) is False
+    tab = page.tab
+    tab.invoke(
+        """() => {
+          const slider = document.querySelector("#cost-slider");
+          slider.value = slider.max;
+          slider.dispatchEvent(new Event("input"));
+          document.querySelector("#panel-cost button").click();
+        }"""
+    )
+    difference = "document.querySelector('#panel-omni .difference').innerText"
+    tab.wait_for(f"/at most \\d+/.test({difference})", "difference picture", _LIMIT_S)
+    text = tab.evaluate("document.querySelector('#panel-cost').innerText")
+    assert "1 \u00d7 1 samples" in text
+    assert "polygons" not in text
+    assert "per pixel" in _text(page, "accuracy")
+    for button in ("Show the error", "Reset"):
+        tab.evaluate(
+            "[...document.querySelectorAll('#panel-cost button')]"
+            f".find((one) => one.innerText === '{button}').click()"
+        )
 
 
 def test_page_of_a_lens_names_no_mirror(page: CameraPage) -> None:
     page.tab.evaluate("catoptra.context.setCursor([1, 1], true)")
     page.tab.wait_for("/outside/.test(document.body.innerText)", "cursor outside", _LIMIT_S)
-    for panel in ("omni", "panorama", "perspective", "cursor", "accuracy"):
+    for panel in ("omni", "panorama", "perspective", "cost", "accuracy"):
         assert not re.search("mirror", _text(page, panel), re.IGNORECASE), panel
     page.tab.evaluate("catoptra.context.setCursor(null)")
 
@@ -70,7 +83,7 @@ _READ_TURNED = """async () => {
 def test_turned_picture_has_its_marks_and_its_cursor_turned(page: CameraPage) -> None:
     tab = page.tab
     tab.wait_for("catoptra.context.landmarks.some((l) => l.visible)", "landmarks", _LIMIT_S)
-    panel = "document.querySelector('#panel-cursor .body').innerText"
+    panel = "document.querySelector('#cursor-card').innerText"
     tab.evaluate("catoptra.context.setCursor([450, 100], true)")
     tab.wait_for(f"/object\\s+\\w+/.test({panel})", "object under the cursor", _LIMIT_S)
     names = ("azimuth", "elevation", "object")

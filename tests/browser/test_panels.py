@@ -24,19 +24,18 @@ from browser.tab import Tab, open_tab
 # The test of each panel of panels.js.
 PANEL_TESTS = {
     "omni": "test_omni_zooms_and_moves_the_cursor",
-    "status": "test_status_shows_robot_time_and_rate",
+    "status": "test_status_shows_robot_rate_bound_cost_and_age",
     "drive": "test_drive_turns_the_wheels_by_stick_gamepad_and_keys",
     "panorama": "test_panorama_turns_the_perspective_view",
     "map": "test_map_draws_layers_and_notes",
     "perspective": "test_perspective_turns_by_dragging",
-    "cursor": "test_cursor_shows_what_the_camera_sees",
     "robot": "test_robot_is_spawned_shared_and_removed",
-    "accuracy": "test_accuracy_of_few_polygons_shows_a_difference",
-    "effects": "test_effects_when_forced_show_a_difference",
+    "cost": "test_accuracy_of_few_polygons_shows_a_difference",
+    "accuracy": "test_accuracy_target_shows_its_plan",
+    "effects": "test_effects_when_forced_change_all_pictures",
     "labels": "test_labels_show_range_and_objects",
     "plots": "test_plots_add_and_remove_series",
     "scans": "test_scans_show_the_nearest_echo",
-    "snapshot": "test_snapshot_downloads_pictures",
 }
 # Least fraction of the functions of a script that the tests of this module call.
 _MIN_COVERED = 0.5
@@ -149,12 +148,11 @@ def _hover(tab: Tab, selector: str, dx: float = 0.0, dy: float = 0.0) -> None:
     tab.mouse("mouseMoved", x + dx, y + dy)
 
 
-def test_status_shows_robot_time_and_rate(page: Tab) -> None:
-    _wait_for_text(page, "status", r"Full[\s\S]*[1-9]\d* / s[\s\S]*\d ms[\s\S]*trace", 4 * _LIMIT_S)
-    time = page.evaluate("document.getElementById('status-time').textContent")
-    page.wait_for(
-        f"document.getElementById('status-time').textContent !== {time!r}", "time", _LIMIT_S
-    )
+def test_status_shows_robot_rate_bound_cost_and_age(page: Tab) -> None:
+    facts = r"Robot Full[\s\S]*[1-9]\d* pictures/s[\s\S]*px[\s\S]*\d ms a picture[\s\S]*old"
+    _wait_for_text(page, "status", facts, 4 * _LIMIT_S)
+    age = page.evaluate("document.getElementById('status-age').textContent")
+    page.wait_for(f"document.getElementById('status-age').textContent !== {age!r}", "age", _LIMIT_S)
 
 
 def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
@@ -178,7 +176,8 @@ def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
     wait_until(is_zoomed, "zoom by the wheel", _LIMIT_S)
     _click_button(page, "omni", "Fit")
     page.click(overlay)
-    _wait_for_text(page, "cursor", "held")
+    card = "document.querySelector('#cursor-card').innerText"
+    page.wait_for(f"{card}.includes('Held')", "held cursor", _LIMIT_S)
     before = _cursor(page)
     page.press("ArrowRight")
     page.press("ArrowRight", shift=True)
@@ -191,10 +190,12 @@ def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
 def test_cursor_shows_what_the_camera_sees(page: Tab) -> None:
     # A quarter of the view below the middle: the floor behind the robot.
     _hover(page, "#panel-omni .overlay", dy=100.0)
-    _wait_for_text(page, "cursor", r"range\s+\d+\.\d+ m[\s\S]*object\s+\w+[\s\S]*bound\s+\S+ px")
-    assert "°" in _text(page, "cursor")
+    card = "document.querySelector('#cursor-card').innerText"
+    shown = r"object\s+\w+\s+range\s+\d+\.\d+ m[\s\S]*°[\s\S]*bound\s+\S+ px"
+    page.wait_for(f"/{shown}/.test({card})", "what is under the cursor", _LIMIT_S)
     _hover(page, "#panel-plots")
     page.wait_for("catoptra.context.cursor.pixel === null", "end of the cursor", _LIMIT_S)
+    assert not page.evaluate("document.querySelector('#cursor-card').checkVisibility()")
 
 
 def test_panorama_turns_the_perspective_view(page: Tab) -> None:
@@ -239,6 +240,7 @@ def test_map_draws_layers_and_notes(page: Tab, full_live: OwnedServer) -> None:
     statuses = "Object.fromEntries(catoptra.context.landmarks.map((l) => [l.name, l.status]))"
     page.wait_for(f"({statuses}).yellow_goal === 'detected'", "detected landmark", _LIMIT_S)
     assert page.evaluate(f"({statuses}).cyan_goal") == "rejected"
+    page.click("#panel-map summary")
     for layer in ("filter", "landmark", "scan"):
         before = _image(page, canvas)
         page.click(f"#panel-map .layer.{layer} input")
@@ -312,7 +314,6 @@ def test_scans_show_the_nearest_echo(page: Tab) -> None:
     _wait_for_change(page, canvas, before)
     page.click("#panel-scans .layer.sonar input")
     page.click("#panel-scans .layer.scan input")
-    _choose(page, "#panel-scans select", "10")
 
 
 def test_plots_add_and_remove_series(page: Tab) -> None:
@@ -437,12 +438,11 @@ def _drive_by_gamepad(tab: Tab, live: LiveServer) -> None:
     tab.evaluate("window.pad.connected = false; undefined")
 
 
-def _difference(tab: Tab, panel: str) -> int:
-    """Largest difference that a panel states, in grey levels."""
-    # Waited for and read at once: the text goes while the next comparison is drawn.
-    text = f"document.querySelector('#panel-{panel} .body').innerText"
-    found = f"({text}.match(/Difference: at most (\\d+)/) ?? [])[1]"
-    return int(tab.wait_for(found, f"difference of {panel}", 2 * _LIMIT_S))
+def _difference(tab: Tab) -> int:
+    """Largest difference that lies over the picture, in grey levels."""
+    text = "document.querySelector('#panel-omni .difference').innerText"
+    found = f"({text}.match(/Error: at most (\\d+)/) ?? [])[1]"
+    return int(tab.wait_for(found, "difference", 2 * _LIMIT_S))
 
 
 def test_labels_show_range_and_objects(page: Tab) -> None:
@@ -464,68 +464,108 @@ def test_labels_show_range_and_objects(page: Tab) -> None:
 def test_accuracy_of_few_polygons_shows_a_difference(
     page: Tab, requirements: MeasuredRequirements
 ) -> None:
-    _choose(page, "#accuracy-mirror", "16")
-    _choose(page, "#accuracy-samples", "1")
-    wait_until(lambda: _difference(page, "accuracy") > 30, "large difference", 4 * _LIMIT_S)
-    coarse = _difference(page, "accuracy")
+    last = page.evaluate("document.querySelector('#cost-slider').max")
+    _choose(page, "#cost-slider", last)
+    _wait_for_text(page, "cost", "Show the error")
+    bound = "document.querySelector('#panel-cost output').innerText"
+    page.wait_for(f"/^16 polygons: at most \\d+/.test({bound})", "bound of polygons", _LIMIT_S)
+    _click_button(page, "cost", "Show the error")
+    wait_until(lambda: _difference(page) > 30, "large difference", 4 * _LIMIT_S)
+    coarse = _difference(page)
     colours = "new Set(new Uint32Array(pen.getImageData(0, 0, pen.canvas.width, 200).data.buffer))"
-    canvas = "document.querySelectorAll('#panel-accuracy figure canvas')[1]"
+    canvas = "document.querySelector('#panel-omni .difference canvas')"
     page.wait_for(
         f"(() => {{ const pen = {canvas}.getContext('2d'); return {colours}.size > 8; }})()",
         "heat map",
         _LIMIT_S,
     )
-    assert "ms" in _text(page, "accuracy")
-    _choose(page, "#accuracy-mirror", "4096")
-    _choose(page, "#accuracy-samples", "4")
-    wait_until(lambda: _difference(page, "accuracy") < coarse, "smaller difference", 4 * _LIMIT_S)
+    _choose(page, "#cost-slider", "1")
+    wait_until(lambda: _difference(page) < coarse, "smaller difference", 4 * _LIMIT_S)
     requirements.check(
-        "accuracy panel: 16 polygons differ from the exact surface, 4096 less",
-        f"{coarse} and {_difference(page, 'accuracy')} grey levels",
-        is_met=coarse > _difference(page, "accuracy"),
+        "accuracy: 16 polygons differ from the exact surface, most polygons less",
+        f"{coarse} and {_difference(page)} grey levels",
+        is_met=coarse > _difference(page),
     )
+    _click_button(page, "cost", "Show the error")
+    _click_button(page, "cost", "Reset")
+    page.wait_for(f"/^As the camera is set/.test({bound})", "the camera's settings", _LIMIT_S)
 
 
-def test_accuracy_target_shows_plan_and_neighbours(page: Tab) -> None:
-    _choose(page, "#accuracy-settings-by", "target")
-    _choose(page, "#accuracy-tolerance", "120")
+def test_accuracy_target_shows_its_plan(page: Tab) -> None:
+    _choose(page, "#accuracy-tolerance", "2")
     # The server measures the cost of plans first.
-    _wait_for_text(page, "accuracy", r"(More accurate|Faster): \S+ px", 4 * _LIMIT_S)
-    _wait_for_text(page, "accuracy", r"predicted\s+\S+ ms")
-    _choose(page, "#accuracy-settings-by", "numbers")
+    _wait_for_text(page, "accuracy", r"predicted\s+\S+ ms", 4 * _LIMIT_S)
+    _choose(page, "#accuracy-samples", "1")
+    _wait_for_text(page, "accuracy", r"1\^2 samples|1 sample", 4 * _LIMIT_S)
+    _click_button(page, "cost", "Reset")
 
 
-def test_effects_when_forced_show_a_difference(
+def test_effects_when_forced_change_all_pictures(
     page: Tab, requirements: MeasuredRequirements
 ) -> None:
     _wait_for_text(page, "effects", "Vignetting")
     # "as set" -> auto -> always -> never.
     for mode in ("as set", "auto", "always"):
         _click_button(page, "effects", f"Vignetting: {mode}")
-    comparison = "document.querySelector('#panel-effects .comparison').checkVisibility()"
-    page.wait_for(comparison, "difference picture", 2 * _LIMIT_S)
-    # The camera has the effect: only the last mode changes the picture.
-    difference = wait_until(lambda: _difference(page, "effects"), "difference", 2 * _LIMIT_S)
+    decision = "catoptra.context.frame.header.effects.find((e) => e.name === 'Vignetting').enabled"
+    page.wait_for(f"!{decision}", "picture without the effect", 2 * _LIMIT_S)
+    # From the picture by the camera's own settings, which has the effect.
+    _click_button(page, "cost", "Show the error")
+    difference = wait_until(lambda: _difference(page), "difference", 2 * _LIMIT_S)
     requirements.check(
         "effects panel: a forced effect shows its difference",
         f"Vignetting off: at most {difference} grey levels",
         is_met=difference > 0,
     )
-    _click_button(page, "effects", "All as set")
-    page.wait_for(f"!{comparison}", "end of the comparison", _LIMIT_S)
+    _click_button(page, "cost", "Show the error")
+    _click_button(page, "cost", "Reset")
+    page.wait_for(decision, "the camera's settings", _LIMIT_S)
+
+
+# Positions of the names in a view, by the text that is written into its canvas.
+_SPY_ON_NAMES = """(selector) => {
+  const pen = document.querySelector(selector).getContext("2d");
+  window.names = {};
+  const { fillText } = pen;
+  pen.fillText = (text, x, y) => {
+    window.names[text] = [x, y];
+    fillText.call(pen, text, x, y);
+  };
+}"""
+
+
+def test_names_stay_on_the_picture_that_a_view_shows(page: Tab, full_live: OwnedServer) -> None:
+    page.invoke(_SPY_ON_NAMES, "#panel-panorama .overlay")
+    page.wait_for("Object.keys(names).includes('yellow_goal')", "names", _LIMIT_S)
+    rotation = "catoptra.context.frame.header.world_from_robot.rotation"
+    yaw = f"Math.atan2({rotation}[3], {rotation}[0])"
+    before_yaw = page.evaluate(yaw)
+    # The view is slow: it shows the picture that it has.
+    page.evaluate("window.draw = catoptra.context.unwarper.draw; undefined")
+    page.evaluate("catoptra.context.unwarper.draw = () => {}; undefined")
+    shown = page.evaluate("names.yellow_goal")
+    full_live.owner.drive(2.0, -2.0)
+    page.wait_for(f"Math.abs({yaw} - {before_yaw}) > 0.5", "a turned robot", _LIMIT_S)
+    full_live.owner.drive(0.0, 0.0)
+    page.evaluate("window.names = {}; catoptra.context.emit('landmarks')")
+    page.wait_for("names.yellow_goal", "names", _LIMIT_S)
+    assert page.evaluate("names.yellow_goal") == pytest.approx(shown, abs=5.0)
+    page.evaluate("catoptra.context.unwarper.draw = draw; undefined")
+    moved = f"Math.abs(names.yellow_goal[0] - {shown[0]}) > 5"
+    page.wait_for(moved, "names on the newest picture", _LIMIT_S)
 
 
 def test_snapshot_downloads_pictures(browser: Browser, page: Tab) -> None:
-    picture = _download(browser, page, "Save picture (PNG)")
+    picture = _download(browser, page, "omni", "Save the picture (PNG)")
     assert picture.shape[:2] == (_PIXELS_PX, _PIXELS_PX)
-    panorama = _download(browser, page, "Save panorama (PNG)")
+    panorama = _download(browser, page, "panorama", "Save the panorama (PNG)")
     assert panorama.shape[1] == 2 * _PIXELS_PX
 
 
-def _download(browser: Browser, tab: Tab, button: str) -> npt.NDArray[np.uint8]:
+def _download(browser: Browser, tab: Tab, panel: str, button: str) -> npt.NDArray[np.uint8]:
     """Picture that a button saves."""
     before = set(browser.downloads.iterdir())
-    _click_button(tab, "snapshot", button)
+    _click_button(tab, panel, button)
 
     def find_file() -> list[Path]:
         return [p for p in browser.downloads.glob("*.png") if p not in before]

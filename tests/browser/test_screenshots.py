@@ -104,17 +104,16 @@ def _open_at(tab: Tab, url: str, panel: str) -> None:
 
 def test_accuracy(browser: Browser, driven: OwnedServer, output: Path) -> None:
     with open_tab(browser, new_window=True) as tab:
-        _open_at(tab, driven.live.url, "accuracy")
+        _open_at(tab, driven.live.url, "omni")
         tab.invoke(
             """() => {
-              for (const [id, value] of [["mirror", "256"], ["samples", "2"]]) {
-                const list = document.querySelector(`#accuracy-${id}`);
-                list.value = value;
-                list.dispatchEvent(new Event("change", { bubbles: true }));
-              }
+              const slider = document.querySelector("#cost-slider");
+              slider.value = slider.max - 1;
+              slider.dispatchEvent(new Event("input"));
+              document.querySelector("#panel-cost button").click();
             }"""
         )
-        shown = "document.querySelector('#panel-accuracy .comparison').checkVisibility()"
+        shown = "document.querySelector('#panel-omni .difference').checkVisibility()"
         tab.wait_for(shown, "difference picture", _LIMIT_S)
         pause(2.0)
         _save(tab, output / "live-accuracy.png")
@@ -132,9 +131,9 @@ def test_effects(browser: Browser, tmp_path: Path, output: Path) -> None:
         tab.wait_for(f'document.querySelector("{button}") !== null', "list of effects", _LIMIT_S)
         for _ in range(3):  # as set, auto, always, never
             tab.click(button)
-        text = "document.querySelector('#panel-effects').innerText"
-        tab.wait_for(f"/at most [1-9]/.test({text})", "difference picture", _LIMIT_S)
-        tab.evaluate(
-            "document.querySelector('#panel-effects .comparison').scrollIntoView({block: 'end'})"
-        )
+        enabled = "effects.find(({ name }) => name === 'MirrorDust').enabled"
+        tab.wait_for(f"!catoptra.context.frame.header.{enabled}", "forced effect", _LIMIT_S)
+        tab.evaluate("document.querySelector('#panel-cost button').click()")
+        shown = "document.querySelector('#panel-omni .difference').checkVisibility()"
+        tab.wait_for(shown, "difference picture", _LIMIT_S)
         _save(tab, output / "live-effects.png")

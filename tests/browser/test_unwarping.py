@@ -191,7 +191,6 @@ def test_cursor_when_placed_shows_azimuth_and_elevation_in_the_axes_of_the_robot
     x, y, z = rotation @ direction
     angles = math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
     tab.evaluate(f"catoptra.context.setCursor({pixel.tolist()}, true)")
-    tab.evaluate("document.querySelector('#panel-cursor').scrollIntoView()")
     for name, angle in zip(("azimuth", "elevation"), angles, strict=True):
         text = f"{math.degrees(angle):.2f}°"
         shown = f"document.evaluate('//dt[.=\"{name}\"]/following-sibling::dd[1]', document)"
