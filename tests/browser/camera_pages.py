@@ -62,7 +62,7 @@ CAMERA_CASES = {
 _READ_VIEW = """async (kind, view) => {
   const { context } = catoptra;
   const { robot, camera } = context.selected;
-  const request = { robot, camera, encoding: "png", ...context.handRequest };
+  const request = { robot, camera, encoding: "png", ...context.variantRequest };
   const { header, bytes } = await context.pictures.requestFrame(request);
   const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
   const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }), options);

@@ -39,7 +39,7 @@ def test_accuracy_of_a_lens_compares_samples_without_polygons(page: CameraPage) 
           const slider = document.querySelector("#cost-slider");
           slider.value = slider.max;
           slider.dispatchEvent(new Event("input"));
-          document.querySelector("#panel-cost button").click();
+          document.querySelector("#body-cost button").click();
         }"""
     )
     difference = "document.querySelector('#panel-omni .difference').innerText"
@@ -50,7 +50,7 @@ def test_accuracy_of_a_lens_compares_samples_without_polygons(page: CameraPage) 
     assert "per pixel" in _text(page, "accuracy")
     for button in ("Show the error", "Reset"):
         tab.evaluate(
-            "[...document.querySelectorAll('#panel-cost button')]"
+            "[...document.querySelectorAll('#body-cost button')]"
             f".find((one) => one.innerText === '{button}').click()"
         )
 

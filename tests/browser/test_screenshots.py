@@ -110,7 +110,7 @@ def test_accuracy(browser: Browser, driven: OwnedServer, output: Path) -> None:
               const slider = document.querySelector("#cost-slider");
               slider.value = slider.max - 1;
               slider.dispatchEvent(new Event("input"));
-              document.querySelector("#panel-cost button").click();
+              document.querySelector("#body-cost button").click();
             }"""
         )
         shown = "document.querySelector('#panel-omni .difference').checkVisibility()"
@@ -133,7 +133,7 @@ def test_effects(browser: Browser, tmp_path: Path, output: Path) -> None:
             tab.click(button)
         enabled = "effects.find(({ name }) => name === 'MirrorDust').enabled"
         tab.wait_for(f"!catoptra.context.frame.header.{enabled}", "forced effect", _LIMIT_S)
-        tab.evaluate("document.querySelector('#panel-cost button').click()")
+        tab.evaluate("document.querySelector('#body-cost button').click()")
         shown = "document.querySelector('#panel-omni .difference').checkVisibility()"
         tab.wait_for(shown, "difference picture", _LIMIT_S)
         _save(tab, output / "live-effects.png")

@@ -4,7 +4,6 @@ import { decodeFrame } from "./connection.js";
 import { isShown, onShown } from "./panel.js";
 
 const INTERVAL_MS = 334;
-const BUSY_AFTER_MS = 700;
 
 /**
  * Requests frames of a variant while its panel is shown: three a second at most, one pending.
@@ -21,7 +20,7 @@ export class VariantPull {
 
   /**
    * Pull for a panel by handlers: variant(), null where no frame is wanted; show(header, bitmap);
-   * fail(error); setBusy(isBusy).
+   * fail(error).
    */
   constructor(section, context, handlers) {
     this.#section = section;
@@ -52,14 +51,10 @@ export class VariantPull {
     this.#isPending = true;
     this.#isChanged = false;
     const pause = new Promise((resolve) => setTimeout(resolve, INTERVAL_MS));
-    const busy = setTimeout(() => this.#handlers.setBusy(true), BUSY_AFTER_MS);
     try {
       await this.#request();
     } catch (error) {
       this.#handlers.fail(error);
-    } finally {
-      clearTimeout(busy);
-      this.#handlers.setBusy(false);
     }
     await pause;
     this.#isPending = false;

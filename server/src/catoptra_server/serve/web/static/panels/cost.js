@@ -44,7 +44,6 @@ class CostPanel {
       variant: () => this.#referred,
       show: (header, bitmap) => this.#difference.show(header, bitmap),
       fail: (error) => context.report(error),
-      setBusy: () => {},
     });
     const draw = drawOnDemand(section, () => this.#show());
     for (const event of ["frame", "selection", "variant", "state"]) context.on(event, draw);
