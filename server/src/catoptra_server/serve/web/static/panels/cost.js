@@ -52,20 +52,18 @@ class CostPanel {
     this.#show();
   }
 
-  /** Settings of each place of the slider: polygons of the mirror's mesh, or samples of a pixel. */
-  get #stops() {
+  /** What the slider sets, exact first: polygons of the mirror's mesh, or samples of a pixel. */
+  get #scale() {
     const { camera, server } = this.#context;
-    if (camera?.kind !== "omni") return [];
-    if (!camera.has_mesh) return [4, 3, 2, 1].map((samples) => ({ samples }));
-    return [0, ...server.polygons.filter((n) => n > 0).reverse()].map((polygons) => ({ polygons }));
+    if (camera?.kind !== "omni") return { key: "", values: [] };
+    if (!camera.has_mesh) return { key: "samples", values: [4, 3, 2, 1] };
+    return { key: "polygons", values: [0, ...server.polygons.filter(Boolean).reverse()] };
   }
 
   #choose() {
-    this.#context.setVariant({
-      max_error_px: null,
-      budget_ms: null,
-      ...this.#stops[this.#slider.value],
-    });
+    const { key, values } = this.#scale;
+    const value = values[this.#slider.value];
+    this.#context.setVariant({ max_error_px: null, budget_ms: null, [key]: value });
   }
 
   /** Of the picture with its settings: from the exact one, or of effects alone from the camera's. */
@@ -97,13 +95,11 @@ class CostPanel {
 
   #show() {
     const { variant, frame } = this.#context;
-    const stops = this.#stops;
-    const chosen = stops.findIndex(
-      ({ polygons, samples }) => (polygons ?? samples) === variant[polygons === undefined ? "samples" : "polygons"],
-    );
-    this.#slider.max = Math.max(stops.length - 1, 0);
+    const { key, values } = this.#scale;
+    const chosen = values.indexOf(variant[key]);
+    this.#slider.max = Math.max(values.length - 1, 0);
     if (chosen >= 0) this.#slider.value = chosen;
-    for (const control of [this.#slider, this.#error]) control.disabled = stops.length === 0;
+    for (const control of [this.#slider, this.#error]) control.disabled = values.length === 0;
     this.#reset.disabled = Object.keys(variant).length === 0;
     const name = nameOf(variant);
     const text = frame ? `${name}: ${numbersOf(frame.header)}` : name;

@@ -9,8 +9,7 @@ const RATIO = new LogScale(1e-3, 1e3);
 /** Modes in the order of clicks; the first is that of the camera itself. */
 const MODES = ["as set", "auto", "always", "never"];
 const NO_EFFECTS =
-  "This camera has no image effects. They are part of a robot's file: start the server with the " +
-  "file p2at_omni_real.ini to see those of a real camera.";
+  "This camera has no image effects: the robot p2at_omni_real has those of a real camera.";
 const SCALE =
   "Bars: what an effect changes, on a logarithmic scale; marks: what is visible. A button " +
   "forces an effect in all pictures of this page.";
@@ -44,8 +43,8 @@ class EffectsPanel {
     const { effects } = frame.header;
     this.#list.hidden = effects.length === 0;
     setText(this.#hint, effects.length === 0 ? NO_EFFECTS : SCALE);
-    const names = effects.map(({ name }) => name);
-    if (names.join() !== [...this.#rows.keys()].join()) this.#build(names);
+    if (effects.length !== this.#rows.size || !effects.every(({ name }) => this.#rows.has(name)))
+      this.#build(effects);
     for (const record of effects) {
       this.#rows.get(record.name).show(record, variant.effects?.[record.name] ?? MODES[0]);
     }
@@ -62,7 +61,9 @@ class EffectsPanel {
     this.#context.setVariant({ effects: Object.keys(chosen).length ? chosen : null });
   }
 
-  #build(names) {
+  /** Rows of effects, those first that the scene calls for at present. */
+  #build(effects) {
+    const names = effects.toSorted((a, b) => b.enabled - a.enabled).map(({ name }) => name);
     this.#rows = new Map(names.map((name) => [name, new EffectRow(name, () => this.#cycle(name))]));
     this.#list.replaceChildren(...[...this.#rows.values()].map(({ node }) => node));
   }

@@ -6,7 +6,6 @@ import {
   drawOnDemand,
   make,
   makeButton,
-  makeSelect,
   remember,
   remembered,
   setText,
@@ -15,7 +14,7 @@ import {
 import { SeriesStore } from "../series.js";
 import { TimePlot } from "../time_plot.js";
 
-const DURATIONS_S = [30, 120];
+const DURATION_S = 60;
 const MAX_CHOSEN = 6;
 const FIRST_CHOICE = ["Left wheels", "Right wheels", "Odometry error position"];
 
@@ -27,7 +26,6 @@ export function create(section, context) {
 class PlotPanel {
   #store = new SeriesStore();
   #chosen = remembered("catoptra.plots.chosen", FIRST_CHOICE).slice(0, MAX_CHOSEN);
-  #duration = makeSelect(DURATIONS_S, (time) => `last ${time} s`, { ariaLabel: "Duration" });
   #add = make("select", { ariaLabel: "Add a series" });
   #chips = make("ul", { className: "chips", ariaLabel: "Series shown" });
   #area = make("div", { className: "plots" });
@@ -39,13 +37,8 @@ class PlotPanel {
 
   constructor(section, context) {
     this.#add.append(make("option", { value: "" }, "Add a series\u2026"));
-    this.#duration.value = String(remembered("catoptra.plots.duration", DURATIONS_S[0]));
-    this.#duration.addEventListener("change", () => {
-      remember("catoptra.plots.duration", Number(this.#duration.value));
-      this.#redraw();
-    });
     this.#add.addEventListener("change", () => this.#choose(this.#add.value));
-    const controls = make("div", { className: "controls" }, this.#add, this.#duration, this.#chips);
+    const controls = make("div", { className: "controls" }, this.#add, this.#chips);
     bodyOf(section).append(controls, this.#area);
     this.#redraw = drawOnDemand(section, () => this.#draw());
     // Recorded always, so that a panel that comes into view shows the last seconds.
@@ -125,12 +118,11 @@ class PlotPanel {
 
   #draw() {
     this.#list();
-    const duration_s = Number(this.#duration.value);
     const newest_s = Math.max(0, this.#store.newest_s);
     // The whole duration from the start, so that the curves move and do not stretch.
-    const range = [newest_s - duration_s, newest_s];
+    const range = [newest_s - DURATION_S, newest_s];
     for (const { labels, plot } of this.#plots) {
-      const columns = this.#store.window(labels, duration_s);
+      const columns = this.#store.window(labels, DURATION_S);
       plot.draw(columns, range, this.#cursor_s);
       this.#showValues(labels, columns);
     }

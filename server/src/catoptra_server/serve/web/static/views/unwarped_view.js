@@ -17,6 +17,8 @@ export class UnwarpedView {
   #view;
   /** The context at the frame that the view shows: a newer one may not be unwarped yet. */
   #drawn;
+  #drawnAt_ms = 0;
+  #timer = null;
 
   /**
    * Fill a section with a view: label, help; drawEvents that change the picture, markEvents;
@@ -33,7 +35,7 @@ export class UnwarpedView {
     this.canvases = new ViewCanvases(section, view.label, view.help, onResize);
     this.canvases.overlay.addEventListener("keydown", (event) => this.#onKey(event));
     context.on("frame", () => {
-      if (isShown(section)) this.draw();
+      if (isShown(section)) this.#follow(requestDraw);
     });
     // Only the reason why nothing is shown: to unwarp the same picture again takes time.
     context.on("state", () => {
@@ -43,7 +45,18 @@ export class UnwarpedView {
     for (const event of view.markEvents) context.on(event, requestMarks);
   }
 
+  /** Draw a new frame, at once or when the view is due. */
+  #follow(requestDraw) {
+    const wait_ms = this.#drawnAt_ms + this.#context.unwarper.interval_ms - performance.now();
+    if (wait_ms <= 0) return this.draw();
+    this.#timer ??= setTimeout(() => {
+      this.#timer = null;
+      requestDraw();
+    }, wait_ms);
+  }
+
   draw() {
+    this.#drawnAt_ms = performance.now();
     const reason = reasonForNoUnwarping(this.#context);
     this.canvases.setMessage(reason);
     const drawn = Object.create(this.#context, { frame: { value: this.#context.frame } });
