@@ -29,8 +29,7 @@ class CostPanel {
     this.#context = context;
     this.#slider.ariaLabel = "Accuracy, from exact to coarse";
     this.#slider.addEventListener("input", () => this.#choose());
-    const title = "All settings as the camera has them";
-    this.#reset = makeButton("Reset", () => this.#resetAll(), { title });
+    this.#reset = makeButton("Reset", () => this.#resetAll());
     bodyOf(section).append(
       make("span", { className: "quiet" }, "exact"),
       this.#slider,

@@ -12,7 +12,7 @@ const NO_EFFECTS =
   "This camera has no image effects: the robot p2at_omni_real has those of a real camera.";
 const SCALE =
   "Bars: what an effect changes, on a logarithmic scale; marks: what is visible. A button " +
-  "forces an effect in all pictures of this page.";
+  "forces an effect.";
 
 /** Create the panel. */
 export function create(section, context) {
