@@ -27,7 +27,7 @@ const SMOOTH_UP_TO = 3;
 const HELP =
   "Drag to pan, wheel or + and - to zoom, 0 to fit. Arrow keys move a cursor, with Shift by ten " +
   "pixels, with Alt they pan. Click or Enter holds the cursor, Escape releases it. Double click " +
-  "or L turns the perspective view there.";
+  "or L looks there.";
 
 /** Create the view. */
 export function create(section, context) {

@@ -26,7 +26,7 @@ const KEY_STEP_RAD = (2 * Math.PI) / 180;
 const STEEPEST_RAD = 1.57;
 const HELP =
   "Arrow keys move the cursor. Click or Enter holds it, Escape releases it. Double click or L " +
-  "turns the perspective view there.";
+  "looks there.";
 
 /** Create the view. */
 export function create(section, context) {
