@@ -51,12 +51,15 @@ def test_damaged_file_costs_one_warning(
     assert cache.read("one", 2) is not None
 
 
+@pytest.mark.parametrize("below", ["", "folder", "folder/folder"])
 def test_unwritable_folder_costs_one_warning(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, below: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").write_text("")
+    cache = ArrayCache(tmp_path / "file" / below)
     for key in ("one", "two"):
-        ArrayCache(tmp_path / "file" / "folder").write(key, ARRAYS)
+        assert cache.read(key, 2) is None
+        cache.write(key, ARRAYS)
     assert len(caplog.records) == 1
     assert "cannot be stored" in caplog.text
 

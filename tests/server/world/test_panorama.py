@@ -19,7 +19,7 @@ from catoptra_server.world.panorama import (
     solid_angles,
     texel_directions,
 )
-from catoptra_server.world.radiance_hdr import load_panorama
+from catoptra_server.world.panorama import load_panorama
 from catoptra_server.world.sky import SkyDescription, compute_sky, find_sky
 from catoptra_server.world.world_description import DirectionalLight, HemisphereLight
 from helpers.worlds import make_smooth_sky

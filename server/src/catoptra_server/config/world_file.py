@@ -245,7 +245,7 @@ def _read_background(
         return panorama.mean, panorama, lights
     if not section.get_str("Background", "").lower().endswith(".hdr"):
         return _read_colour(section, "Background", (0, 0, 0)), None, ()
-    from catoptra_server.world.radiance_hdr import load_panorama
+    from catoptra_server.world.panorama import load_panorama
 
     try:
         panorama = load_panorama(section.get_path("Background", folder))

@@ -59,7 +59,7 @@ class ArrayCache:
         """
         if self.folder is None:
             return None
-        file = self._path(key)
+        file = self.folder / f"{key}.bin"
         try:
             # A larger file was not written here.
             with file.open("rb") as opened:
@@ -70,10 +70,11 @@ class ArrayCache:
             # One after the other: an archive of NumPy's takes a module of 2 ms.
             stream = io.BytesIO(body)
             arrays = tuple(read_array(stream, allow_pickle=False) for _ in range(count))
-        except FileNotFoundError:
+        # Absent; or not readable, of which the next write warns if it fails, too.
+        except OSError:
             return None
         # Whatever is wrong with the form: NumPy raises any of these.
-        except (OSError, ValueError, TypeError) as error:
+        except (ValueError, TypeError) as error:
             _warn(file, f"{file} cannot be used, and is computed anew: {error}")
             return None
         for array in arrays:
@@ -92,19 +93,15 @@ class ArrayCache:
             np.save(stream, array, allow_pickle=False)
         body = stream.getbuffer()
         if _DIGEST_BYTES + len(body) <= self.max_bytes // 2:
-            write_cache_file(self._path(key), hashlib.sha256(body).digest() + body)
-            self._remove_oldest(self._path(key))
-
-    def _path(self, key: str) -> Path:
-        assert self.folder is not None, "a path exists only with a folder"
-        return self.folder / f"{key}.bin"
+            file = self.folder / f"{key}.bin"
+            write_cache_file(file, hashlib.sha256(body).digest() + body)
+            self._remove_oldest(file)
 
     def _remove_oldest(self, newest: Path) -> None:
         """Remove files, in the order of their last use, until the rest is within the limit."""
-        assert self.folder is not None, "files exist only with a folder"
         # Another process may remove the same file.
         with suppress(OSError):
-            stats = [(file.stat(), file) for file in self.folder.iterdir() if file != newest]
+            stats = [(file.stat(), file) for file in newest.parent.iterdir() if file != newest]
             total = newest.stat().st_size + sum(stat.st_size for stat, _ in stats)
             for stat, file in sorted(stats, key=lambda pair: (pair[0].st_mtime_ns, pair[1])):
                 if total <= self.max_bytes:

@@ -3,14 +3,13 @@
 A world writes `Texture=catoptra:brick`. Each texture has the size of its tile in metres, which
 `Repeat` replaces. They are made once and kept on disk (`runtime/array_cache.py`): 0.1 s each. Only
 sums, products, roots and uniform random numbers: the same bytes on every processor. Brightness is
-even over a tile, so that a large floor shows no pattern from afar. A new texture is a line of
+even over a tile, so that a large floor shows no pattern from afar. A new texture is a row of
 `NAMED_TEXTURES`.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +23,18 @@ from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 SIDE_PX = 512
 
 _Random = np.random.Generator
-_Colour = tuple[int, int, int]
-_Tone = Callable[[_Random], Floats]
 _Y, _X = (np.indices((SIDE_PX, SIDE_PX)) + 0.5) / SIDE_PX
+
+
+class NamedTexture(NamedTuple):
+    """One texture, but for its pieces, veins and stains."""
+
+    tile_m: float
+    """Side of its tile."""
+    colours: str
+    """Hexadecimal sRGB, evenly spaced along the brightness, which is about a half."""
+    noises: tuple[tuple[float, int, int, int], ...] = ()
+    """What brightness varies by: amplitude, rows, columns, octaves of noise; 0 octaves: waves."""
 
 
 def load_named_texture(name: str) -> npt.NDArray[np.uint8]:
@@ -45,15 +53,46 @@ def load_named_texture(name: str) -> npt.NDArray[np.uint8]:
 def make_texture(name: str) -> npt.NDArray[np.uint8]:
     """(h, w, 3) sRGB of a texture, read-only."""
     # By the name: another texture's place in the table changes nothing.
-    random = np.random.default_rng(list(name.encode()))
-    image = np.rint(np.clip(NAMED_TEXTURES[name].make(random), 0.0, 255.0)).astype(np.uint8)
+    random, texture = np.random.default_rng(list(name.encode())), NAMED_TEXTURES[name]
+    own, gap, tone = np.zeros_like(_X), np.ones_like(_X), np.full_like(_X, 0.5)
+    if pieces := _PIECES.get(name):
+        rows, columns, shift, spread, *_ = pieces
+        own, gap = _courses(random, rows, columns, shift) if columns else _cells(random, rows)
+        tone += spread * (own - 0.5)
+    # Another part of the noise for each piece.
+    row, column = np.indices(_X.shape)
+    row = (row + (own * 4099).astype(np.intp) * 37) % SIDE_PX
+    column = (column + (own * 8191).astype(np.intp)) % SIDE_PX
+    for amplitude, *size in texture.noises:
+        tone += amplitude * _noise(random, *size)[row, column]
+    if name in _VEINS:
+        amplitude, *size, width = _VEINS[name]
+        lines = _ramp(np.abs(_noise(random, *size)[row, column]), 0.0, width)
+        tone += amplitude * (lines - 0.5)
+    colours = _colours(texture.colours)
+    place = np.clip(tone, 0.0, 1.0) * (len(colours) - 1)
+    first = np.minimum(place.astype(np.intp), len(colours) - 2)
+    light = colours[first] + (place - first)[..., None] * (colours[first + 1] - colours[first])
+    if name in _STAINS:
+        colour, *size, low, high = _STAINS[name]
+        light += _ramp(_noise(random, *size), low, high)[..., None] * (_colours(colour) - light)
+    if pieces:
+        *_, joint, low, high = pieces
+        light = _colours(joint) + _ramp(gap, low, high)[..., None] * (light - _colours(joint))
+    image: npt.NDArray[np.uint8] = np.rint(light).astype(np.uint8)
     image.setflags(write=False)
     return image
 
 
-def _noise(random: _Random, rows: int, columns: int, octaves: int = 4) -> Floats:
+def _colours(text: str) -> Floats:
+    return np.frombuffer(bytes.fromhex(text), np.uint8).reshape(-1, 3).astype(np.float64)
+
+
+def _noise(random: _Random, rows: int, columns: int, octaves: int) -> Floats:
     """(h, w) noise about 0, within 1: a grid of random numbers, then finer and weaker ones."""
-    total = np.zeros((SIDE_PX, SIDE_PX))
+    if octaves == 0:
+        return np.asarray(sin(2.0 * np.pi * (rows * _Y + columns * _X)))
+    total = np.zeros_like(_X)
     for octave in range(octaves):
         values = random.random((min(rows << octave, SIDE_PX), min(columns << octave, SIDE_PX)))
         for _ in range(2):  # rows, then columns
@@ -65,15 +104,7 @@ def _noise(random: _Random, rows: int, columns: int, octaves: int = 4) -> Floats
             first = before.astype(np.intp) % count
             values = ((1.0 - part) * values[first] + part * values[(first + 1) % count]).T
         total += 0.5**octave * (2.0 * values - 1.0)
-    return total / (2.0 - 0.5 ** (octaves - 1))
-
-
-def _blend(amount: Floats, *colours: _Colour) -> Floats:
-    """(h, w, 3) colours between evenly spaced ones, at (h, w) amounts in [0, 1]."""
-    place = np.clip(amount, 0.0, 1.0) * (len(colours) - 1)
-    first = np.minimum(place.astype(np.intp), len(colours) - 2)
-    table, part = np.array(colours, dtype=np.float64), (place - first)[..., None]
-    return np.asarray((1.0 - part) * table[first] + part * table[first + 1])
+    return np.asarray(total / (2.0 - 0.5 ** (octaves - 1)))
 
 
 def _ramp(values: Floats, low: float, high: float) -> Floats:
@@ -81,205 +112,90 @@ def _ramp(values: Floats, low: float, high: float) -> Floats:
     return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
 
 
-def _mottle(
-    *noises: tuple[float, int, int, int], waves: tuple[tuple[float, int, int], ...] = ()
-) -> _Tone:
-    """(h, w) brightness about a half by sums of noise (amplitude, rows, columns, octaves) and of
-    sine waves (amplitude, number along the rows, along the columns)."""
-
-    def make(random: _Random) -> Floats:
-        tone = np.full_like(_X, 0.5)
-        for amplitude, *size in noises:
-            tone += amplitude * _noise(random, *size)
-        for amplitude, along, down in waves:
-            tone += amplitude * sin(2.0 * np.pi * (along * _X + down * _Y))
-        return np.asarray(tone)
-
-    return make
-
-
-def _paint(tone: _Tone, *colours: _Colour) -> _Tone:
-    return lambda random: _blend(tone(random), *colours)
-
-
-def _shade(colours: Floats, factor: Floats) -> Floats:
-    return np.asarray(colours * factor[..., None])
-
-
-class _Courses(NamedTuple):
-    """Bricks, boards or slabs of a tile."""
-
-    tone: Floats
-    """(h, w) random number in [0, 1) of each piece."""
-    gap: Floats
-    """(h, w) distance to the piece's edge, of the tile's side."""
-    along: Floats
-    """(h, w) place along each piece from 0 to 1, and the same `across`."""
-    across: Floats
-
-
-def _courses(random: _Random, rows: int, columns: int, shift: float = 0.5) -> _Courses:
-    """Courses of pieces, each shifted against the one below; shift 0: by a random length."""
+def _courses(random: _Random, rows: int, columns: int, shift: float) -> tuple[Floats, Floats]:
+    """Courses of pieces: (h, w) a random number of each, and distances to its edge, of the tile's
+    side."""
     row = np.floor(_Y * rows).astype(np.intp)
     offsets = np.arange(rows) * shift if shift else random.random(rows)
-    u, across = _X * columns + offsets[row], _Y * rows - row
-    column = np.floor(u)
-    tone = random.random((rows, columns))[row, column.astype(np.intp) % columns]
-    along = u - column
-    side = np.minimum(
-        np.minimum(along, 1.0 - along) / columns, np.minimum(across, 1 - across) / rows
+    along, across = _X * columns + offsets[row], _Y * rows - row
+    column = np.floor(along)
+    along = along - column
+    gap = np.minimum(
+        np.minimum(along, 1.0 - along) / columns, np.minimum(across, 1.0 - across) / rows
     )
-    return _Courses(tone, side, along, across)
+    return random.random((rows, columns))[row, column.astype(np.intp) % columns], gap
 
 
-class _Cells(NamedTuple):
-    """Stones or leaves of a tile."""
-
-    tone: Floats
-    """(h, w) random number in [0, 1) of each cell."""
-    near: Floats
-    """(h, w) distance to the cell's point, of a cell's width."""
-    gap: Floats
-    """(h, w) how much farther the next point is."""
-
-
-def _cells(random: _Random, count: int) -> _Cells:
-    """Cells around a random point in each of count x count squares."""
+def _cells(random: _Random, count: int) -> tuple[Floats, Floats]:
+    """Cells around a random point in each of count x count squares: (h, w) a random number of each,
+    and how much farther the next point is, of a cell's width."""
     tones, points = random.random((count, count)), random.random((count, count, 2))
     row, column = np.floor(_Y * count).astype(np.intp), np.floor(_X * count).astype(np.intp)
-    near, gap, tone = np.full_like(_X, 9.0), np.full_like(_X, 9.0), np.zeros_like(_X)
-    for i in (-1, 0, 1):
-        for j in (-1, 0, 1):
-            place = (row + i) % count, (column + j) % count
-            at = points[place]
-            y, x = row + i + at[..., 0] - _Y * count, column + j + at[..., 1] - _X * count
-            distance = np.sqrt(x * x + y * y)
-            is_nearer = distance < near
-            gap = np.where(is_nearer, near, np.minimum(gap, distance))
-            tone = np.where(is_nearer, tones[place], tone)
-            near = np.minimum(near, distance)
-    return _Cells(tone, near, gap - near)
+    around = [(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    places = [(y % count, x % count) for y, x in around]
+    distance = np.stack(
+        [
+            np.sqrt(
+                np.square(y + points[place][..., 0] - _Y * count)
+                + np.square(x + points[place][..., 1] - _X * count)
+            )
+            for (y, x), place in zip(around, places, strict=True)
+        ]
+    )
+    nearest = np.partition(distance, 1, axis=0)
+    own = np.choose(distance.argmin(axis=0), [tones[place] for place in places])
+    return own, nearest[1] - nearest[0]
 
 
-def _lay_boards(rows: int, columns: int, gap: float, dark: _Colour, light: _Colour) -> _Tone:
-    """Boards with a grain of their own."""
-
-    def make(random: _Random) -> Floats:
-        board, grain = _courses(random, rows, columns, 0.0), _noise(random, 128, 4, 3)
-        rings = sin(26.0 * _noise(random, 24, 2, 2))
-        # Another piece of the grain for each board.
-        row, column = np.indices(_X.shape)
-        row = (row + (board.tone * 4099).astype(np.intp) * 37) % SIDE_PX
-        column = (column + (board.tone * 8191).astype(np.intp)) % SIDE_PX
-        tone = 0.5 * board.tone + 0.25 + 0.45 * grain[row, column] + 0.2 * rings[row, column]
-        return _shade(_blend(tone, dark, light), 0.55 + 0.45 * _ramp(board.gap, 0.0, gap))
-
-    return make
-
-
-def _make_brick(random: _Random) -> Floats:
-    brick, rough = _courses(random, 12, 4), _noise(random, 32, 32)
-    clay = _blend(brick.tone + 0.3 * rough, (118, 52, 40), (160, 76, 56), (186, 104, 78))
-    clay = _shade(clay, 1.0 + 0.22 * _noise(random, 128, 128, 2))
-    mortar = _blend(0.5 + 0.8 * _noise(random, 64, 64, 3), (150, 144, 134), (188, 182, 170))
-    is_clay = _ramp(brick.gap + 0.004 * rough, 0.005, 0.008)[..., None]
-    return mortar + is_clay * (clay - mortar)
-
-
-def _make_tiles(random: _Random) -> Floats:
-    slab = _courses(random, 4, 4, 1.0)
-    tone = 0.5 + 0.35 * (slab.tone - 0.5) + 0.25 * _noise(random, 8, 8)
-    glaze = _blend(tone, (196, 194, 186), (228, 226, 218))
-    is_glaze = _ramp(slab.gap, 0.004, 0.007)[..., None]
-    return np.array([126.0, 122.0, 116.0]) + is_glaze * (glaze - (126.0, 122.0, 116.0))
-
-
-def _make_concrete(random: _Random) -> Floats:
-    tone = _mottle((0.5, 7, 7, 6), (0.3, 128, 128, 2))(random)
-    pores = _ramp(_noise(random, 90, 90, 1), -0.92, -0.7)
-    return _shade(_blend(tone, (112, 110, 106), (166, 164, 158)), 0.72 + 0.28 * pores)
-
-
-def _make_gravel(random: _Random) -> Floats:
-    stone = _cells(random, 36)
-    tone = 0.15 + 0.7 * stone.tone + 0.3 * _noise(random, 128, 128, 2)
-    colours = _blend(tone, (92, 84, 76), (142, 134, 122), (186, 178, 164))
-    lit = _ramp(stone.gap, 0.0, 0.35) * (1.15 - 0.35 * stone.near)
-    return _shade(colours, 0.52 + 0.48 * lit)
-
-
-def _make_asphalt(random: _Random) -> Floats:
-    stone = _cells(random, 96)
-    tone = 0.35 + 0.45 * (stone.tone - 0.5) + 0.25 * _noise(random, 8, 8, 5)
-    colours = _blend(tone, (48, 48, 50), (92, 92, 92), (130, 128, 124))
-    return _shade(colours, 0.7 + 0.3 * _ramp(stone.gap, 0.0, 0.3))
-
-
-def _make_sheet_steel(random: _Random) -> Floats:
-    tone = _mottle((0.12, 6, 24, 5), waves=((0.4, 8, 0),))(random)
-    rust = _ramp(_noise(random, 5, 10, 6), 0.32, 0.6)[..., None]
-    steel = _blend(tone, (84, 92, 100), (138, 146, 152), (188, 194, 198))
-    return steel + rust * (_blend(tone, (74, 46, 30), (140, 92, 58)) - steel)
-
-
-def _make_bark(random: _Random) -> Floats:
-    bent = _X + 0.05 * _noise(random, 4, 4, 3)
-    ridge = np.abs(_noise(random, 10, 24, 4)) + 0.12 * sin(2.0 * np.pi * 14.0 * bent)
-    tone = _ramp(ridge, -0.05, 0.42) + 0.2 * _noise(random, 64, 128, 2)
-    return _blend(tone, (38, 27, 19), (88, 68, 50), (132, 112, 90))
-
-
-def _make_leaves(random: _Random) -> Floats:
-    colours = np.zeros((SIDE_PX, SIDE_PX, 3))
-    # Three layers of foliage, the upper ones brighter and with gaps.
-    for layer, count in enumerate((26, 20, 16)):
-        leaf = _cells(random, count)
-        tone = 0.25 * layer + 0.5 * leaf.tone + 0.25 * _noise(random, 64, 64, 2)
-        green = _blend(tone, (16, 34, 12), (44, 84, 28), (98, 136, 54))
-        green = _shade(green, 0.5 + 0.5 * _ramp(leaf.gap, 0.0, 0.3))
-        shows = (leaf.near < 0.62 - 0.12 * layer) & (leaf.tone > 0.25 * layer)
-        colours = np.where((shows | (layer == 0))[..., None], green, 0.97 * colours)
-    return colours
-
-
-def _make_marble(random: _Random) -> Floats:
-    vein = np.abs(_noise(random, 3, 3, 6)) + 0.04 * _noise(random, 48, 48, 2)
-    tone = _ramp(vein, 0.0, 0.09) * 0.55 + 0.45 + 0.15 * _noise(random, 8, 8)
-    return _blend(tone, (112, 112, 118), (206, 205, 206), (240, 239, 236))
-
-
-class NamedTexture(NamedTuple):
-    """One texture."""
-
-    tile_m: float
-    """Side of its tile."""
-    make: _Tone
-    """(h, w, 3) sRGB, 0 to 255."""
-
-
-_CARDBOARD = _mottle((0.3, 4, 32, 4), (0.25, 160, 160, 1), waves=((0.1, 80, 0),))
-_FABRIC = _mottle((0.3, 128, 128, 1), (0.15, 6, 6, 4), waves=((0.15, 64, 0), (0.15, 0, 64)))
-_GRASS = _mottle((0.5, 128, 256, 2), (0.35, 64, 160, 2), (0.25, 6, 6, 4))
-_WEAVE = _mottle((0.55, 256, 256, 1), (0.2, 8, 8, 4))
-_BRUSHED = _mottle((0.3, 256, 3, 1), (0.3, 4, 4, 5))
-_TROWELLED = _mottle((0.35, 6, 6, 5), (0.25, 128, 128, 2))
-
+# fmt: off  # a row each: opened up they are 130 lines
 NAMED_TEXTURES = {
-    "asphalt": NamedTexture(1.5, _make_asphalt),
-    "bark": NamedTexture(0.8, _make_bark),
-    "brick": NamedTexture(1.0, _make_brick),
-    "cardboard": NamedTexture(0.6, _paint(_CARDBOARD, (156, 114, 70), (194, 152, 104))),
-    "carpet": NamedTexture(1.0, _paint(_WEAVE, (34, 46, 78), (64, 82, 122))),
-    "concrete": NamedTexture(2.0, _make_concrete),
-    "corrugated": NamedTexture(1.0, _make_sheet_steel),
-    "fabric": NamedTexture(0.25, _paint(_FABRIC, (96, 42, 40), (156, 84, 76))),
-    "grass": NamedTexture(1.5, _paint(_GRASS, (28, 56, 16), (66, 108, 34), (120, 150, 62))),
-    "gravel": NamedTexture(1.0, _make_gravel),
-    "leaves": NamedTexture(1.0, _make_leaves),
-    "marble": NamedTexture(1.5, _make_marble),
-    "metal": NamedTexture(1.0, _paint(_BRUSHED, (136, 142, 150), (176, 182, 190))),
-    "planks": NamedTexture(1.2, _lay_boards(8, 1, 0.005, (108, 82, 56), (176, 142, 102))),
-    "plaster": NamedTexture(2.0, _paint(_TROWELLED, (204, 200, 190), (236, 233, 224))),
-    "tiles": NamedTexture(1.2, _make_tiles),
-    "wood_floor": NamedTexture(2.0, _lay_boards(16, 2, 0.002, (148, 98, 54), (208, 158, 104))),
+    "asphalt": NamedTexture(1.5, "303032 5c5c5c 82807c", ((0.25, 8, 8, 5),)),
+    "bark": NamedTexture(0.8, "261b13 584432 84705a", ((0.2, 64, 128, 2), (0.12, 0, 14, 0))),
+    "brick": NamedTexture(1.0, "763428 a04c38 ba684e", ((0.3, 32, 32, 4), (0.3, 128, 128, 2))),
+    "cardboard": NamedTexture(
+        0.6, "9c7246 c29868", ((0.3, 4, 32, 4), (0.25, 160, 160, 1), (0.1, 0, 80, 0))
+    ),
+    "carpet": NamedTexture(1.0, "222e4e 40527a", ((0.55, 256, 256, 1), (0.2, 8, 8, 4))),
+    "concrete": NamedTexture(2.0, "706e6a a6a49e", ((0.5, 7, 7, 6), (0.3, 128, 128, 2))),
+    "corrugated": NamedTexture(1.0, "545c64 8a9298 bcc2c6", ((0.12, 6, 24, 5), (0.4, 0, 8, 0))),
+    "fabric": NamedTexture(
+        0.25,
+        "602a28 9c544c",
+        ((0.3, 128, 128, 1), (0.15, 6, 6, 4), (0.15, 0, 64, 0), (0.15, 64, 0, 0)),
+    ),
+    "grass": NamedTexture(
+        1.5, "1c3810 426c22 78963e", ((0.5, 128, 256, 2), (0.35, 64, 160, 2), (0.25, 6, 6, 4))
+    ),
+    "gravel": NamedTexture(1.0, "5c544c 8e867a bab2a4", ((0.3, 128, 128, 2),)),
+    "leaves": NamedTexture(1.0, "102208 2c541c 62883a", ((0.4, 64, 64, 2),)),
+    "marble": NamedTexture(1.5, "707076 cecdce f0efec", ((0.15, 8, 8, 4),)),
+    "metal": NamedTexture(1.0, "888e96 b0b6be", ((0.3, 256, 3, 1), (0.3, 4, 4, 5))),
+    "planks": NamedTexture(1.2, "6c5238 b08e66", ((0.45, 128, 4, 3),)),
+    "plaster": NamedTexture(2.0, "ccc8be ece9e0", ((0.35, 6, 6, 5), (0.25, 128, 128, 2))),
+    "tiles": NamedTexture(1.2, "c4c2ba e4e2da", ((0.25, 8, 8, 4),)),
+    "wood_floor": NamedTexture(2.0, "946236 d09e68", ((0.45, 128, 4, 3),)),
 }
+# Bricks, boards, slabs: rows, columns and shift of a row, 0: by random lengths; without columns
+# stones, leaves. Range of their brightness, colour between them, distances in which theirs begins.
+_PIECES: dict[str, tuple[int, int, float, float, str, float, float]] = {
+    "asphalt": (96, 0, 0.0, 0.45, "3c3c3c", -0.2, 0.3),
+    "brick": (12, 4, 0.5, 1.0, "a8a298", 0.005, 0.008),
+    "gravel": (36, 0, 0.0, 0.7, "423c36", 0.0, 0.35),
+    "leaves": (26, 0, 0.0, 1.1, "0a1406", -0.1, 0.4),
+    "planks": (8, 1, 0.0, 0.5, "3a2c1e", 0.0, 0.005),
+    "tiles": (4, 4, 1.0, 0.35, "7e7a74", 0.004, 0.007),
+    "wood_floor": (16, 2, 0.0, 0.5, "5a3a20", 0.0, 0.002),
+}
+# Brightness by the distance from the zeros of a noise: amplitude, the noise, range.
+_VEINS = {
+    "bark": (1.0, 10, 24, 4, 0.4),
+    "marble": (0.7, 3, 3, 6, 0.12),
+    "planks": (0.5, 56, 2, 2, 0.16),
+    "wood_floor": (0.5, 80, 2, 2, 0.16),
+}
+# Colour where a noise exceeds a range of values.
+_STAINS = {
+    "concrete": ("5a5855", 90, 90, 1, 0.75, 0.95),
+    "corrugated": ("6c4630", 5, 10, 6, 0.32, 0.6),
+}
+# fmt: on

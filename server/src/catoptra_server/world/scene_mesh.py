@@ -6,8 +6,8 @@ that vary over a triangle. Shapes, mesh files and textures are loaded within one
 
 Placements of a mesh file are copies in the scene: which surface fills a part of an image, and which
 light is free of shadows, is proved over one hierarchy of all triangles, in which instances would be
-closed boxes. A copied triangle costs 750 bytes of the budget; its file, material and textures are
-read and held once.
+closed boxes. A copied triangle costs as much of the budget as any (`runtime/memory.py`); its file,
+material and textures are read and held once.
 
 Large meshes are moved in place, in blocks of rows: half of a start with a million triangles was the
 system's time for new pages, of 507 MB then and 355 now.

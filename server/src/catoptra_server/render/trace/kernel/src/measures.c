@@ -117,11 +117,10 @@ static int is_smaller(const FrameState *state, const ChangeMeasure *measure, uin
     const Frame *frame = state->frame;
     if (is_counted(measure, &frame->limits))
         return 0;
-    float most = 0.0f;
-    for (; lanes; lanes &= lanes - 1) {
-        int lane = __builtin_ctz(lanes);
-        most = fmaxf(most, max_abs(subtract(get_lane(one, lane), get_lane(other, lane))));
-    }
+    Floats16 changes = splat16(0.0f);
+    for (int channel = 0; channel < 3; channel++)
+        changes = most16(absolute16(load16(one[channel]) - load16(other[channel])), changes);
+    float most = most_of16(select16(mask16(lanes), changes, splat16(0.0f)));
     float spilt = frame->spill[1] > 0.0f ? encode_level(frame->spill[0] * frame->spill[1] * most) : 0;
     return encode_level(frame->largest_gain * most) + spilt + TABLE_ERROR <= read_largest(measure);
 }

@@ -311,7 +311,7 @@ static void shade_hits(const FrameState *state, int tile, const RayBlock *rays,
                        float clear[3][BLOCK_RAYS]) {
     shade(state, rays, hits, content, radiance, lost);
     /* Changes are those of the sharp frame, whose tiles have a number. */
-    add_gloss(state, rays, hits, tile != NO_PLAN, radiance, lost);
+    add_gloss(state, rays, hits, tile != NO_PLAN, content->mirrored, radiance, lost);
     if (!has_fog(state))
         return;
     if (clear)
@@ -427,6 +427,7 @@ static void shade_hidden(const FrameState *state, const RayBlock *source, uint32
     RayBlock rays = *source;
     HitBlock hits;
     without.unseen_object = state->frame->watched_object;
+    rest.mirrored = NULL;
     if (rest.object == without.unseen_object)
         rest.object = OBJECT_NONE;
     rays.active = lanes;
@@ -788,6 +789,10 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     }
     TileLabels labels;
+    MirroredPixels mirrored;
+    mirrored.pixels = mirrored.lost.rays = 0;
+    if (!state->is_rolling && !state->scene->mesh->arrays.blended)
+        known.mirrored = &mirrored;
     if (state->frame->labels)
         label_centres(state, tile, content, &labels);
     if (state->is_rolling)

@@ -24,10 +24,11 @@ typedef struct {
     const struct FacetPlane *plane; /* of the triangle; NULL: not found yet */
     /* (3, 16) of baked light, the same for all samples of a pixel; NULL: not known */
     const float (*factors)[BLOCK_RAYS];
+    struct MirroredPixels *mirrored; /* for rough surfaces, of the samples before; NULL: none */
 } TileContent;
 
 #define UNKNOWN_CONTENT \
-    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, NULL, NULL, NULL, NULL, NULL})
+    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, NULL, NULL, NULL, NULL, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
