@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -145,6 +146,7 @@ def _turn(direction: Floats, azimuth_rad: float) -> Floats:
     return turned
 
 
+_OCAM_DEGREES, _GOOD_PX = range(4, 9), 0.005
 # Rings of the image on which radii are compared.
 _NUM_RINGS = 1001
 _NUM_KANNALA_BRANDT_TERMS = 4
@@ -185,11 +187,21 @@ def fit_double_sphere(camera: OmniCamera) -> OmniCamera:
 
 
 def fit_ucm(camera: OmniCamera) -> OmniCamera:
-    """The camera as UCM: Mei's unified model without distortion."""
+    """The camera as UCM: EUCM with beta = 1."""
     exact = _find_sphere(camera)
     if exact is not None and not exact.is_distorted:
-        return _replace(camera, UnifiedLens(exact.xi), exact.gamma_px)
-    return _fit(camera, UnifiedLens, (1.0,))
+        return _replace(camera, EnhancedUnifiedLens(exact.alpha), exact.focal_length_px)
+    return _fit(camera, EnhancedUnifiedLens, (0.5,))
+
+
+def fit_pinhole(camera: OmniCamera) -> OmniCamera:
+    """The camera as a flat image with two terms of radial distortion: Mei's model with xi = 0."""
+    exact = _find_sphere(camera)
+    if exact is not None and exact.xi == 0.0:
+        return _replace(camera, UnifiedLens(0.0, exact.k1, exact.k2), exact.gamma_px)
+    if camera.rim_rad >= 0.5 * math.pi:
+        raise DomainError("a flat image ends before 90 deg from the axis")
+    return _fit(camera, partial(UnifiedLens, 0.0), (0.0, 0.0))
 
 
 def fit_kannala_brandt(camera: OmniCamera) -> OmniCamera:
@@ -234,7 +246,7 @@ def fit_ocam(camera: OmniCamera, *, degree: int) -> OmniCamera:
         camera: The camera.
         degree: Highest power of the image radius, 2 or more.
     """
-    if isinstance(camera.projection, OCamLens):
+    if isinstance(camera.projection, OCamLens) and len(camera.projection.polynomial) <= degree + 1:
         return camera
     theta, radius_px = _rings(camera)
     unit_px = camera.rim_radius_px
@@ -250,6 +262,23 @@ def fit_ocam(camera: OmniCamera, *, degree: int) -> OmniCamera:
         term * unit_px ** (1 - power) for term, power in zip(terms, powers.tolist(), strict=True)
     ]
     return _replace(camera, OCamLens(tuple(polynomial.tolist())), 1)
+
+
+def fit_ocam_of_any_degree(camera: OmniCamera) -> OmniCamera:
+    """The same of the lowest degree, from 4 on, that is good enough, or the best."""
+    if isinstance(camera.projection, OCamLens):
+        return camera
+    best, best_px = camera, math.inf
+    for degree in _OCAM_DEGREES:
+        fitted = fit_ocam(camera, degree=degree)
+        max_px = compute_residual(camera, fitted).max_px
+        if max_px < best_px:
+            best, best_px = fitted, max_px
+        if best_px <= _GOOD_PX:
+            break
+    if best is camera:
+        raise DomainError("no polynomial of rays describes the camera")
+    return best
 
 
 def _find_sphere(camera: OmniCamera) -> UnifiedParameters | None:
