@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Set
+from collections.abc import Set
 from dataclasses import fields, replace
-from functools import partial
 from itertools import count, takewhile
 
 import numpy as np
@@ -35,7 +34,7 @@ from catoptra_protocol.optics.radial_camera import (
     largest_angle_rad,
 )
 
-# Of the inverse of an OCam polynomial: 13 terms hold 5e-5 px for the paper's mirror, 6 lose 0.27 px.
+# Of an OCam polynomial's inverse: 13 terms hold 5e-5 px for the paper's mirror, 6 lose 0.27 px.
 INVERSE_TERMS = 14
 MAX_INVERSE_PX = 0.05
 
@@ -84,22 +83,23 @@ def camera_from_numbers(
     Args:
         lens: Model of the lens.
         numbers: By canonical names: fields of the lens, of OCam's its polynomial as poly or as a0,
-            a1, ..., negated as n0, n1, ..., or of either sign as e0, e1, ...; fx, fy, cx, cy, skew and p1, p2, or with a lens in pixels sxx, sxy, syx, syy, which lead
-            from the lens's plane to the image, and cx_offset, cy_offset from its middle. Limits:
-            fov_deg; tan_limit, the tangent of an angle; circle_share, a radius in half heights.
+            a1, ..., negated as n0, n1, ..., of either sign as e0, e1, ...; fx, fy, cx, cy, skew,
+            p1, p2; of a lens in pixels the matrix sxx, sxy, syx, syy from its plane to the image,
+            and cx_offset, cy_offset from the image's middle. Limits: fov_deg; tan_limit, the
+            tangent of an angle; circle_share, a radius in half heights.
         size_px: Width and height.
         first_pixel: Coordinate of the first pixel's centre.
 
     Raises:
         DomainError: An impossible model, or a centre far outside the image.
     """
-    get: Callable[[str, float], float] = partial(_get_number, numbers)
+    get = numbers.get
     width, height = size_px
-    fx = get("fx", 1.0)
-    if not (fx > 0.0 and get("fy", fx) > 0.0):
-        raise DomainError(f"focal lengths must be above 0: {fx!r}, {get('fy', fx)!r}")
-    stretch = (get("sxx", 1.0), get("skew", fx * get("sxy", 0.0)) / fx)
-    stretch += get("syx", 0.0), get("fy", fx * get("syy", 1.0)) / fx
+    fx: float = get("fx", 1.0)
+    skew, fy = get("skew", fx * get("sxy", 0.0)), get("fy", fx * get("syy", 1.0))
+    if not (fx > 0.0 and fy > 0.0):
+        raise DomainError(f"focal lengths must be above 0: fx = {fx!r}, fy = {fy!r}")
+    stretch = (get("sxx", 1.0), skew / fx, get("syx", 0.0), fy / fx)
     centre_px = (
         get("cx", 0.5 * width - 0.5 + get("cx_offset", 0.0)) + 0.5 - first_pixel,
         get("cy", 0.5 * height - 0.5 + get("cy_offset", 0.0)) + 0.5 - first_pixel,
@@ -113,17 +113,11 @@ def camera_from_numbers(
     return replace(camera, rim_rad=min(limits))
 
 
-def _get_number(numbers: Numbers, name: str, default: float) -> float:
-    number = numbers.get(name, default)
-    assert isinstance(number, float), name
-    return number
-
-
 def _make_lens(lens: type[RadialProjection], numbers: Numbers) -> RadialProjection:
     if lens is OCamLens:
         terms = numbers.get("poly") or _count_up(numbers, "a")
         terms = terms or tuple(-term for term in _count_up(numbers, "n")) or _count_up(numbers, "e")
-        num_terms = _get_number(numbers, "num_poly", float(len(terms)))
+        num_terms = numbers.get("num_poly", len(terms))
         if num_terms != len(terms) or len(terms) > _MAX_TERMS:
             raise DomainError(f"a polynomial of {num_terms:g} terms has {len(terms)}")
         is_turned = "e0" in numbers and terms[0] < 0.0
@@ -137,7 +131,7 @@ def _make_lens(lens: type[RadialProjection], numbers: Numbers) -> RadialProjecti
 def _count_up(numbers: Numbers, letter: str) -> tuple[float, ...]:
     """Numbers called by a letter and 0, 1, ..."""
     names = takewhile(numbers.__contains__, (f"{letter}{power}" for power in count()))
-    return tuple(_get_number(numbers, name, 0.0) for name in names)
+    return tuple(map(numbers.__getitem__, names))
 
 
 def place_camera(
@@ -174,6 +168,19 @@ _AFFINE = ("sxx", "sxy", "syx", "syy")
 _MAX_TERMS = 64
 
 
+def simplify_plane(camera: OmniCamera, names: Set[str]) -> OmniCamera:
+    """The camera without what a format with these names has no place for in the image plane."""
+    plane, (a, b, c, d) = camera.plane, camera.plane.stretch
+    if not names & {"skew", "sxy"}:
+        b = 0.0
+    if "syx" not in names:
+        c = 0.0
+    if not names & {"fy", "sxx", "syy"}:
+        a = d = math.sqrt(a * d)
+    p1, p2 = (plane.p1, plane.p2) if "p1" in names else (0.0, 0.0)
+    return replace(camera, plane=ImagePlane((a, b, c, d), p1, p2))
+
+
 def numbers_from_camera(camera: OmniCamera, names: Set[str], first_pixel: float) -> Numbers:
     """Numbers of a camera for a file; those of `camera_from_numbers`, and inverses of OCam's.
 
@@ -205,7 +212,7 @@ def numbers_from_camera(camera: OmniCamera, names: Set[str], first_pixel: float)
         shape |= {"fx": fx, "skew": skew, "syx": syx, "fy": fy} | _fields_of(lens)
     for name, value in shape.items():
         if name not in names and value != _DEFAULTS.get(name, 0.0):
-            raise DomainError(f"the format has no {name}, which is {value:.3g}")
+            raise DomainError(f"the format has no {name}, which is {value:.6g}")
     u, v = (each - 0.5 + first_pixel for each in flipped.centre_px)
     width, height = camera.width_px, camera.height_px
     shape |= {"width": width, "height": height, "cx": u, "cy": v}

@@ -9,7 +9,12 @@ from pathlib import Path
 from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
 from catoptra_protocol.calibration.files import MAX_BYTES, file_error, parse_document
 from catoptra_protocol.calibration.formats import FORMATS, CalibrationFormat
-from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
+from catoptra_protocol.calibration.ray_table import (
+    TABLE_NAME,
+    fit_table,
+    is_ray_table,
+    read_ray_table,
+)
 from catoptra_protocol.calibration.templates import Match, iter_objects, match
 from catoptra_protocol.calibration.uncertainty import state_model_error
 from catoptra_protocol.errors import ConfigError, DomainError
@@ -18,7 +23,6 @@ from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-
 
 # Of the fields that a format needs: from there on a file with a wrong number is one of it.
 _MOST, _NUM_NEAREST = 0.6, 3
@@ -31,7 +35,18 @@ def camera_from_file(
     picture: Picture | None = None,
     size_px: tuple[int, int] | None = None,
 ) -> OmniCamera:
-    """Camera of a calibration file of any format in `FORMATS`, or of a ray table.
+    """Camera of a file: see `read_calibration`."""
+    return read_calibration(path, camera=camera, picture=picture, size_px=size_px)[1]
+
+
+def read_calibration(
+    path: Path | str,
+    *,
+    camera: str = "",
+    picture: Picture | None = None,
+    size_px: tuple[int, int] | None = None,
+) -> tuple[str, OmniCamera]:
+    """Name of the format and camera of a calibration file, of `FORMATS` or a ray table.
 
     The camera ends at the largest angle that its image shows or, where that is smaller, at the
     first fold of its model, or at the field of view or image circle that the file states.
@@ -50,7 +65,7 @@ def camera_from_file(
     file = str(path)
     try:
         if is_ray_table(Path(path)):
-            return _camera_from_table(file, picture)
+            return TABLE_NAME, _camera_from_table(file, picture)
         data = Path(path).read_bytes()
         if len(data) > MAX_BYTES:
             expected = f"a calibration file of at most {MAX_BYTES} bytes"
@@ -60,10 +75,10 @@ def camera_from_file(
         raise file_error(file, "file", f"a readable file: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise file_error(file, "file", "a text in UTF-8") from error
-    found, numbers = _find_format(text, file, camera)
+    found, camera_match = _find_format(text, file, camera)
     with reject_overflow(partial(file_error, file, "numbers")):
-        made = _make_camera(found, numbers, file, size_px)
-        return _turn(state_model_error(made, text, file), text, file, picture)
+        made = _make_camera(found, camera_match, file, size_px)
+        return found.name, _turn(state_model_error(made, text, file), text, file, picture)
 
 
 def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, Match]:
@@ -89,7 +104,7 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
     near = [one for one in matches if one[1].share_found > 0.0]
     for each, found in near[:1]:
         wrong = next((fault for fault in found.faults if not fault.is_wrong_format), None)
-        if wrong is not None and found.share_found >= _MOST or len(found.faults) == 1:
+        if (wrong is not None and found.share_found >= _MOST) or len(found.faults) == 1:
             fault = wrong or found.faults[0]
             expected = f"{fault.expected}: the file is of the format {each.name}"
             raise file_error(file, fault.key, expected, value=fault.value)

@@ -154,7 +154,8 @@ def _mirror_from_camera(described: OmniCamera, picture: Picture) -> Floats:
 
 def _list_files(files: Sequence[ExportedFile]) -> str:
     rows = [
-        f"| {file.export.file_name} | {file.export.model.words}, {file.export.program} | {file.residual.max_px:.2g} | "
+        f"| {file.export.file_name} | {file.export.model.words}, {file.export.program} | "
+        f"{file.residual.max_px:.2g} | "
         f"{file.residual.rms_px:.2g} | {file.residual.max_deg:.2g} | {file.residual.rms_deg:.2g} | "
         f"{file.export.domain} | {describe_limit(file.camera.projection)} |".replace(
             "|X|", "norm(X)"

@@ -85,6 +85,9 @@ def export_camera(
         return RefusedFile(export, f"{reason}: a field of view of 180 leaves the rest out")
     try:
         model, residual = _fit_and_compare(export.model.fit, described)
+        simple = export.simplify(model)
+        if simple != model:
+            model, residual = simple, compute_residual(described, simple)
         text = export.write(model, name)
     except DomainError as error:
         return RefusedFile(export, str(error))

@@ -59,7 +59,7 @@ def _parse_lines(text: str) -> dict[str, Any] | None:
     """Lines of OCamCalib's five kinds, or of COLMAP's cameras; None for other texts."""
     lines = [line.split() for line in text.splitlines() if line.strip()[:1] not in ("", "#")]
     if len(lines) == len(OCAM_LINES) and all(
-        as_number(word) is not None for word in sum(lines, [])
+        as_number(word) is not None for line in lines for word in line
     ):
         return dict(zip(OCAM_LINES, lines, strict=True))
     if lines and all(len(line) > 4 and line[0].isdigit() and line[1].isupper() for line in lines):

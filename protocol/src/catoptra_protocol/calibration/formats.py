@@ -1,4 +1,4 @@
-"""Formats of calibration files: one row each, which names, orders and scales a lens model's numbers.
+"""Formats of calibration files: rows that name, order and scale the numbers of lens models.
 
 To add a format: a row with its template, by the rules of `templates`, the names of
 `calibrated_camera.camera_from_numbers`, and what its reader says of its domain; its file is then
@@ -16,6 +16,7 @@ from typing import Any
 from catoptra_protocol.calibration.calibrated_camera import (
     camera_from_numbers,
     numbers_from_camera,
+    simplify_plane,
 )
 from catoptra_protocol.calibration.model_fits import (
     fit_double_sphere,
@@ -78,6 +79,10 @@ class CalibrationFormat:
         """Largest angle from the axis that the readers accept."""
         return 0.5 * math.pi if self.domain == FRONT else math.pi
 
+    def simplify(self, camera: OmniCamera) -> OmniCamera:
+        """The camera, of the format's model, without what the format has no place for."""
+        return simplify_plane(camera, names_in(self.template))
+
     def read(self, numbers: Numbers, size_px: tuple[int, int]) -> OmniCamera:
         """Camera of a file's numbers, its picture flipped.
 
@@ -123,6 +128,7 @@ _SIDES = {"image_width": "$width", "image_height": "$height"}
 
 # What readers demand in addition: a sensor at the camera's own place, without noise.
 _EYE = [float(i % 5 == 0) for i in range(16)]
+_EYE_3 = [float(i % 4 == 0) for i in range(9)]
 _EYE_MATRIX = {"rows": 4, "cols": 4, "data": _EYE}
 _ORIGIN = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
 
@@ -149,7 +155,7 @@ def _camodocal(
 ) -> CalibrationFormat:
     return CalibrationFormat(
         name, "CamOdoCal", model, f"{name}.yaml", "opencv",
-        {"model_type": kind, "camera_name": "!$name"} | _SIDES | fields,
+        {"model_type": kind, "camera_name": "!$name", **_SIDES, **fields},
         FRONT if model is PINHOLE else _ANY, "own cv2.FileStorage; readFromYamlFile",
     )  # fmt: skip
 
@@ -174,10 +180,11 @@ def _ros(
 ) -> CalibrationFormat:
     return CalibrationFormat(
         name, "ROS camera_info", model, file_name, "yaml",
-        _SIDES | {
+        {
+            **_SIDES,
             "camera_name": "!$name", "camera_matrix": _K, "distortion_model": kind,
             "distortion_coefficients": coefficients,
-            "rectification_matrix": {"rows": 3, "cols": 3, "data": [1.0, 0.0, 0.0, 0.0] * 2 + [1.0]},
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": _EYE_3},
             "projection_matrix": "!3x4[fx 0 cx 0 0 fy cy 0 0 0 1 0]",
         },
         FRONT, "parse_yml.cpp",
@@ -190,7 +197,7 @@ def _ros_message(name: str, kind: str, coefficients: str, model: LensModel) -> C
         {
             "width": "$width", "height": "$height", "distortion_model": kind,
             "d|D": coefficients, "k|K": "[fx 0 cx 0 fy cy 0 0 1]",
-            "r": [1.0, 0.0, 0.0, 0.0] * 2 + [1.0], "p": "![fx 0 cx 0 0 fy cy 0 0 0 1 0]",
+            "r": _EYE_3, "p": "![fx 0 cx 0 0 fy cy 0 0 0 1 0]",
         },
         FRONT, "fields of sensor_msgs/CameraInfo",
     )  # fmt: skip
@@ -351,7 +358,8 @@ FORMATS: tuple[CalibrationFormat, ...] = (
         "opencv_omnidir", "cv2.omnidir", MEI, "opencv_omnidir.yaml", "opencv",
         {
             "camera_name": "!$name", "image_width": "$width?", "image_height": "$height?",
-            "K|camera_matrix": _SKEWED, "xi": "$xi", "D|distortion_coefficients": "1x4[k1 k2 p1 p2]",
+            "K|camera_matrix": _SKEWED, "xi": "$xi",
+            "D|distortion_coefficients": "1x4[k1 k2 p1 p2]",
         },
         _ANY, "own cv2.FileStorage and cv2.omnidir",
     ),
@@ -393,7 +401,6 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _basalt("eucm", EUCM, _EUCM, alpha="$alpha", beta="$beta"),
     _basalt("ds", DOUBLE_SPHERE, _DS, xi="$xi", alpha="$alpha"),
     _basalt("kb4", KANNALA_BRANDT, _ANY, **_K4),
-    _basalt("pinhole", PINHOLE, FRONT),
     CalibrationFormat(
         "ocamcalib", "OCamCalib", OCAM, "ocamcalib.txt", "lines",
         {

@@ -19,6 +19,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
 from catoptra_protocol.errors import DomainError
@@ -96,6 +97,8 @@ def _from_alpha(alpha: float, focal_length_px: float) -> UnifiedParameters:
     return UnifiedParameters(xi, focal_length_px * (1.0 + xi))
 
 
+Pixels = npt.NDArray[np.uint8]
+
 _GRID = 317
 """Pixels along the image's sides: 1e5 in all."""
 
@@ -115,9 +118,7 @@ class Residual:
 def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
     """Residual at a grid of pixels of the image, the border of its domain included."""
     truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
-    u = np.linspace(0.0, truth.width_px, _GRID)
-    v = np.linspace(0.0, truth.height_px, _GRID)
-    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    pixels = _grid(truth).reshape(-1, 2)
     direction, valid = truth.direction_from_pixel(pixels)
     pixels, direction = pixels[valid], direction[valid]
     # The mirror frames may differ by the azimuth of the image's top.
@@ -138,6 +139,31 @@ def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
         float(np.sqrt(np.mean(deg**2))),
         1.0 - float(both.mean()),
     )
+
+
+def _grid(camera: OmniCamera) -> Floats:
+    """(317, 317, 2) pixels of the whole image."""
+    u, v = (np.linspace(0.0, side, _GRID) for side in (camera.width_px, camera.height_px))
+    return np.stack(np.meshgrid(u, v), axis=-1)
+
+
+def draw_difference(truth: OmniCamera, model: OmniCamera, max_px: float) -> Pixels:
+    """Picture (317, 317, 3) of the difference over the image: black to yellow at `max_px`.
+
+    Grey where no camera has a direction, magenta where only the true one has.
+    """
+    truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
+    pixels = _grid(truth)
+    direction, valid = truth.direction_from_pixel(pixels)
+    turned = _turn(direction, model.image_up_azimuth_rad - truth.image_up_azimuth_rad)
+    found, shown = model.pixel_from_direction(turned)
+    off_px = np.linalg.norm(found - pixels, axis=-1)
+    level = np.minimum(off_px / max_px if max_px > 0.0 else 0.0 * off_px, 1.0)
+    image = np.stack((255.0 * np.sqrt(level), 255.0 * level, 0.0 * level), axis=-1)
+    image[~shown] = 255.0, 0.0, 255.0
+    image[~valid] = 90.0
+    picture: Pixels = np.rint(image).astype(np.uint8)
+    return picture
 
 
 def _turn(direction: Floats, azimuth_rad: float) -> Floats:

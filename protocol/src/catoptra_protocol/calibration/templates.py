@@ -3,9 +3,9 @@
 A template is a nested mapping as of the file itself. Its leaves are
 
 * `"$fx"`: a number by its canonical name, see `calibrated_camera`; a 1 x 1 matrix reads as one;
-* `"[xi fx fy cx cy]"`: a list of them, `"3x3[...]"` as a matrix of the format. It reads from flat and
-  nested lists and from matrices alike. A number in it must be there; `-` negates, `*` at the end takes
-  all that is left;
+* `"[xi fx fy cx cy]"`: a list of them, `"3x3[...]"` as a matrix of the format. It reads from flat
+  and nested lists and from matrices alike. A number in it must be there; `-` negates, a last `*`
+  takes all that is left;
 * other texts: words by which the format is recognised, `|` between equals, `null` for none;
 * `?` after a name or a word: readers do without, writers have it; `!` in front of a leaf, numbers,
   truth values and objects of them: demanded by the format's reader alone, ignored here.
@@ -26,13 +26,13 @@ from typing import Any
 from catoptra_protocol.calibration.files import OCAM_LINES, as_number, format_number
 from catoptra_protocol.slotted_dataclass import dataclass
 
-Numbers = dict[str, float | tuple[float, ...]]
-"""Numbers of a camera by their canonical names."""
+Numbers = dict[str, Any]
+"""Numbers of a camera by their canonical names: floats, and polynomials as tuples of floats."""
 
 _MAX_NUMBERS = 4096
 # Objects of a file in which a template is looked for: of rigs, and of nerfstudio's frames.
 _MAX_OBJECTS = 4096
-_LIST = re.compile(r"(?:(\d)x(\d))?\[(.*)\]")
+_LIST = re.compile(r"(?:(\d+)x(\d+))?\[(.*)\]")
 _PLAIN_WORD = re.compile(r"[A-Za-z/][\w/.-]*")
 _YAML_WORDS = ("yes", "no", "on", "off", "true", "false", "null", "y", "n")
 
