@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from catoptra_protocol.calibration.calibration_format import CalibrationFormat
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.calibration_format import CalibrationFormat
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
 from catoptra_protocol.calibration.formats import (
     basalt,

@@ -140,7 +140,8 @@ def _write(camera: OmniCamera, to: CalibrationFormat, parsed: argparse.Namespace
     if camera.rim_rad > to.max_angle_rad:
         left_out = f", which leave out what lies beyond {math.degrees(to.max_angle_rad):g} deg"
     return (
-        f"{path}: {to.name}, within {residual.max_px:.2g} px (rms {residual.rms_px:.2g}) and "
+        f"{path}: {to.name}, "
+        f"within {residual.max_px:.2g} px (rms {residual.rms_px:.2g}) and "
         f"{residual.max_deg:.2g} deg, {_describe_domain(result.camera)}; readers: {to.domain}{left_out}\n"
         f"{picture}: the difference, yellow at {residual.max_px:.2g} px"
     )

@@ -47,12 +47,8 @@ def mark_picture(text: str, picture: Picture) -> str:
     if text.startswith("{"):
         # The last field: Basalt's reader takes the first one, whatever its name.
         return f'{text.rstrip()[:-1].rstrip()},\n  "{_FIELD}": "{picture.value}"\n}}\n'
-    comment = f"# {_FIELD}: {picture.value}\n"
-    if text.startswith("%YAML"):
-        # OpenCV wants the head as the first bytes, and no comment before the document.
-        head, separator, body = text.partition("---\n")
-        return head + separator + comment + body
-    return comment + text
+    # At the end: OpenCV wants %YAML as the first bytes, OCamCalib one comment before each line.
+    return f"{text}# {_FIELD}: {picture.value}\n"
 
 
 def read_picture_mark(text: str, file: str) -> Picture | None:

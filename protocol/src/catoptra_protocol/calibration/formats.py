@@ -450,7 +450,7 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _orb_slam("orb_slam3", "KannalaBrandt8", KANNALA_BRANDT, tuple(_K4), _ANY),
     _orb_slam("orb_slam3_pinhole", "PinHole", PINHOLE, tuple(_K1_TO_P2), FRONT),
     _stella("stella_vslam", "fisheye", KANNALA_BRANDT, _K4),
-    _stella("stella_vslam_perspective", "perspective", PINHOLE, _K1_TO_P2 | {"k3": "[0]"}),
+    _stella("stella_vslam_perspective", "perspective", PINHOLE, _K1_TO_P2 | {"k3": "$0"}),
     _okvis("okvis2", "equidistant", KANNALA_BRANDT, _KB),
     _okvis("okvis2_radtan", "radialtangential|plumb_bob", PINHOLE, "[k1 k2 p1 p2]"),
     _kimera("kimera", "pinhole", _FOCAL, "equidistant", KANNALA_BRANDT,
