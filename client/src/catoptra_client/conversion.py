@@ -22,12 +22,11 @@ from catoptra_protocol.calibration.exports import (
     RefusedFile,
     export_camera,
 )
-from catoptra_protocol.calibration.formats import FORMATS, CalibrationFormat
+from catoptra_protocol.calibration.formats import FORMATS, CalibrationFormat, find_format
 from catoptra_protocol.calibration.model_fits import draw_difference
 from catoptra_protocol.command_line import CommandParser, parse_float_within
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
-from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import describe_limit
 
@@ -40,7 +39,7 @@ def convert(words: Sequence[str]) -> int:
     )
     add = parser.add_argument
     add("file", type=Path, metavar="FILE", help="calibration file of any known program")
-    add("--to", type=_find_format, metavar="FORMAT",
+    add("--to", metavar="FORMAT",
         help="format to write (default: none, list what each would lose)")  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder of the written file")
     add("--camera", default="", metavar="NAME",
@@ -54,12 +53,13 @@ def convert(words: Sequence[str]) -> int:
         default=DEFAULT_MAX_RESIDUAL_PX,
         help="largest difference, anywhere in the image")  # fmt: skip
     parsed = parser.parse_args(words)
+    to = None if parsed.to is None else find_format(parsed.to)
     name, camera = read_calibration(parsed.file, camera=parsed.camera, size_px=parsed.size)
     camera = _narrow(camera, parsed.field_of_view)
     print(f"{parsed.file}: {name}, {type(camera.projection).__name__}, "
           f"{camera.width_px} x {camera.height_px} px, {_describe_domain(camera)}")  # fmt: skip
-    if parsed.to is not None:
-        print(_write(camera, parsed.to, parsed))
+    if to is not None:
+        print(_write(camera, to, parsed))
         return 0
     for each in FORMATS:
         result = _export(camera, each, parsed)
@@ -80,14 +80,6 @@ def _export(
         narrowed, to, name=parsed.file.stem, picture=camera.picture,
         max_residual_px=parsed.max_residual_px,
     )  # fmt: skip
-
-
-def _find_format(name: str) -> CalibrationFormat:
-    found = next((each for each in FORMATS if each.name == name), None)
-    if found is None:
-        names = list_names(name, (each.name for each in FORMATS))
-        raise argparse.ArgumentTypeError(f"{name!r} is no format: {names}")
-    return found
 
 
 def _parse_size(text: str) -> tuple[int, int]:
@@ -142,6 +134,7 @@ def _write(camera: OmniCamera, to: CalibrationFormat, parsed: argparse.Namespace
     return (
         f"{path}: {to.name}, "
         f"within {residual.max_px:.2g} px (rms {residual.rms_px:.2g}) and "
-        f"{residual.max_deg:.2g} deg, {_describe_domain(result.camera)}; readers: {to.domain}{left_out}\n"
+        f"{residual.max_deg:.2g} deg, {_describe_domain(result.camera)}; "
+        f"readers: {to.domain}{left_out}\n"
         f"{picture}: the difference, yellow at {residual.max_px:.2g} px"
     )

@@ -30,6 +30,8 @@ from catoptra_protocol.calibration.model_fits import (
     fit_woodscape,
 )
 from catoptra_protocol.calibration.templates import Numbers, names_in, write_document
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
     EnhancedUnifiedLens,
@@ -524,3 +526,16 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     }),
 )  # fmt: skip
 """All formats, in the order of the report; of two that a file fits equally the first."""
+
+
+def find_format(name: str) -> CalibrationFormat:
+    """Format of a name.
+
+    Raises:
+        DomainError: There is none; with all names, and the nearest.
+    """
+    for each in FORMATS:
+        if each.name == name:
+            return each
+    names = list_names(name, (each.name for each in FORMATS))
+    raise DomainError(f"{name!r} is no calibration format: {names}")

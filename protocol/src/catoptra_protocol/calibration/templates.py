@@ -70,7 +70,9 @@ class Match:
 
 def iter_objects(document: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Objects of a document with their paths, outer ones first, at most 4096."""
-    waiting: list[tuple[str, Any]] = [("", document)]
+    waiting: list[tuple[str, Any]] = []
+    if isinstance(document, (Mapping, list)):
+        waiting.append(("", document))
     for _ in range(_MAX_OBJECTS):
         if not waiting:
             return
