@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
@@ -15,7 +16,7 @@ from catoptra_protocol.calibration.ray_table import (
     is_ray_table,
     read_ray_table,
 )
-from catoptra_protocol.calibration.templates import Match, iter_objects, match
+from catoptra_protocol.calibration.templates import Fault, Match, iter_objects, keys_of, match
 from catoptra_protocol.calibration.uncertainty import state_model_error
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
@@ -87,10 +88,14 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
     Raises:
         ConfigError: The file is broken, of no format, or wrong in a field; or has no such camera.
     """
+    # Most objects of a large file, such as nerfstudio's frames, have a key of no format.
+    keys = [(each, keys_of(each.template)) for each in FORMATS]
     matches = [
         (each, match(each.template, node, path, camera))
         for path, node in iter_objects(parse_document(text, file))
-        for each in FORMATS
+        for here in (keys_of(node),)
+        for each, wanted in keys
+        if not wanted.isdisjoint(here)
     ]
     complete = [one for one in matches if not one[1].faults]
     if complete:
@@ -100,11 +105,11 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
             expected = f"a camera of this {each.name} file, which has {names}"
             raise file_error(file, camera, expected, value="missing")
         return each, found
-    matches.sort(key=lambda one: -one[1].share_found)
-    near = [one for one in matches if one[1].share_found > 0.0]
+    near = sorted(matches, key=lambda one: -one[1].share_found)
     for each, found in near[:1]:
         wrong = next((fault for fault in found.faults if not fault.is_wrong_format), None)
-        if (wrong is not None and found.share_found >= _MOST) or len(found.faults) == 1:
+        is_clear = found.share_found >= _MOST and (wrong is not None or len(found.faults) == 1)
+        if is_clear and found.num_words > 0:
             fault = wrong or found.faults[0]
             expected = f"{fault.expected}: the file is of the format {each.name}"
             raise file_error(file, fault.key, expected, value=fault.value)
@@ -115,10 +120,12 @@ def _reject_format(
     text: str, file: str, near: list[tuple[CalibrationFormat, Match]]
 ) -> ConfigError:
     """Error that names the nearest formats, each with its first difference, or all of them."""
-    nearest = {each.name: found.faults[0] for each, found in reversed(near)}
+    nearest: dict[str, Fault] = {}
+    for each, found in near:
+        nearest.setdefault(each.name, found.faults[0])
     words = [
         f"{name} (needs {fault.key}: {fault.expected})"
-        for name, fault in list(reversed(nearest.items()))[:_NUM_NEAREST]
+        for name, fault in islice(nearest.items(), _NUM_NEAREST)
     ]
     if not words:
         words = [", ".join(dict.fromkeys(each.program for each in FORMATS))]
@@ -141,12 +148,9 @@ def _make_camera(
             )
             raise file_error(file, f"{where}size", expected, value="missing")
         width, height = map(float, size_px)
-    for side in (width, height):
-        if not (isinstance(side, float) and side.is_integer() and 1 <= side <= MAX_IMAGE_SIDE_PX):
-            expected = f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}"
-            raise file_error(file, f"{where}resolution", expected, value=f"{width} x {height}")
-    assert isinstance(width, float)
-    assert isinstance(height, float)
+    if not all(side.is_integer() and 1 <= side <= MAX_IMAGE_SIDE_PX for side in (width, height)):
+        expected = f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}, of a file of {each.name}"
+        raise file_error(file, f"{where}resolution", expected, value=f"{width} x {height}")
     try:
         return each.read(found.numbers, (int(width), int(height)))
     except DomainError as error:

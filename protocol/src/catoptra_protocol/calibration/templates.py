@@ -31,7 +31,7 @@ Numbers = dict[str, Any]
 
 _MAX_NUMBERS = 4096
 # Objects of a file in which a template is looked for: of rigs, and of nerfstudio's frames.
-_MAX_OBJECTS = 4096
+_MAX_OBJECTS = 1024
 _LIST = re.compile(r"(?:(\d+)x(\d+))?\[(.*)\]")
 _PLAIN_WORD = re.compile(r"[A-Za-z/][\w/.-]*")
 _YAML_WORDS = ("yes", "no", "on", "off", "true", "false", "null", "y", "n")
@@ -69,7 +69,7 @@ class Match:
 
 
 def iter_objects(document: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Objects of a document with their paths, outer ones first, at most 4096."""
+    """Objects of a document with their paths, outer ones first, at most 1024."""
     waiting: list[tuple[str, Any]] = []
     if isinstance(document, (Mapping, list)):
         waiting.append(("", document))
@@ -85,6 +85,15 @@ def iter_objects(document: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
             for key, child in children
             if isinstance(child, (Mapping, list)) and len(waiting) < _MAX_OBJECTS
         ]
+
+
+def keys_of(node: Mapping[str, Any]) -> set[str]:
+    """Keys of an object or a template and of objects in it, with equals, dotted ones in part."""
+    keys = [key for key in node if isinstance(key, str)]
+    for child in node.values():
+        if isinstance(child, Mapping):
+            keys += [key for key in child if isinstance(key, str)]
+    return {part for key in keys for name in key.split("|") for part in (name, name.split(".")[0])}
 
 
 def match(template: Mapping[str, Any], node: Mapping[str, Any], path: str, camera: str) -> Match:
