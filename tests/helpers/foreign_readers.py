@@ -29,7 +29,7 @@ def _k(numbers: Any, plane: Floats) -> Floats:
     return np.stack((fx * plane[0] + cx, fy * plane[1] + cy), axis=-1)
 
 
-def _mei(numbers: Any, xi: float, d: Any = (0.0, 0.0, 0.0, 0.0), skew: float = 0.0) -> Project:
+def mei(numbers: Any, xi: float, d: Any = (0.0, 0.0, 0.0, 0.0), skew: float = 0.0) -> Project:
     def project(points: Floats) -> Floats:
         k1, k2, p1, p2 = d
         x, y = points[:, :2].T / (points[:, 2] + xi * np.linalg.norm(points, axis=-1))
@@ -46,7 +46,7 @@ def _mei(numbers: Any, xi: float, d: Any = (0.0, 0.0, 0.0, 0.0), skew: float = 0
 
 def _pinhole(numbers: Any, d: Any) -> Project:
     assert len(d) in (4, 5) and sum(d[4:]) == 0.0
-    return _mei(numbers, 0.0, d[:4])
+    return mei(numbers, 0.0, d[:4])
 
 
 def _eucm(numbers: Any, alpha: float, beta: float = 1.0) -> Project:
@@ -68,7 +68,7 @@ def _ds(numbers: Any, xi: float, alpha: float) -> Project:
     return project
 
 
-def _kb(numbers: Any, terms: Any) -> Project:
+def kannala_brandt(numbers: Any, terms: Any) -> Project:
     assert len(terms) == 4
     return _by_angle(numbers, lambda a: a * polyval(a * a, (1.0, *terms)))
 
@@ -176,11 +176,11 @@ def _camodocal(path: Path, name: str) -> Project:
         return _ocam(matrix, centre, poly, inverse, 1.0)
     k = s["projection_parameters"]
     if name == "camodocal_kb":
-        return _kb(_four(k, "mu mv u0 v0"), _four(k, "k2 k3 k4 k5"))
+        return kannala_brandt(_four(k, "mu mv u0 v0"), _four(k, "k2 k3 k4 k5"))
     d = _four(s["distortion_parameters"], "k1 k2 p1 p2")
     if name == "camodocal_pinhole":
         return _pinhole(_four(k), d)
-    return _mei(_four(k, "gamma1 gamma2 u0 v0"), s["mirror_parameters"]["xi"], d)
+    return mei(_four(k, "gamma1 gamma2 u0 v0"), s["mirror_parameters"]["xi"], d)
 
 
 def _boofcv(path: Path, _: str) -> Project:
@@ -189,7 +189,7 @@ def _boofcv(path: Path, _: str) -> Project:
     k, d = v["pinhole"], v["radial_tangential"]
     assert type(k["width"]) is int and type(k["height"]) is int
     distortion = (*_check(d["radial"], float, 2), _check(d["t1"], float), _check(d["t2"], float))
-    return _mei(_four(k), _check(v["mirror_offset"], float), distortion, k["skew"])
+    return mei(_four(k), _check(v["mirror_offset"], float), distortion, k["skew"])
 
 
 def _kalibr(path: Path, _: str) -> Project:
@@ -203,9 +203,9 @@ def _kalibr(path: Path, _: str) -> Project:
     if v["distortion_model"] != "none":
         _check(d, float, 4)
     if v["camera_model"] == "omni":
-        return _mei(numbers, *shape, d=d)
+        return mei(numbers, *shape, d=d)
     if v["camera_model"] == "pinhole":
-        return (_kb if v["distortion_model"] == "equidistant" else _pinhole)(numbers, d)
+        return (kannala_brandt if v["distortion_model"] == "equidistant" else _pinhole)(numbers, d)
     assert v["distortion_model"] == "none" and 0.0 <= shape[v["camera_model"] == "ds"] < 1.0
     return _ds(numbers, *shape) if v["camera_model"] == "ds" else _eucm(numbers, *shape)
 
@@ -228,7 +228,7 @@ def _basalt(path: Path, name: str) -> Project:
     kind, k = v["intrinsics"][0]["camera_type"], v["intrinsics"][0]["intrinsics"]
     assert f"basalt_{kind}" == name
     if kind == "kb4":
-        return _kb(_four(k), _four(k, "k1 k2 k3 k4"))
+        return kannala_brandt(_four(k), _four(k, "k1 k2 k3 k4"))
     if kind == "ds":
         return _ds(_four(k), k["xi"], k["alpha"])
     return _eucm(_four(k), k["alpha"], k["beta"] if kind == "eucm" else 1.0)
@@ -261,11 +261,11 @@ def _ros(path: Path, name: str) -> Project:
     v = _yaml(path)
     if "message" in name:
         assert len(v["k"]) == len(v["r"]) == 9 and len(v["p"]) == 12 and v["width"] and v["height"]
-        return (_pinhole if "bob" in name else _kb)(_of_k(v["k"]), v["d"])
+        return (_pinhole if "bob" in name else kannala_brandt)(_of_k(v["k"]), v["d"])
     assert type(v["image_width"]) is int and type(v["image_height"]) is int and v["camera_name"]
     _matrix(v["rectification_matrix"], 3, 3), _matrix(v["projection_matrix"], 3, 4)
     d = v["distortion_coefficients"]
-    make = {"equidistant": _kb, "plumb_bob": _pinhole}[v["distortion_model"]]
+    make = {"equidistant": kannala_brandt, "plumb_bob": _pinhole}[v["distortion_model"]]
     return make(_of_k(_matrix(v["camera_matrix"], 3, 3)), _matrix(d, d["rows"], d["cols"]))
 
 
@@ -287,7 +287,7 @@ def _nerfstudio(path: Path, name: str) -> Project:
     numbers = np.array([v[name] for name in ("fl_x", "fl_y", "cx", "cy")]) - (0.0, 0.0, 0.5, 0.5)
     if name == "nerfstudio":
         assert v["camera_model"] == "OPENCV_FISHEYE"
-        return _kb(numbers, _four(v, "k1 k2 k3 k4"))
+        return kannala_brandt(numbers, _four(v, "k1 k2 k3 k4"))
     assert v["camera_model"] == "OPENCV"
     return _pinhole(numbers, _four(v, "k1 k2 p1 p2"))
 
@@ -309,7 +309,7 @@ def _orb_slam(path: Path, name: str) -> Project:
     numbers = [s[f"Camera1.{each}"] for each in ("fx", "fy", "cx", "cy")]
     if name == "orb_slam3":
         assert s["Camera.type"] == "KannalaBrandt8"
-        return _kb(numbers, [s[f"Camera1.k{i}"] for i in (1, 2, 3, 4)])
+        return kannala_brandt(numbers, [s[f"Camera1.k{i}"] for i in (1, 2, 3, 4)])
     assert s["Camera.type"] == "PinHole"
     return _pinhole(numbers, [s[f"Camera1.{each}"] for each in ("k1", "k2", "p1", "p2")])
 
@@ -320,7 +320,7 @@ def _stella(path: Path, name: str) -> Project:
     assert type(v["cols"]) is int and type(v["rows"]) is int and v["fps"] > 0.0
     if name == "stella_vslam":
         assert v["model"] == "fisheye"
-        return _kb(_four(v), _four(v, "k1 k2 k3 k4"))
+        return kannala_brandt(_four(v), _four(v, "k1 k2 k3 k4"))
     assert v["model"] == "perspective"
     return _pinhole(_four(v), _four(v, "k1 k2 p1 p2 k3"))
 
@@ -360,7 +360,9 @@ def _okvis(path: Path, name: str) -> Project:
     numbers = (*_check(camera["focal_length"], float, 2), *camera["principal_point"])
     kind = {"okvis2": "equidistant", "okvis2_radtan": "radialtangential"}[name]
     assert camera["distortion_type"] == kind
-    return (_kb if name == "okvis2" else _pinhole)(numbers, camera["distortion_coefficients"])
+    return (kannala_brandt if name == "okvis2" else _pinhole)(
+        numbers, camera["distortion_coefficients"]
+    )
 
 
 def _kimera(path: Path, name: str) -> Project:
@@ -382,7 +384,7 @@ def _kimera(path: Path, name: str) -> Project:
     assert s["camera_model"] == "pinhole"
     kind = {"kimera": "equidistant", "kimera_radtan": "radtan"}[name]
     assert s["distortion_model"] == kind
-    return (_kb if name == "kimera" else _pinhole)(s["intrinsics"], _check(d, float, 4))
+    return (kannala_brandt if name == "kimera" else _pinhole)(s["intrinsics"], _check(d, float, 4))
 
 
 def _maplab(path: Path, name: str) -> Project:
@@ -403,16 +405,18 @@ def _maplab(path: Path, name: str) -> Project:
         return _ocam((1.0, e_, d_, c_), numbers[5:7], numbers[:5], numbers[10:22], -1.0)
     if name == "maplab_unified":
         assert (c["type"], d["type"]) == ("unified-projection", "radial-tangential")
-        return _mei(numbers[1:], numbers[0], terms)
+        return mei(numbers[1:], numbers[0], terms)
     assert c["type"] == "pinhole"
     assert d["type"] == {"maplab": "equidistant", "maplab_radtan": "radial-tangential"}[name]
-    return (_kb if name == "maplab" else _pinhole)(numbers, terms)
+    return (kannala_brandt if name == "maplab" else _pinhole)(numbers, terms)
 
 
 def _vikit(path: Path, _: str) -> Project:
     v = _yaml(path)["cam0"]
     assert v["cam_model"] == "PinholeEquidistant" and v["cam_width"] and v["cam_height"]
-    return _kb(_four(v, "cam_fx cam_fy cam_cx cam_cy"), _four(v, "cam_d0 cam_d1 cam_d2 cam_d3"))
+    return kannala_brandt(
+        _four(v, "cam_fx cam_fy cam_cx cam_cy"), _four(v, "cam_d0 cam_d1 cam_d2 cam_d3")
+    )
 
 
 def _multicol(path: Path, _: str) -> Project:
@@ -444,7 +448,7 @@ def _gyroflow(path: Path, _: str) -> Project:
     k = np.array(v["fisheye_params"]["camera_matrix"])
     assert k.shape == (3, 3) and v["distortion_model"] == "opencv_fisheye"
     assert v["calib_dimension"] == v["orig_dimension"] and set(v["calib_dimension"]) == {"w", "h"}
-    return _kb(_of_k(k), v["fisheye_params"]["distortion_coeffs"])
+    return kannala_brandt(_of_k(k), v["fisheye_params"]["distortion_coeffs"])
 
 
 def _adapter(path: Path, name: str) -> Project:
@@ -456,7 +460,7 @@ def _adapter(path: Path, name: str) -> Project:
         return _ocam((p["c"], p["d"], p["e"], 1.0), (p["cx"], p["cy"]),
                      c["unprojection"], c["projection"], 1.0)  # fmt: skip
     if name == "fca_kb":
-        return _kb(_four(p), _four(p, "k1 k2 k3 k4"))
+        return kannala_brandt(_four(p), _four(p, "k1 k2 k3 k4"))
     if name == "fca_ds":
         return _ds(_four(p), p["xi"], p["alpha"])
     return _eucm(_four(p), p["alpha"], p["beta"] if name == "fca_eucm" else 1.0)

@@ -370,10 +370,11 @@ FORMATS: tuple[CalibrationFormat, ...] = (
         "projection_parameters": {"gamma1": "$fx", "gamma2": "$fy", "u0": "$cx", "v0": "$cy"},
     }),
     _camodocal("camodocal_kb", "KANNALA_BRANDT", KANNALA_BRANDT, {
-        "projection_parameters": {
-            "k2": "$k1", "k3": "$k2", "k4": "$k3", "k5": "$k4",
-            "mu": "$fx", "mv": "$fy", "u0": "$cx", "v0": "$cy",
-        },
+        # Converters of Kalibr's files write a section that CamOdoCal itself does not read.
+        **{f"projection_parameters/k{i + 1}|distortion_parameters/k{i + 1}": f"$k{i}"
+           for i in (1, 2, 3, 4)},
+        **{f"projection_parameters/{key}": f"${name}"
+           for key, name in (("mu", "fx"), ("mv", "fy"), ("u0", "cx"), ("v0", "cy"))},
     }),
     _camodocal("camodocal_scaramuzza", "SCARAMUZZA", OCAM_4, {
         "poly_parameters": _count("p", "e", 5), "inv_poly_parameters": _count("p", "fwd", 20),

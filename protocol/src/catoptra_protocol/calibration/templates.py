@@ -10,8 +10,9 @@ A template is a nested mapping as of the file itself. Its leaves are
 * `?` after a name or a word: readers do without, writers have it; `!` in front of a leaf, numbers,
   truth values and objects of them: demanded by the format's reader alone, ignored here.
 
-Keys have equals by `|`, too; a dotted key reads from nested objects, and the other way round. The
-key `cam0`, and a list of one item, stand for all cameras of a file.
+Keys have equals by `|`, too; `a/b` is a field of an object, as each of its equals may be; a dotted
+key reads from nested objects, and the other way round. The key `cam0`, and a list of one item,
+stand for all cameras of a file.
 """
 
 from __future__ import annotations
@@ -93,7 +94,12 @@ def keys_of(node: Mapping[str, Any]) -> set[str]:
     for child in node.values():
         if isinstance(child, Mapping):
             keys += [key for key in child if isinstance(key, str)]
-    return {part for key in keys for name in key.split("|") for part in (name, name.split(".")[0])}
+    return {
+        part
+        for key in keys
+        for name in key.split("|")
+        for part in (name, *re.split("[./]", name)[:1])
+    }
 
 
 def match(template: Mapping[str, Any], node: Mapping[str, Any], path: str, camera: str) -> Match:
@@ -154,7 +160,7 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
             found.num_found += 1
             found.num_words += 1
         else:
-            found.faults.append(Fault(path, " or ".join(words), repr(node)))
+            found.faults.append(Fault(path, " or ".join(words), str(node)))
 
 
 def _match_camera(
@@ -196,7 +202,7 @@ def _look_up(node: Mapping[str, Any], name: str) -> Any:
     """Field of an object; dotted names and nested objects stand for each other."""
     if name in node:
         return node[name]
-    first, dot, rest = name.partition(".")
+    first, dot, rest = name.partition("/" if "/" in name else ".")
     if dot and isinstance(node.get(first), Mapping):
         return _look_up(node[first], rest)
     prefix = f"{name}."
@@ -317,7 +323,13 @@ def _nest_matrices(filled: Any) -> Any:
 def _fill(template: Any, values: Mapping[str, Any]) -> Any:
     """A template with values: mappings, lists, matrices, numbers and words."""
     if isinstance(template, Mapping):
-        filled = {key.split("|")[0]: _fill(each, values) for key, each in template.items()}
+        filled: dict[str, Any] = {}
+        for key, each in template.items():
+            *path, name = key.split("|")[0].split("/")
+            inner = filled
+            for part in path:
+                inner = inner.setdefault(part, {})
+            inner[name] = _fill(each, values)
         return _Matrix(filled) if "data" in filled else filled
     if isinstance(template, list):
         return [_fill(each, values) for each in template]
