@@ -184,7 +184,8 @@ OCAM_FILES = {
         "Camera.Iw: 754\nCamera.Ih: 480\nCamera.nrpol: 5\nCamera.nrinvpol: 12\nCamera.fov: 180\n"
         + "".join(f"Camera.a{i}: {a!r}\n" for i, a in enumerate(LAFIDA_POLY))
         + "".join(f"Camera.pol{i}: 1.0\n" for i in range(12))
-        + "Camera.c: 0.9996\nCamera.d: -0.0034\nCamera.e: 0.0038\nCamera.u0: 392.2\nCamera.v0: 243.5\n",
+        + "Camera.c: 0.9996\nCamera.d: -0.0034\nCamera.e: 0.0038\nCamera.u0: 392.2\n"
+        "Camera.v0: 243.5\n",
         (0.9996, -0.0034, 0.0038, 1.0),
         90.0,
     ),
