@@ -16,7 +16,7 @@ from catoptra_protocol.calibration.ray_table import (
     is_ray_table,
     read_ray_table,
 )
-from catoptra_protocol.calibration.templates import Fault, Match, iter_objects, keys_of, match
+from catoptra_protocol.calibration.templates import Match, Mismatch, iter_objects, keys_of, match
 from catoptra_protocol.calibration.uncertainty import state_model_error
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
@@ -120,7 +120,7 @@ def _reject_format(
     text: str, file: str, near: list[tuple[CalibrationFormat, Match]]
 ) -> ConfigError:
     """Error that names the nearest formats, each with its first difference, or all of them."""
-    nearest: dict[str, Fault] = {}
+    nearest: dict[str, Mismatch] = {}
     for each, found in near:
         nearest.setdefault(each.name, found.faults[0])
     words = [

@@ -39,7 +39,7 @@ _YAML_WORDS = ("yes", "no", "on", "off", "true", "false", "null", "y", "n")
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class Mismatch:
     """Difference of a file from a template."""
 
     key: str
@@ -57,7 +57,7 @@ class Match:
     path: str = ""
     """Path of the camera."""
     numbers: Numbers = field(default_factory=dict)
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[Mismatch] = field(default_factory=list)
     num_found: int = 0
     num_words: int = 0
     cameras: list[str] = field(default_factory=list)
@@ -139,7 +139,7 @@ def _is_optional(template: Any) -> bool:
 def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> None:
     if isinstance(template, Mapping):
         if not isinstance(node, Mapping):
-            found.faults.append(Fault(path, "an object with fields", repr(node)))
+            found.faults.append(Mismatch(path, "an object with fields", repr(node)))
         elif "cam0" in template:
             names = [key for key, each in node.items() if isinstance(each, Mapping)]
             _match_camera(template["cam0"], node, names, path, camera, found)
@@ -160,7 +160,7 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
             found.num_found += 1
             found.num_words += 1
         else:
-            found.faults.append(Fault(path, " or ".join(words), str(node)))
+            found.faults.append(Mismatch(path, " or ".join(words), str(node)))
 
 
 def _match_camera(
@@ -176,7 +176,7 @@ def _match_camera(
     found.cameras = found.cameras or names
     place = names.index(camera) if camera in names else 0
     if not keys:
-        found.faults.append(Fault(_join(path, "cam0"), "a camera"))
+        found.faults.append(Mismatch(_join(path, "cam0"), "a camera"))
         return
     if isinstance(template, Mapping):
         found.path = _join(path, keys[place])
@@ -192,7 +192,7 @@ def _match_field(
             _match(template, value, _join(path, name), camera, found)
             return
     if not _is_optional(template):
-        found.faults.append(Fault(_join(path, key.split("|")[0]), _describe(template)))
+        found.faults.append(Mismatch(_join(path, key.split("|")[0]), _describe(template)))
 
 
 _MISSING = object()
@@ -247,7 +247,7 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
         or not least <= len(numbers) <= (_MAX_NUMBERS if rest else len(fixed))
     ):
         expected = "a finite number" if len(tokens) == 1 else f"finite numbers {' '.join(tokens)}"
-        found.faults.append(Fault(path, expected, repr(node), is_wrong_format=False))
+        found.faults.append(Mismatch(path, expected, repr(node), is_wrong_format=False))
         return
     values = [number for number in numbers if number is not None]
     for token, value in zip(fixed, values, strict=False):
@@ -256,7 +256,7 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
             found.numbers[token.strip("-?")] = -value if token[0] == "-" else value
         elif constant != value:
             expected = f"finite numbers {' '.join(tokens)}"
-            found.faults.append(Fault(path, expected, repr(node), is_wrong_format=False))
+            found.faults.append(Mismatch(path, expected, repr(node), is_wrong_format=False))
     if rest:
         sign = -1.0 if tokens[-1][0] == "-" else 1.0
         found.numbers[rest.rstrip("*")] = tuple(sign * value for value in values[len(fixed) :])
