@@ -13,12 +13,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import pytest
 
-from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.camera_conf import LENS_PARAMETERS, MIRROR_PARAMETERS
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS
@@ -386,11 +384,6 @@ FAMILIES: dict[str, tuple[Path, set[str], set[str]]] = {
         PROTOCOL / "optics/mirrors",
         {type_.__module__ for type_ in MIRRORS.values()},
         {"mirror", "non_central"},
-    ),
-    "calibration formats": (
-        PROTOCOL / "calibration/formats",
-        {module.__name__ for module in cast("Iterable[ModuleType]", FORMATS)},
-        set(),
     ),
     "sensors": (
         SERVER / "simulation/sensors",

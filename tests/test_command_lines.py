@@ -83,7 +83,9 @@ MEANINGS = {
     # Pictures and files
     "--picture": "hand of the picture",
     "--panorama": "panorama",
-    "--size": "pixels along a side",
+    "--size": "pixels along a side, or width x height",
+    "--to": "format to convert to",
+    "--field-of-view": "widest angle of a converted calibration",
     "--max-residual-px": "largest difference of a calibration",
     "--verify": "read back",
     "--sheet": "contact sheet",
@@ -133,7 +135,11 @@ OLD_WORDS = {
     ("studies", "figures"): {"--output": "--out"},
 }
 # What stands for a value; elsewhere a word has one.
-METAVARS = {"--robot": {"FILE", "CLASS", "NAME"}, "--out": {"DIR", "FILE", "FILE.ini", "PLAN.png"}}
+METAVARS = {
+    "--robot": {"FILE", "CLASS", "NAME"},
+    "--out": {"DIR", "FILE", "FILE.ini", "PLAN.png"},
+    "--size": {"PX", "WxH"},
+}
 
 
 class _FoundError(Exception):
@@ -246,7 +252,7 @@ WRONG_WORDS = [
     ("server", "map coridor --out {tmp}/a.png", "did you mean corridor?"),
     ("server", "list robot", "did you mean robots?"),
     ("server", "doctor --prob x --hots y", "did you mean --host?"),
-    ("client", "", "the commands are snapshot, calibration, train, bearings"),
+    ("client", "", "the commands are snapshot, calibration, convert, train, bearings"),
     ("client", "snapshoot", "did you mean snapshot?"),
     ("client", "snapshot", "--out is missing: the name of a PNG or JPEG file"),
     ("client", "snapshot --out a.png --pictur fliped", "did you mean flipped?"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import io
+import math
 import random
 import re
 import tempfile
@@ -20,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.exports import EXPORTS
+from catoptra_protocol.calibration.formats import FORMATS, OCAM_4, PINHOLE
 from catoptra_protocol.calibration.ray_table import bytes_from_ray_table, make_ray_table
 from catoptra_protocol.camera_conf import (
     any_camera_from_pairs,
@@ -61,6 +62,12 @@ _FURTHER_SECTIONS = {
     "RadialTableMirror": "Angles=0,30,60,90\nRadii=0,0.1,0.15,0.18\nVertexDistance=0.2\n"
     "RimAngle=90",
 }
+_XML = b"""<?xml version="1.0"?>
+<opencv_storage><camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>
+<data>102.9 0. 179.5 0. 102.9 179.5 0. 0. 1.</data></camera_matrix><xi>0.995</xi>
+<distortion_coefficients type_id="opencv-matrix"><rows>1</rows><cols>4</cols><dt>d</dt>
+<data>0.01 0.001 1e-4 -1e-4</data></distortion_coefficients></opencv_storage>
+"""
 _CAMERA_FILE = """[Camera]
 ItemClass=Catoptra.{0}
 Title="Title"
@@ -133,15 +140,19 @@ def _read_camera(file: CameraFile, folder: Path) -> OmniCamera:
 
 
 def _calibration_seeds(cameras: dict[str, OmniCamera]) -> dict[str, tuple[bytes, ...]]:
-    """Files of each format: of a mirror and of a lens, however well the model fits."""
+    """Files of each program: of a mirror and of a lens, however well the model fits."""
     described = [
         replace(cameras[name], picture=Picture.FLIPPED) for name in ("paper", "stereographic_220")
     ]
     seeds: dict[str, list[bytes]] = {}
-    for export in EXPORTS:
+    for each in FORMATS:
+        # A flat image has a narrow part, OCam's inverse of few terms no more than a mirror's.
+        rim_rad = 1.0 if each.model in (PINHOLE, OCAM_4) else math.pi
         for camera in described:
-            text = export.format.write(export.fit(camera), "cam0")
-            seeds.setdefault(export.format.NAME, []).append(text.encode())
+            narrowed = replace(camera, rim_rad=min(camera.rim_rad, rim_rad))
+            text = each.write(each.simplify(each.model.fit(narrowed)), "cam0")
+            seeds.setdefault(each.program, []).append(text.encode())
+    seeds["cv2.omnidir"].append(_XML)
     return {name: tuple(texts) for name, texts in seeds.items()}
 
 
@@ -158,7 +169,7 @@ def _conf_seeds(cameras: dict[str, OmniCamera]) -> tuple[bytes, ...]:
 def _make_file_feeder(file: Path) -> FeedInput:
     def feed(data: bytes) -> bool:
         file.write_bytes(data)
-        return _look_through(lambda: camera_from_file(file), ConfigError)
+        return _look_through(lambda: camera_from_file(file, size_px=(64, 48)), ConfigError)
 
     return feed
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.calibration.exports import ExportedFile, export_camera
+from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.numerics import Floats
@@ -23,7 +24,7 @@ from outside.boards import BOARDS_PER_PICTURE, CAMERA, NUM_PICTURES, calibrate
 @pytest.fixture
 def exported(tmp_path: Path) -> cv2.FileStorage:
     """The exported file of the camera, as OpenCV reads it."""
-    result = export_camera(CAMERA, EXPORTS[0], name="cam", picture=Picture.FLIPPED)
+    result = export_camera(CAMERA, FORMATS[0], name="cam", picture=Picture.FLIPPED)
     assert isinstance(result, ExportedFile)
     path = tmp_path / result.export.file_name
     path.write_text(result.text)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.calibration_format import CalibrationFormat
-from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -80,18 +76,6 @@ WOODSCAPE = OmniCamera(
     Picture.FLIPPED,
     ImagePlane((1.0, 0.0, 0.0, 1.01)),
 )
-
-
-def assert_written_and_read(each: CalibrationFormat, camera: OmniCamera, folder: Path) -> str:
-    """Check that a format holds a camera to 1e-9 px, and return the file's text."""
-    text = each.write(camera, "omni")
-    path = folder / each.NAME
-    path.write_text(text)
-    assert each.is_format(text)
-    residual = compute_residual(camera, camera_from_file(path))
-    assert residual.max_px <= 1e-9
-    assert residual.fraction_missing == 0.0
-    return text
 
 
 def flipped_points(camera: OmniCamera) -> tuple[Floats, Floats, Bools]:

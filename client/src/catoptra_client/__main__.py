@@ -10,6 +10,7 @@ from catoptra_protocol.interrupts import end_at_interrupt
 COMMANDS = {
     "snapshot": "save one frame of a robot's camera as an image file",
     "calibration": "write a camera as calibration files of other programs",
+    "convert": "read a calibration file, and write it in the formats of other programs",
     "train": "train the colour classifier from labelled frames",
     "bearings": "print the landmarks in the robot's frames",
     "record": "record a robot as an MCAP file of ROS 2 messages",
@@ -27,6 +28,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load_command(name: str) -> Callable[[Sequence[str]], int]:
     # NumPy and OpenCV take most of a second.
+    if name == "convert":
+        from catoptra_client.conversion import convert
+
+        return convert
     from catoptra_client import cli
 
     return cli.COMMANDS[name]

@@ -28,7 +28,8 @@ from catoptra_client.localization import (
     update,
 )
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.calibration.exports import ExportedFile, export_camera
+from catoptra_protocol.calibration.formats import find_format
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
@@ -210,7 +211,7 @@ def test_camera_of_a_calibration_file_serves_detector_and_filter_as_the_model_do
     classifier, name: str, tmp_path: Path
 ) -> None:
     # The frames are mirrored ones, as a mirror delivers them, and so is the file.
-    export = next(one for one in EXPORTS if one.name == name)
+    export = find_format(name)
     exported = export_camera(
         synthetic_frames.make_camera(), export, name="cam", picture=Picture.MIRRORED
     )

@@ -8,28 +8,35 @@ import math
 import pytest
 
 from catoptra_protocol.calibration.calibrated_camera import (
-    Matrix,
-    make_camera,
+    camera_from_numbers,
     mark_picture,
-    matrix_from_camera,
+    numbers_from_camera,
     place_camera,
     read_picture_mark,
+    simplify_plane,
 )
-from catoptra_protocol.calibration.files import Fields
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane
 from catoptra_protocol.optics.lenses import EquidistantLens, KannalaBrandtLens, UnifiedLens
 from catoptra_protocol.optics.radial_camera import Picture
-from helpers.calibrated_cameras import PAPER
+from helpers.calibrated_cameras import THETA_BACK
 
-FIELDS = Fields("f", {})
+NAMES = {"fx", "fy", "xi", "k1", "k2", "p1", "p2"}
+MATRIX = {"fx": 100.0, "fy": 100.0, "cx": 99.5, "cy": 49.5}
 
 
-def test_camera_ends_at_its_farthest_corner() -> None:
-    matrix = Matrix(100.0, 100.0, 99.5, 49.5)
-    camera = make_camera(FIELDS, EquidistantLens, matrix, (200, 120))
+def test_camera_ends_at_its_farthest_corner_or_at_a_stated_limit() -> None:
+    camera = camera_from_numbers(EquidistantLens, MATRIX, (200, 120))
     assert camera.rim_rad == pytest.approx(math.hypot(100.0, 70.0) / 100.0)
     assert camera.centre_px == (100.0, 50.0)
+    for limit, rim_rad in (
+        ({"fov_deg": 90.0}, 0.25 * math.pi),
+        ({"tan_limit": 1.0}, 0.25 * math.pi),
+        ({"circle_share": 0.5}, 0.3),
+    ):
+        limited = camera_from_numbers(EquidistantLens, MATRIX | limit, (200, 120))
+        assert limited.rim_rad == pytest.approx(rim_rad)
 
 
 def test_camera_ends_at_its_first_fold_where_that_is_nearer() -> None:
@@ -42,19 +49,18 @@ def test_camera_ends_at_its_first_fold_where_that_is_nearer() -> None:
     assert math.degrees(camera.rim_rad) == pytest.approx(117.88, abs=0.01)
 
 
-def test_matrix_is_of_the_flipped_picture() -> None:
-    matrix = matrix_from_camera(PAPER, 100.0)
-    assert (matrix.cx, matrix.cy, matrix.fx) == (179.5, 179.5, 100.0)
-    assert PAPER.picture is Picture.MIRRORED
-    plane = ImagePlane((1.0, 0.0, 0.1, 1.0))
-    turned = place_camera(PAPER.projection, (9, 9), (4.0, 4.0), 1.0, plane)
-    with pytest.raises(DomainError, match="below its diagonal"):
-        matrix_from_camera(turned, 1.0)
+def test_numbers_are_of_the_flipped_picture_and_lead_back() -> None:
+    numbers = numbers_from_camera(THETA_BACK.with_picture(Picture.MIRRORED), NAMES | {"skew"}, 0.5)
+    assert (numbers["cx"], numbers["cy"], numbers["fx"]) == (480.0, 540.0, 620.3)
+    back = camera_from_numbers(UnifiedLens, numbers, (960, 1080), first_pixel=0.5)
+    assert compute_residual(THETA_BACK, back).max_px < 1e-9
 
 
-def test_impossible_model_is_an_error_of_the_file() -> None:
-    with pytest.raises(ConfigError, match=r"f: model=.*xi >= 0"):
-        make_camera(FIELDS, lambda: UnifiedLens(-1.0), Matrix(1.0, 1.0, 2.0, 2.0), (4, 4))
+def test_property_without_a_place_is_left_out_or_an_error() -> None:
+    with pytest.raises(DomainError, match=r"no skew, which is 1\.24"):
+        numbers_from_camera(THETA_BACK, NAMES, 0.0)
+    assert simplify_plane(THETA_BACK, {"fy"}).plane == ImagePlane((1.0, 0.0, 0.0, 1.01))
+    assert simplify_plane(THETA_BACK, {"p1"}).plane.stretch[0] == pytest.approx(1.01**0.5)
 
 
 TEXTS = ["%YAML:1.0\n---\nxi: 1.0\n", "cam0:\n  xi: 1.0\n", '{\n  "value0": {"a": 1}\n}\n']
@@ -66,7 +72,7 @@ def test_mark_of_a_text_is_read_again(text: str, picture: Picture) -> None:
     marked = mark_picture(text, picture)
     assert read_picture_mark(marked, "file") is picture
     # The head stays first for OpenCV, the first object for Basalt.
-    assert marked.splitlines()[0] in (text.splitlines()[0], f"# catoptra_picture: {picture.value}")
+    assert marked.splitlines()[0] == text.splitlines()[0]
     if text.startswith("{"):
         assert list(json.loads(marked)) == ["value0", "catoptra_picture"]
 

@@ -1,16 +1,13 @@
-"""JSON, YAML and fields of calibration files."""
+"""Notations of calibration files: JSON, YAML, XML, lines of numbers."""
 
 from __future__ import annotations
-
-import math
 
 import pytest
 import yaml
 
 from catoptra_protocol.calibration.files import (
-    Fields,
     format_number,
-    format_numbers,
+    parse_document,
     parse_json,
     parse_yaml,
 )
@@ -38,7 +35,7 @@ K: !!opencv-matrix
 
 
 def test_opencv_s_head_and_matrices_are_read() -> None:
-    for head in ("%YAML:1.0", "%YAML 1.0"):
+    for head in ("%YAML:1.0", "%YAML 1.0", "%YAML:1.0 # by hand"):
         document = parse_yaml(OPENCV.replace("%YAML:1.0", head), "f")
         assert document["K"]["data"] == [1.5, 2.0]
 
@@ -57,52 +54,27 @@ def test_number_has_a_point_and_reads_back_as_the_same_double(value: float) -> N
     text = format_number(value)
     assert "." in text
     assert yaml.safe_load(text) == value
-    assert yaml.safe_load(format_numbers((value, 1.0))) == [value, 1.0]
 
 
-VALUES = {
-    "number": 2,
-    "text": "a",
-    "size": [640, 480],
-    "truth": True,
-    "nothing": math.nan,
-    "huge": 10**400,
-    "child": {"inner": -1.0},
-    "items": [{"x": 1.0}],
-}
-FIELDS = Fields("file.yaml", VALUES)
+XML = """<?xml version="1.0"?>
+<opencv_storage><K type_id="opencv-matrix"><rows>1</rows><data>1.5 2e-1</data></K>
+<xi>0.5</xi><name>a b</name></opencv_storage>
+"""
 
 
-def test_values_are_read_by_type() -> None:
-    assert FIELDS.get_number("number") == 2.0
-    assert FIELDS.get_number("missing", 3.0) == 3.0
-    assert FIELDS.get_positive("number") == 2.0
-    assert FIELDS.get_size_px("size") == (640, 480)
-    assert FIELDS.get_numbers("size") == (640.0, 480.0)
-    assert FIELDS.get_text("text") == FIELDS.get_choice("text", ("a", "b")) == "a"
-    assert FIELDS.get_child("child").get_number("inner") == -1.0
-    assert FIELDS.get_item("items", 0).get_number("x") == 1.0
-    assert FIELDS.has("text")
-    assert not FIELDS.has("missing")
+def test_xml_of_opencv_is_an_object_and_has_no_declarations() -> None:
+    document = parse_document(XML, "f")
+    assert document["K"] == {"rows": "1", "data": ["1.5", "2e-1"]}
+    assert (document["xi"], document["name"]) == ("0.5", "a b")
+    for text in (XML.replace("?>", '?><!DOCTYPE x [<!ENTITY e "e">]>'), "<a>", "<a>" * 99):
+        with pytest.raises(ConfigError, match=r"f.*plain XML"):
+            parse_document(text, "f")
 
 
-@pytest.mark.parametrize("name", ["text", "truth", "nothing", "huge", "missing", "size"])
-def test_value_that_is_no_finite_number_is_rejected(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"file\.yaml: {name}=.*a finite number"):
-        FIELDS.get_number(name)
-
-
-def test_error_in_an_object_has_its_path() -> None:
-    with pytest.raises(ConfigError, match=r"child\.inner='-1\.0': expected a number above 0"):
-        FIELDS.get_child("child").get_positive("inner")
-    with pytest.raises(ConfigError, match=r"items\[0\]\.y='missing'"):
-        FIELDS.get_item("items", 0).get_number("y")
-    with pytest.raises(ConfigError, match="at least 2"):
-        FIELDS.get_item("items", 1)
-
-
-def test_lists_of_another_length_and_long_ones_are_rejected() -> None:
-    with pytest.raises(ConfigError, match="a list of 3 finite numbers"):
-        FIELDS.get_numbers("size", 3)
-    with pytest.raises(ConfigError, match="a list of finite numbers"):
-        Fields("f", {"long": [0.0] * 5000}).get_numbers("long")
+def test_lines_are_those_of_ocamcalib_or_colmap() -> None:
+    ocam = parse_document("# a\n2 1 0\n1 0\n3 4\n1 0 0\n480 640\n", "f")
+    assert ocam["size"] == ["480", "640"]
+    assert ocam["polynomial"] == ["2", "1", "0"]
+    assert parse_document("# b\n7 EUCM 640 480 1.5\n", "f") == {
+        "cameras": [{"model": "EUCM", "parameters": ["640", "480", "1.5"]}]
+    }

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.calibration.formats import kalibr
+from catoptra_protocol.calibration.formats import find_format
 from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.lenses import EquidistantLens
@@ -113,7 +113,7 @@ def test_lens_when_impossible_is_rejected_at_its_key(
 
 
 def test_calibration_file_is_the_camera(tmp_path: Path) -> None:
-    (tmp_path / "chain.yaml").write_text(kalibr.write(TUM_VI, "left"))
+    (tmp_path / "chain.yaml").write_text(find_format("kalibr_ds").write(TUM_VI, "left"))
     lines = ("CalibrationFile=chain.yaml", "CalibrationCamera=cam0")
     camera = read_eye(tmp_path, *lines, lens="").camera
     assert camera.projection == TUM_VI.projection
@@ -137,7 +137,7 @@ def test_calibration_file_is_the_camera(tmp_path: Path) -> None:
 def test_calibration_file_that_does_not_fit_is_rejected(
     tmp_path: Path, lines: tuple[str, ...], message: str
 ) -> None:
-    (tmp_path / "chain.yaml").write_text(kalibr.write(TUM_VI, "left"))
+    (tmp_path / "chain.yaml").write_text(find_format("kalibr_ds").write(TUM_VI, "left"))
     with pytest.raises(ConfigError, match=message):
         read_eye(tmp_path, *lines, lens="")
 

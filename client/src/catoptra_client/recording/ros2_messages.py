@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.calibration.exports import ExportedFile, export_camera
+from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
@@ -333,7 +334,7 @@ def calibration_message(
     A model that does not describe it has the reason in place of its file.
     """
     exports: dict[str, dict[str, object]] = {}
-    for export in EXPORTS if isinstance(camera, OmniCamera) else ():
+    for export in FORMATS if isinstance(camera, OmniCamera) else ():
         assert isinstance(camera, OmniCamera)
         file = export_camera(camera, export, name=name, picture=picture)
         exports[export.name] = (

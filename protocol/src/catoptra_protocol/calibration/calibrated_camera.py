@@ -1,4 +1,4 @@
-"""A camera from a calibration's numbers (projection, matrix, image size), and back; and the mark.
+"""A camera from a calibration's numbers by canonical names, and back; and the mark of its hand.
 
 All formats describe right-handed cameras, so a file says nothing of the hand of the pictures that
 it was made from, and a mirrored world fits as well. Catoptra's own mark, a comment or a field, says
@@ -11,15 +11,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Set
+from dataclasses import fields, replace
+from itertools import count, takewhile
 
-from catoptra_protocol.calibration.files import Fields, file_error
+import numpy as np
+
+from catoptra_protocol.calibration.files import file_error
+from catoptra_protocol.calibration.templates import Numbers
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import (
     DistortedProjection,
     ImagePlane,
     decentred_fold_rad,
 )
+from catoptra_protocol.optics.lenses import OCamLens, UnifiedLens, WoodScapeLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import (
     WITHIN_LIMIT,
@@ -27,7 +33,10 @@ from catoptra_protocol.optics.radial_camera import (
     RadialProjection,
     largest_angle_rad,
 )
-from catoptra_protocol.slotted_dataclass import dataclass
+
+# Of an OCam polynomial's inverse: 13 terms hold 5e-5 px for the paper's mirror, 6 lose 0.27 px.
+INVERSE_TERMS = 14
+MAX_INVERSE_PX = 0.05
 
 _FIELD = "catoptra_picture"
 _MARK = re.compile(rf'"?{_FIELD}"?\s*[:=]\s*"?(\w+)')
@@ -38,12 +47,8 @@ def mark_picture(text: str, picture: Picture) -> str:
     if text.startswith("{"):
         # The last field: Basalt's reader takes the first one, whatever its name.
         return f'{text.rstrip()[:-1].rstrip()},\n  "{_FIELD}": "{picture.value}"\n}}\n'
-    comment = f"# {_FIELD}: {picture.value}\n"
-    if text.startswith("%YAML"):
-        # OpenCV wants the head as the first bytes, and no comment before the document.
-        head, separator, body = text.partition("---\n")
-        return head + separator + comment + body
-    return comment + text
+    # At the end: OpenCV wants %YAML as the first bytes, OCamCalib one comment before each line.
+    return f"{text}# {_FIELD}: {picture.value}\n"
 
 
 def read_picture_mark(text: str, file: str) -> Picture | None:
@@ -62,46 +67,67 @@ def read_picture_mark(text: str, file: str) -> Picture | None:
         raise file_error(file, _FIELD, names, value=found[1]) from error
 
 
-@dataclass(frozen=True, slots=True)
-class Matrix:
-    """Camera matrix in pixels whose first centre is 0, as OpenCV has it."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    skew: float = 0.0
-
-
-def make_camera(
-    fields: Fields,
-    projection: Callable[[], RadialProjection],
-    matrix: Matrix,
+def camera_from_numbers(
+    lens: type[RadialProjection],
+    numbers: Numbers,
     size_px: tuple[int, int],
     *,
-    p1: float = 0.0,
-    p2: float = 0.0,
+    first_pixel: float = 0.0,
 ) -> OmniCamera:
     """Camera of a calibration, flipped, up to the largest angle that its image shows.
 
     Args:
-        fields: The file's object, for errors.
-        projection: Makes the projection.
-        matrix: Focal lengths and centre.
+        lens: Model of the lens.
+        numbers: By canonical names: fields of the lens, of OCam's its polynomial as poly or as a0,
+            a1, ..., negated as n0, n1, ..., of either sign as e0, e1, ...; fx, fy, cx, cy, skew,
+            p1, p2; of a lens in pixels the matrix sxx, sxy, syx, syy from its plane to the image,
+            and cx_offset, cy_offset from the image's middle. Limits: fov_deg; tan_limit, the
+            tangent of an angle; circle_share, a radius in half heights.
         size_px: Width and height.
-        p1: Tangential distortion.
-        p2: Tangential distortion.
+        first_pixel: Coordinate of the first pixel's centre.
 
     Raises:
-        ConfigError: The model is impossible, or its centre lies far outside the image.
+        DomainError: An impossible model, or a centre far outside the image.
     """
-    try:
-        plane = ImagePlane((1.0, matrix.skew / matrix.fx, 0.0, matrix.fy / matrix.fx), p1, p2)
-        return place_camera(
-            projection(), size_px, (matrix.cx + 0.5, matrix.cy + 0.5), matrix.fx, plane
-        )
-    except DomainError as error:
-        raise fields.make_error("model", f"a possible camera: {error}") from error
+    get = numbers.get
+    width, height = size_px
+    fx: float = get("fx", 1.0)
+    skew, fy = get("skew", fx * get("sxy", 0.0)), get("fy", fx * get("syy", 1.0))
+    if not (fx > 0.0 and fy > 0.0):
+        raise DomainError(f"focal lengths must be above 0: fx = {fx!r}, fy = {fy!r}")
+    stretch = (get("sxx", 1.0), skew / fx, get("syx", 0.0), fy / fx)
+    centre_px = (
+        get("cx", 0.5 * width - 0.5 + get("cx_offset", 0.0)) + 0.5 - first_pixel,
+        get("cy", 0.5 * height - 0.5 + get("cy_offset", 0.0)) + 0.5 - first_pixel,
+    )
+    plane = ImagePlane(stretch, get("p1", 0.0), get("p2", 0.0))
+    camera = place_camera(_make_lens(lens, numbers), size_px, centre_px, fx, plane)
+    limits = [camera.rim_rad, math.radians(0.5 * get("fov_deg", 360.0))]
+    limits.append(math.atan(get("tan_limit", 0.0)) or math.pi)
+    if circle_px := get("circle_share", 0.0) * (height // 2):
+        limits.append(largest_angle_rad(camera.projection, circle_px / fx))
+    return replace(camera, rim_rad=min(limits))
+
+
+def _make_lens(lens: type[RadialProjection], numbers: Numbers) -> RadialProjection:
+    if lens is OCamLens:
+        terms = numbers.get("poly") or _count_up(numbers, "a")
+        terms = terms or tuple(-term for term in _count_up(numbers, "n")) or _count_up(numbers, "e")
+        num_terms = numbers.get("num_poly", len(terms))
+        if num_terms != len(terms) or len(terms) > _MAX_TERMS:
+            raise DomainError(f"a polynomial of {num_terms:g} terms has {len(terms)}")
+        is_turned = "e0" in numbers and terms[0] < 0.0
+        return OCamLens(tuple(-term for term in terms) if is_turned else terms)
+    parameters = {one.name: numbers[one.name] for one in fields(lens) if one.name in numbers}  # type: ignore[arg-type]
+    if lens is UnifiedLens:
+        parameters.setdefault("xi", 0.0)  # a pinhole camera
+    return lens(**parameters)
+
+
+def _count_up(numbers: Numbers, letter: str) -> tuple[float, ...]:
+    """Numbers called by a letter and 0, 1, ..."""
+    names = takewhile(numbers.__contains__, (f"{letter}{power}" for power in count()))
+    return tuple(map(numbers.__getitem__, names))
 
 
 def place_camera(
@@ -132,18 +158,97 @@ def place_camera(
     )
 
 
-def matrix_from_camera(camera: OmniCamera, scale_px: float) -> Matrix:
-    """Camera matrix of a flipped camera whose projection has another unit.
+# Of numbers that a format may leave out; all others are 0.
+_DEFAULTS = {"beta": 1.0, "sxx": 1.0, "syy": 1.0}
+_AFFINE = ("sxx", "sxy", "syx", "syy")
+_MAX_TERMS = 64
+
+
+def simplify_plane(camera: OmniCamera, names: Set[str]) -> OmniCamera:
+    """The camera without what a format with these names has no place for in the image plane."""
+    plane, (a, b, c, d) = camera.plane, camera.plane.stretch
+    if not names & {"skew", "sxy"}:
+        b = 0.0
+    if "syx" not in names:
+        c = 0.0
+    if not names & {"fy", "sxx", "syy"}:
+        a = d = math.sqrt(a * d)
+    p1, p2 = (plane.p1, plane.p2) if "p1" in names else (0.0, 0.0)
+    return replace(camera, plane=ImagePlane((a, b, c, d), p1, p2))
+
+
+def numbers_from_camera(camera: OmniCamera, names: Set[str], first_pixel: float) -> Numbers:
+    """Numbers of a camera for a file; those of `camera_from_numbers`, and inverses of OCam's.
 
     Args:
         camera: The camera.
-        scale_px: Pixels per unit of the projection that the format has.
+        names: Names that the format has.
+        first_pixel: Coordinate of the first pixel's centre.
 
     Raises:
-        DomainError: The image plane is turned: the format has no entry below its diagonal.
+        DomainError: The format has no place for a property of the camera.
     """
-    a, b, c, d = camera.plane.stretch
-    if c != 0.0:
-        raise DomainError("a stretch with an entry below its diagonal has no camera matrix")
-    u, v = camera.with_picture(Picture.FLIPPED).centre_px
-    return Matrix(scale_px * a, scale_px * d, u - 0.5, v - 0.5, scale_px * b)
+    flipped = camera.with_picture(Picture.FLIPPED)
+    lens, stretch = camera.projection, camera.plane.stretch
+    shape: Numbers = {"p1": camera.plane.p1, "p2": camera.plane.p2}
+    if isinstance(lens, (OCamLens, WoodScapeLens)):
+        # In pixels of this image, and with a 1 in the place of the matrix that the format lacks.
+        unit = stretch[3] if "sxx" in names else stretch[0]
+        shape |= zip(_AFFINE, (each / unit for each in stretch), strict=True)
+        scale_px = camera.scale_px * unit
+        if isinstance(lens, OCamLens):
+            poly = tuple(a * scale_px ** (1 - power) for power, a in enumerate(lens.polynomial))
+            letter = next((each for each in "ane" if f"{each}0" in names), "")
+            sign = -1.0 if letter == "n" else 1.0
+            shape |= {f"{letter}{power}": sign * a for power, a in enumerate(poly) if letter}
+        else:
+            shape |= {name: scale_px * k for name, k in _fields_of(lens).items()}
+    else:
+        fx, skew, syx, fy = (camera.scale_px * each for each in stretch)
+        shape |= {"fx": fx, "skew": skew, "syx": syx, "fy": fy} | _fields_of(lens)
+    for name, value in shape.items():
+        if name not in names and value != _DEFAULTS.get(name, 0.0):
+            raise DomainError(f"the format has no {name}, which is {value:.6g}")
+    u, v = (each - 0.5 + first_pixel for each in flipped.centre_px)
+    width, height = camera.width_px, camera.height_px
+    shape |= {"width": width, "height": height, "cx": u, "cy": v}
+    shape |= {"cx_offset": u - 0.5 * width + 0.5, "cy_offset": v - 0.5 * height + 0.5}
+    shape |= {"fov_deg": math.degrees(2.0 * camera.rim_rad)}
+    if isinstance(lens, OCamLens):
+        shape |= {"poly": poly, "num_poly": len(poly)} | _invert(camera, unit, names)
+    return shape
+
+
+def _fields_of(lens: RadialProjection) -> Numbers:
+    return {one.name: float(getattr(lens, one.name)) for one in fields(lens)}  # type: ignore[arg-type]
+
+
+def _invert(camera: OmniCamera, stretch: float, names: Set[str]) -> Numbers:
+    """Image radius as a polynomial of the angle from the image plane, backwards (inv) and forwards
+    (fwd), and of the angle from the axis, highest power first (of_theta); least squares in px.
+
+    Raises:
+        DomainError: A polynomial of the format's length is off by too much.
+    """
+    theta = np.linspace(0.0, camera.rim_rad, 2001)
+    radius = stretch * camera.radius_px_from_t(np.tan(0.5 * theta))
+    lengths = [
+        next((n for n in count() if f"{each}{n}" not in names), 0) or INVERSE_TERMS
+        for each in ("inv", "fwd")
+    ]
+    inverses: Numbers = {}
+    for name, length, angle in (
+        ("inv", lengths[0], theta - 0.5 * math.pi),
+        ("fwd", lengths[1], 0.5 * math.pi - theta),
+        ("of_theta", INVERSE_TERMS, theta),
+    ):
+        fit = np.polynomial.Polynomial.fit(angle, radius, length - 1)
+        terms = tuple(fit.convert().coef.tolist())
+        if any(each.startswith(name) for each in names):
+            off_px = float(np.abs(np.polynomial.polynomial.polyval(angle, terms) - radius).max())
+            if off_px > MAX_INVERSE_PX:
+                raise DomainError(f"an inverse of {length} terms is off by up to {off_px:.3g} px")
+        inverses[name] = terms[::-1] if name == "of_theta" else terms
+        inverses[f"num_{name}"] = len(terms)
+        inverses |= {f"{name}{power}": term for power, term in enumerate(terms)}
+    return inverses

@@ -4,32 +4,60 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
-from catoptra_protocol.calibration.files import MAX_BYTES, file_error
-from catoptra_protocol.calibration.formats import FORMATS
-from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
+from catoptra_protocol.calibration.files import MAX_BYTES, file_error, parse_document
+from catoptra_protocol.calibration.formats import FORMATS, CalibrationFormat
+from catoptra_protocol.calibration.ray_table import (
+    TABLE_NAME,
+    fit_table,
+    is_ray_table,
+    read_ray_table,
+)
+from catoptra_protocol.calibration.templates import Match, Mismatch, iter_objects, keys_of, match
 from catoptra_protocol.calibration.uncertainty import state_model_error
-from catoptra_protocol.errors import DomainError
+from catoptra_protocol.errors import ConfigError, DomainError
+from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
+from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 
+# Of the fields that a format needs: from there on a file with a wrong number is one of it.
+_MOST, _NUM_NEAREST = 0.6, 3
+
 
 def camera_from_file(
-    path: Path | str, *, camera: str = "", picture: Picture | None = None
+    path: Path | str,
+    *,
+    camera: str = "",
+    picture: Picture | None = None,
+    size_px: tuple[int, int] | None = None,
 ) -> OmniCamera:
-    """Camera of a calibration file of any format in `FORMATS`, or of a ray table.
+    """Camera of a file: see `read_calibration`."""
+    return read_calibration(path, camera=camera, picture=picture, size_px=size_px)[1]
+
+
+def read_calibration(
+    path: Path | str,
+    *,
+    camera: str = "",
+    picture: Picture | None = None,
+    size_px: tuple[int, int] | None = None,
+) -> tuple[str, OmniCamera]:
+    """Name of the format and camera of a calibration file, of `FORMATS` or a ray table.
 
     The camera ends at the largest angle that its image shows or, where that is smaller, at the
-    first fold of its model.
+    first fold of its model, or at the field of view or image circle that the file states.
 
     Args:
         path: File, at most 1 MiB but for a ray table.
         camera: Name of the camera in a file with several, such as cam1.
         picture: Hand of the pictures that the camera delivers; None: of those that the file
             describes. Other programs' files describe flipped ones, Catoptra's exports say which.
+        size_px: Width and height of the images, for a file that states none.
 
     Raises:
         ConfigError: No readable file, no known format, or a wrong field, with file, field, value
@@ -38,7 +66,7 @@ def camera_from_file(
     file = str(path)
     try:
         if is_ray_table(Path(path)):
-            return _camera_from_table(file, picture)
+            return TABLE_NAME, _camera_from_table(file, picture)
         data = Path(path).read_bytes()
         if len(data) > MAX_BYTES:
             expected = f"a calibration file of at most {MAX_BYTES} bytes"
@@ -48,13 +76,86 @@ def camera_from_file(
         raise file_error(file, "file", f"a readable file: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise file_error(file, "file", "a text in UTF-8") from error
-    for each in FORMATS:
-        if each.is_format(text):
-            with reject_overflow(partial(file_error, file, "numbers")):
-                found = state_model_error(each.read(text, file, camera), text, file)
-                return _turn(found, text, file, picture)
-    names = ", ".join(each.NAME for each in FORMATS)
-    raise file_error(file, "format", f"a file of {names}", value=text[:40])
+    found, camera_match = _find_format(text, file, camera)
+    with reject_overflow(partial(file_error, file, "numbers")):
+        made = _make_camera(found, camera_match, file, size_px)
+        return found.name, _turn(state_model_error(made, text, file), text, file, picture)
+
+
+def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, Match]:
+    """The format that has most in common with a file, and the numbers of a camera in it.
+
+    Raises:
+        ConfigError: The file is broken, of no format, or wrong in a field; or has no such camera.
+    """
+    # Most objects of a large file, such as nerfstudio's frames, have a key of no format.
+    keys = [(each, keys_of(each.template)) for each in FORMATS]
+    matches = [
+        (each, match(each.template, node, path, camera))
+        for path, node in iter_objects(parse_document(text, file))
+        for here in (keys_of(node),)
+        for each, wanted in keys
+        if not wanted.isdisjoint(here)
+    ]
+    complete = [one for one in matches if not one[1].faults]
+    if complete:
+        each, found = max(complete, key=lambda one: one[1].num_found)
+        if camera and found.cameras and camera not in found.cameras:
+            names = list_names(camera, found.cameras)
+            expected = f"a camera of this {each.name} file, which has {names}"
+            raise file_error(file, camera, expected, value="missing")
+        return each, found
+    near = sorted(matches, key=lambda one: -one[1].share_found)
+    for each, found in near[:1]:
+        wrong = next((fault for fault in found.faults if not fault.is_wrong_format), None)
+        is_clear = found.share_found >= _MOST and (wrong is not None or len(found.faults) == 1)
+        if is_clear and found.num_words > 0:
+            fault = wrong or found.faults[0]
+            expected = f"{fault.expected}: the file is of the format {each.name}"
+            raise file_error(file, fault.key, expected, value=fault.value)
+    raise _reject_format(text, file, near)
+
+
+def _reject_format(
+    text: str, file: str, near: list[tuple[CalibrationFormat, Match]]
+) -> ConfigError:
+    """Error that names the nearest formats, each with its first difference, or all of them."""
+    nearest: dict[str, Mismatch] = {}
+    for each, found in near:
+        nearest.setdefault(each.name, found.faults[0])
+    words = [
+        f"{name} (needs {fault.key}: {fault.expected})"
+        for name, fault in islice(nearest.items(), _NUM_NEAREST)
+    ]
+    if not words:
+        words = [", ".join(dict.fromkeys(each.program for each in FORMATS))]
+    return file_error(
+        file, "format", f"a calibration file, such as {'; '.join(words)}", value=text[:40]
+    )
+
+
+def _make_camera(
+    each: CalibrationFormat, found: Match, file: str, size_px: tuple[int, int] | None
+) -> OmniCamera:
+    """Camera of a file's numbers."""
+    where = f"{found.path}." if found.path else ""
+    width, height = (found.numbers.get(name) for name in ("width", "height"))
+    if width is None or height is None:
+        if size_px is None:
+            expected = (
+                f"ResolutionX and ResolutionY, or --size: a file of the format {each.name} may "
+                "state no size, and this one states none"
+            )
+            raise file_error(file, f"{where}size", expected, value="missing")
+        width, height = map(float, size_px)
+    if not all(side.is_integer() and 1 <= side <= MAX_IMAGE_SIDE_PX for side in (width, height)):
+        expected = f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}, of a file of {each.name}"
+        raise file_error(file, f"{where}resolution", expected, value=f"{width} x {height}")
+    try:
+        return each.read(found.numbers, (int(width), int(height)))
+    except DomainError as error:
+        expected = f"a possible camera of the format {each.name}: {error}"
+        raise file_error(file, f"{where}model", expected) from error
 
 
 def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> OmniCamera:

@@ -15,7 +15,6 @@ import numpy as np
 
 from catoptra_protocol.calibration.exports import (
     DEFAULT_MAX_RESIDUAL_PX,
-    EXPORTS,
     ExportedFile,
     RefusedFile,
     export_camera,
@@ -30,6 +29,7 @@ from catoptra_protocol.calibration.ray_table import (
     bytes_from_ray_table,
     make_ray_table,
 )
+from catoptra_protocol.calibration.templates import describe_fields
 from catoptra_protocol.command_line import CommandParser, parse_float_within
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
@@ -131,12 +131,17 @@ def _describe_frame(
 def _list_conventions() -> str:
     """Frame, pixel centre and fields of each format."""
     rows = [
-        f"| {each.NAME} | {each.CONVENTIONS.frame} | {each.CONVENTIONS.first_pixel:g} | "
-        f"{each.CONVENTIONS.fields} |"
+        f"| {each.name} | {each.program} | {each.frame} | {each.first_pixel:g} | "
+        f"{describe_fields(each.template)} | {each.reader} |"
         for each in FORMATS
     ]
-    head = "| format | frame | first pixel's centre | fields |\n|---|---|---|---|"
-    return "\n".join((head, *rows, f"| ray table | {FRAME} | 0.5 | {FIELDS} |"))
+    head = (
+        "Files are tested by the programs themselves where the last column says `own`, else by a "
+        "transcription of the parser that it names, with the fields that this requires.\n\n"
+        "| format | program | frame | first pixel's centre | fields | read in tests by |\n"
+        "|---|---|---|---|---|---|"
+    )
+    return "\n".join((head, *rows, f"| ray table | | {FRAME} | 0.5 | {FIELDS} | |"))
 
 
 def _mirror_from_camera(described: OmniCamera, picture: Picture) -> Floats:
@@ -149,7 +154,8 @@ def _mirror_from_camera(described: OmniCamera, picture: Picture) -> Floats:
 
 def _list_files(files: Sequence[ExportedFile]) -> str:
     rows = [
-        f"| {file.export.file_name} | {file.export.model} | {file.residual.max_px:.2g} | "
+        f"| {file.export.file_name} | {file.export.model.words}, {file.export.program} | "
+        f"{file.residual.max_px:.2g} | "
         f"{file.residual.rms_px:.2g} | {file.residual.max_deg:.2g} | {file.residual.rms_deg:.2g} | "
         f"{file.export.domain} | {describe_limit(file.camera.projection)} |".replace(
             "|X|", "norm(X)"
@@ -169,7 +175,7 @@ def _list_files(files: Sequence[ExportedFile]) -> str:
 
 
 def _list_refusals(described: OmniCamera, refused: Sequence[RefusedFile]) -> str:
-    rows = [f"* {one.export.model} ({one.export.name}): {one.reason}" for one in refused]
+    rows = [f"* {one.export.model.words} ({one.export.name}): {one.reason}" for one in refused]
     if described.is_central:
         rows.append(_describe_f_theta(described))
     return "## Not written\n\n" + "\n".join(rows) if rows else ""
@@ -264,7 +270,7 @@ def write_calibration(
         raise DomainError(f"a residual is 0 px or more, not {max_residual_px!r}")
     results = [
         export_camera(camera, one, name=name, picture=picture, max_residual_px=max_residual_px)
-        for one in EXPORTS
+        for one in FORMATS
     ]
     folder.mkdir(parents=True, exist_ok=True)
     lines = []

@@ -1,6 +1,6 @@
 """A camera as files of all calibration formats that describe it well enough.
 
-Each entry of `EXPORTS` is one model in one format. What differs from the camera by more than an
+Each row of `FORMATS` is one model in one format. What differs from the camera by more than an
 allowed number of pixels, anywhere in the image, is refused with that number.
 
 The command allows 0.05 px. `model_fits` converts exactly where a camera is of the model, and fits
@@ -16,27 +16,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 from catoptra_protocol.calibration.calibrated_camera import mark_picture
-from catoptra_protocol.calibration.calibration_format import CalibrationFormat
-from catoptra_protocol.calibration.formats import (
-    basalt,
-    boofcv,
-    camodocal,
-    kalibr,
-    ocamcalib,
-    opencv_omnidir,
-    woodscape_json,
-)
-from catoptra_protocol.calibration.model_fits import (
-    Residual,
-    compute_residual,
-    fit_double_sphere,
-    fit_eucm,
-    fit_kannala_brandt,
-    fit_mei,
-    fit_ocam,
-    fit_ucm,
-    fit_woodscape,
-)
+from catoptra_protocol.calibration.formats import CalibrationFormat
+from catoptra_protocol.calibration.model_fits import Residual, compute_residual
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
@@ -46,30 +27,13 @@ DEFAULT_MAX_RESIDUAL_PX = 0.05
 """Largest residual of an exported file, anywhere in the image."""
 # Of pixels: rims of fits end between two of them.
 _MAX_MISSING = 1e-3
-_OCAM_DEGREES = range(4, 9)
-
-
-@dataclass(frozen=True, slots=True)
-class Export:
-    """One model in one format."""
-
-    name: str
-    """Name by which a client asks for it."""
-    file_name: str
-    model: str
-    """Model in words."""
-    domain: str
-    """Directions for which the format's own readers have a pixel."""
-    format: CalibrationFormat
-    fit: Callable[[OmniCamera], OmniCamera]
-    """Camera in this model, as a reader of the file makes it."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportedFile:
     """A file that describes a camera."""
 
-    export: Export
+    export: CalibrationFormat
     text: str
     camera: OmniCamera
     """Camera that a reader of the file makes, up to the end of its model or image."""
@@ -80,25 +44,12 @@ class ExportedFile:
 class RefusedFile:
     """A model that does not describe a camera."""
 
-    export: Export
+    export: CalibrationFormat
     reason: str
     """In words, with the residual where there is one."""
 
 
-def _fit_ocam(camera: OmniCamera) -> OmniCamera:
-    """OCamCalib's model of the lowest degree, from 4 on, that is good enough, or the best."""
-    best, best_px = fit_ocam(camera, degree=_OCAM_DEGREES[0]), math.inf
-    for degree in _OCAM_DEGREES:
-        fitted = fit_ocam(camera, degree=degree)
-        max_px = compute_residual(camera, fitted).max_px
-        if max_px < best_px:
-            best, best_px = fitted, max_px
-        if best_px <= 0.1 * DEFAULT_MAX_RESIDUAL_PX:
-            break
-    return best
-
-
-# Four formats have Mei's model, two each of the others.
+# Each model is fitted once for all of its formats.
 @lru_cache(maxsize=32)
 def _fit_and_compare(
     fit: Callable[[OmniCamera], OmniCamera], camera: OmniCamera
@@ -108,58 +59,9 @@ def _fit_and_compare(
     return model, compute_residual(camera, model)
 
 
-_UNSTATED, _OMNI = "none", "z > -w |X|, w = xi or 1 / xi"
-_EUCM, _DS = "z > -w d (RA-L 2016)", "z > -w2 |X| (3DV 2018)"
-
-EXPORTS: tuple[Export, ...] = (
-    Export(
-        "opencv_omnidir",
-        "opencv_omnidir.yaml",
-        "Mei, cv2.omnidir",
-        _UNSTATED,
-        opencv_omnidir,
-        fit_mei,
-    ),
-    Export("camodocal", "camodocal_mei.yaml", "Mei, CamOdoCal", _UNSTATED, camodocal, fit_mei),
-    Export("boofcv", "boofcv.yaml", "Mei, BoofCV", _UNSTATED, boofcv, fit_mei),
-    Export("kalibr_omni", "kalibr_omni.yaml", "Mei, Kalibr", _OMNI, kalibr, fit_mei),
-    Export("kalibr_eucm", "kalibr_eucm.yaml", "EUCM, Kalibr", _EUCM, kalibr, fit_eucm),
-    Export("kalibr_ds", "kalibr_ds.yaml", "double sphere, Kalibr", _DS, kalibr, fit_double_sphere),
-    Export(
-        "kalibr_equi",
-        "kalibr_equi.yaml",
-        "Kannala-Brandt, Kalibr",
-        "z > 0",
-        kalibr,
-        fit_kannala_brandt,
-    ),
-    Export("basalt_ucm", "basalt_ucm.json", "UCM, Basalt", _EUCM, basalt, fit_ucm),
-    Export("basalt_eucm", "basalt_eucm.json", "EUCM, Basalt", _EUCM, basalt, fit_eucm),
-    Export("basalt_ds", "basalt_ds.json", "double sphere, Basalt", _DS, basalt, fit_double_sphere),
-    Export(
-        "basalt_kb4",
-        "basalt_kb4.json",
-        "Kannala-Brandt, Basalt",
-        _UNSTATED,
-        basalt,
-        fit_kannala_brandt,
-    ),
-    Export("ocamcalib", "ocamcalib.txt", "OCam polynomial", _UNSTATED, ocamcalib, _fit_ocam),
-    Export(
-        "woodscape",
-        "woodscape.json",
-        "polynomial of the angle",
-        _UNSTATED,
-        woodscape_json,
-        fit_woodscape,
-    ),
-)
-"""Models and formats, in the order of the report."""
-
-
 def export_camera(
     camera: OmniCamera,
-    export: Export,
+    export: CalibrationFormat,
     *,
     name: str,
     picture: Picture,
@@ -177,9 +79,16 @@ def export_camera(
     if not camera.is_central:
         return RefusedFile(export, "the rays of this mirror do not meet in one viewpoint")
     described = turn_for_export(camera, picture)
+    if camera.rim_rad > export.max_angle_rad * (1.0 + 1e-12):
+        shown_deg = math.degrees(2.0 * camera.rim_rad)
+        reason = f"its readers take {export.domain} alone, and this image shows {shown_deg:.3f} deg"
+        return RefusedFile(export, f"{reason}: a field of view of 180 leaves the rest out")
     try:
-        model, residual = _fit_and_compare(export.fit, described)
-        text = export.format.write(model, name)
+        model, residual = _fit_and_compare(export.model.fit, described)
+        simple = export.simplify(model)
+        if simple != model:
+            model, residual = simple, compute_residual(described, simple)
+        text = export.write(model, name)
     except DomainError as error:
         return RefusedFile(export, str(error))
     if not residual.max_px <= max_residual_px:

@@ -1,25 +1,26 @@
-"""Text of calibration files: JSON and YAML as objects, and their fields by path.
+"""Text of calibration files as nested objects: JSON, YAML, OpenCV's XML, lines of numbers.
 
-Errors name file, field and expectation. JSON has no duplicate names and no NaN. YAML is OpenCV's:
-its head `%YAML:1.0`, which no YAML reader takes, and its tags of matrices; read by PyYAML's safe
-loader (the extra `calibration`), without aliases, since a page of them can stand for gigabytes.
-PyYAML is imported with the first YAML file.
+JSON has no duplicate names and no NaN. YAML is OpenCV's: its head `%YAML:1.0`, which no YAML reader
+takes, and its tags of matrices; read by PyYAML's safe loader (the extra `calibration`), without
+aliases, since a page of them can stand for gigabytes. For the same reason XML has no declarations
+of its own. PyYAML is imported with the first YAML file.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
 from typing import Any
+from xml.etree import ElementTree
 
 from catoptra_protocol.errors import ConfigError, RemoteProtocolError, SourceLocation
 from catoptra_protocol.json_object import json_object_from_text
-from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
-from catoptra_protocol.slotted_dataclass import dataclass
 
 MAX_BYTES = 2**20
 """Largest calibration file that is read: published ones have some kilobytes."""
+MAX_XML_DEPTH = 16
+OCAM_LINES = ("polynomial", "inverse", "centre", "affine", "size")
+"""Names of the lines of numbers of OCamCalib's file, in their order."""
 
 
 def file_error(
@@ -27,6 +28,64 @@ def file_error(
 ) -> ConfigError:
     """Error of a calibration file."""
     return ConfigError(SourceLocation(file, line), key=key, value=value, expected=expected)
+
+
+def parse_document(text: str, file: str) -> Any:
+    """Nested mappings, lists, numbers and words of a file in any of the notations.
+
+    Raises:
+        ConfigError: The notation that the file begins in is broken.
+    """
+    start = text.lstrip()[:1]
+    if start == "{":
+        return parse_json(text, file)
+    if start == "<":
+        return _parse_xml(text, file)
+    return _parse_lines(text) or parse_yaml(text, file)
+
+
+def as_number(value: object) -> float | None:
+    """A finite number, or a word that is one to programs (`1e-05` is a text in YAML 1.1)."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return None
+    try:
+        number = float(value)
+    except (OverflowError, ValueError):  # an int of a thousand digits is no float
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _parse_lines(text: str) -> dict[str, Any] | None:
+    """Lines of OCamCalib's five kinds, or of COLMAP's cameras; None for other texts."""
+    lines = [line.split() for line in text.splitlines() if line.strip()[:1] not in ("", "#")]
+    if len(lines) == len(OCAM_LINES) and all(
+        as_number(word) is not None for line in lines for word in line
+    ):
+        return dict(zip(OCAM_LINES, lines, strict=True))
+    if lines and all(len(line) > 4 and line[0].isdigit() and line[1].isupper() for line in lines):
+        return {"cameras": [{"model": line[1], "parameters": line[2:]} for line in lines]}
+    return None
+
+
+def _parse_xml(text: str, file: str) -> Any:
+    """The document of OpenCV's FileStorage."""
+    try:
+        if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
+            raise ValueError("a declaration")
+        root = ElementTree.fromstring(text)
+        return _value_of(root, MAX_XML_DEPTH)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise file_error(file, "XML", "plain XML", value=str(error)) from error
+
+
+def _value_of(element: ElementTree.Element, depth: int) -> Any:
+    if depth == 0:
+        raise ValueError("elements that are nested too deeply")
+    if len(element) > 0:
+        return {child.tag: _value_of(child, depth - 1) for child in element}
+    words = (element.text or "").split()
+    numeric = len(words) > 1 and all(as_number(word) is not None for word in words)
+    return words if numeric else " ".join(words)
 
 
 def parse_json(text: str, file: str) -> dict[str, Any]:
@@ -41,7 +100,7 @@ def parse_json(text: str, file: str) -> dict[str, Any]:
         raise file_error(file, "JSON", f"an object: {error}") from error
 
 
-_OPENCV_HEAD = re.compile(r"\A%YAML[:\s]\s*1\.[0-2]\s*\n")
+_OPENCV_HEAD = re.compile(r"\A%YAML[:\s]\s*1\.[0-2][^\n]*(\n|\Z)")
 _MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
 
 
@@ -92,131 +151,3 @@ def format_number(value: float) -> str:
     if "." not in mantissa:
         mantissa += ".0"
     return f"{mantissa}{e}{exponent}"
-
-
-def format_numbers(values: tuple[float, ...]) -> str:
-    """A YAML list of doubles."""
-    return "[" + ", ".join(map(format_number, values)) + "]"
-
-
-_MAX_NUMBERS = 4096
-# Names in an error: of rigs with as many cameras as are built.
-_MAX_LISTED = 16
-
-
-@dataclass(frozen=True, slots=True)
-class Fields:
-    """An object of a file, or of an object in it."""
-
-    file: str
-    """Path of the file as the user gave it."""
-    values: Mapping[str, Any]
-    path: str = ""
-    """Path of this object in the file; empty for the whole file."""
-
-    def make_error(self, name: str, expected: str) -> ConfigError:
-        """Error about a field, whether it is there or not."""
-        value = repr(self.values[name]) if name in self.values else "missing"
-        return file_error(self.file, self._path_of(name), expected, value=value)
-
-    def has(self, name: str) -> bool:
-        """Whether a field is there."""
-        return name in self.values
-
-    def get_number(self, name: str, default: float | None = None) -> float:
-        """A finite number; a missing one without a default is an error."""
-        if default is not None and name not in self.values:
-            return default
-        number = _as_number(self.values.get(name))
-        if number is None:
-            raise self.make_error(name, "a finite number")
-        return number
-
-    def get_positive(self, name: str) -> float:
-        """A finite number above 0."""
-        number = self.get_number(name)
-        if number <= 0.0:
-            raise self.make_error(name, "a number above 0")
-        return number
-
-    def get_side_px(self, name: str) -> int:
-        """Pixels along an image's side."""
-        return self._side_px(name, self.get_number(name))
-
-    def get_size_px(self, name: str) -> tuple[int, int]:
-        """Width and height in one field."""
-        width, height = self.get_numbers(name, 2)
-        return self._side_px(name, width), self._side_px(name, height)
-
-    def _side_px(self, name: str, number: float) -> int:
-        if not (number.is_integer() and 1 <= number <= MAX_IMAGE_SIDE_PX):
-            raise self.make_error(name, f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}")
-        return int(number)
-
-    def get_numbers(self, name: str, count: int | None = None) -> tuple[float, ...]:
-        """A list of finite numbers, of a given length or of any up to 4096."""
-        expected = f"a list of {count if count is not None else ''} finite numbers".replace(
-            "  ", " "
-        )
-        values = self.values.get(name)
-        if not isinstance(values, Sequence) or isinstance(values, (str, bytes)):
-            raise self.make_error(name, expected)
-        if len(values) > _MAX_NUMBERS or (count is not None and len(values) != count):
-            raise self.make_error(name, expected)
-        numbers = [_as_number(value) for value in values]
-        if any(number is None for number in numbers):
-            raise self.make_error(name, expected)
-        return tuple(number for number in numbers if number is not None)
-
-    def get_text(self, name: str, default: str | None = None) -> str:
-        """A text."""
-        if default is not None and name not in self.values:
-            return default
-        value = self.values.get(name)
-        if not isinstance(value, str):
-            raise self.make_error(name, "a text")
-        return value
-
-    def get_choice(self, name: str, allowed: Sequence[str], default: str | None = None) -> str:
-        """One of some words."""
-        text = self.get_text(name, default)
-        if text not in allowed:
-            raise self.make_error(name, "one of " + ", ".join(allowed))
-        return text
-
-    def get_child(self, name: str) -> Fields:
-        """An object in this one."""
-        value = self.values.get(name)
-        if not isinstance(value, Mapping):
-            raise self.make_error(name, "an object with fields")
-        return Fields(self.file, value, self._path_of(name))
-
-    def check_camera(self, name: str, cameras: Sequence[str]) -> None:
-        """Reject the name of a camera that the file has not; the error has the first of its own."""
-        if name not in cameras:
-            listed = ", ".join(map(str, cameras[:_MAX_LISTED])) or "none"
-            raise self.make_error(name, f"a camera of this file, which has {listed}")
-
-    def get_item(self, name: str, index: int) -> Fields:
-        """An object of a list in this one."""
-        value = self.values.get(name)
-        if not isinstance(value, list) or len(value) <= index:
-            raise self.make_error(name, f"a list with at least {index + 1} objects")
-        if not isinstance(value[index], Mapping):
-            raise self.make_error(name, "a list of objects with fields")
-        return Fields(self.file, value[index], f"{self._path_of(name)}[{index}]")
-
-    def _path_of(self, name: str) -> str:
-        return f"{self.path}.{name}" if self.path else name
-
-
-def _as_number(value: object) -> float | None:
-    """A finite number of a file; None for anything else, booleans and 1x1 matrices excluded."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return None
-    # An int of a thousand digits is no float.
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None

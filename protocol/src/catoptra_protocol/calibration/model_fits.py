@@ -16,8 +16,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
 from catoptra_protocol.errors import DomainError
@@ -95,6 +97,8 @@ def _from_alpha(alpha: float, focal_length_px: float) -> UnifiedParameters:
     return UnifiedParameters(xi, focal_length_px * (1.0 + xi))
 
 
+Pixels = npt.NDArray[np.uint8]
+
 _GRID = 317
 """Pixels along the image's sides: 1e5 in all."""
 
@@ -114,9 +118,7 @@ class Residual:
 def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
     """Residual at a grid of pixels of the image, the border of its domain included."""
     truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
-    u = np.linspace(0.0, truth.width_px, _GRID)
-    v = np.linspace(0.0, truth.height_px, _GRID)
-    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    pixels = _grid(truth).reshape(-1, 2)
     direction, valid = truth.direction_from_pixel(pixels)
     pixels, direction = pixels[valid], direction[valid]
     # The mirror frames may differ by the azimuth of the image's top.
@@ -139,12 +141,38 @@ def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
     )
 
 
+def _grid(camera: OmniCamera) -> Floats:
+    """(317, 317, 2) pixels of the whole image."""
+    u, v = (np.linspace(0.0, side, _GRID) for side in (camera.width_px, camera.height_px))
+    return np.stack(np.meshgrid(u, v), axis=-1)
+
+
+def draw_difference(truth: OmniCamera, model: OmniCamera, max_px: float) -> Pixels:
+    """Picture (317, 317, 3) of the difference over the image: black to yellow at `max_px`.
+
+    Grey where no camera has a direction, magenta where only the true one has.
+    """
+    truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
+    pixels = _grid(truth)
+    direction, valid = truth.direction_from_pixel(pixels)
+    turned = _turn(direction, model.image_up_azimuth_rad - truth.image_up_azimuth_rad)
+    found, shown = model.pixel_from_direction(turned)
+    off_px = np.linalg.norm(found - pixels, axis=-1)
+    level = np.minimum(off_px / max_px if max_px > 0.0 else 0.0 * off_px, 1.0)
+    image = np.stack((255.0 * np.sqrt(level), 255.0 * level, 0.0 * level), axis=-1)
+    image[~shown] = 255.0, 0.0, 255.0
+    image[~valid] = 90.0
+    picture: Pixels = np.rint(image).astype(np.uint8)
+    return picture
+
+
 def _turn(direction: Floats, azimuth_rad: float) -> Floats:
     c, s = math.cos(azimuth_rad), math.sin(azimuth_rad)
     turned: Floats = direction @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return turned
 
 
+_OCAM_DEGREES, _GOOD_PX = range(4, 9), 0.005
 # Rings of the image on which radii are compared.
 _NUM_RINGS = 1001
 _NUM_KANNALA_BRANDT_TERMS = 4
@@ -185,11 +213,21 @@ def fit_double_sphere(camera: OmniCamera) -> OmniCamera:
 
 
 def fit_ucm(camera: OmniCamera) -> OmniCamera:
-    """The camera as UCM: Mei's unified model without distortion."""
+    """The camera as UCM: EUCM with beta = 1."""
     exact = _find_sphere(camera)
     if exact is not None and not exact.is_distorted:
-        return _replace(camera, UnifiedLens(exact.xi), exact.gamma_px)
-    return _fit(camera, UnifiedLens, (1.0,))
+        return _replace(camera, EnhancedUnifiedLens(exact.alpha), exact.focal_length_px)
+    return _fit(camera, EnhancedUnifiedLens, (0.5,))
+
+
+def fit_pinhole(camera: OmniCamera) -> OmniCamera:
+    """The camera as a flat image with two terms of radial distortion: Mei's model with xi = 0."""
+    exact = _find_sphere(camera)
+    if exact is not None and exact.xi == 0.0:
+        return _replace(camera, UnifiedLens(0.0, exact.k1, exact.k2), exact.gamma_px)
+    if camera.rim_rad >= 0.5 * math.pi:
+        raise DomainError("a flat image ends before 90 deg from the axis")
+    return _fit(camera, partial(UnifiedLens, 0.0), (0.0, 0.0))
 
 
 def fit_kannala_brandt(camera: OmniCamera) -> OmniCamera:
@@ -234,7 +272,7 @@ def fit_ocam(camera: OmniCamera, *, degree: int) -> OmniCamera:
         camera: The camera.
         degree: Highest power of the image radius, 2 or more.
     """
-    if isinstance(camera.projection, OCamLens):
+    if isinstance(camera.projection, OCamLens) and len(camera.projection.polynomial) <= degree + 1:
         return camera
     theta, radius_px = _rings(camera)
     unit_px = camera.rim_radius_px
@@ -250,6 +288,23 @@ def fit_ocam(camera: OmniCamera, *, degree: int) -> OmniCamera:
         term * unit_px ** (1 - power) for term, power in zip(terms, powers.tolist(), strict=True)
     ]
     return _replace(camera, OCamLens(tuple(polynomial.tolist())), 1)
+
+
+def fit_ocam_of_any_degree(camera: OmniCamera) -> OmniCamera:
+    """The same of the lowest degree, from 4 on, that is good enough, or the best."""
+    if isinstance(camera.projection, OCamLens):
+        return camera
+    best, best_px = camera, math.inf
+    for degree in _OCAM_DEGREES:
+        fitted = fit_ocam(camera, degree=degree)
+        max_px = compute_residual(camera, fitted).max_px
+        if max_px < best_px:
+            best, best_px = fitted, max_px
+        if best_px <= _GOOD_PX:
+            break
+    if best is camera:
+        raise DomainError("no polynomial of rays describes the camera")
+    return best
 
 
 def _find_sphere(camera: OmniCamera) -> UnifiedParameters | None:

@@ -5,6 +5,7 @@ Every format that describes the camera well enough is written, and CALIBRATION.m
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from functools import partial
 
@@ -25,7 +26,8 @@ from catoptra_server.simulation.robot_description import OmniCameraDescription, 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     parsed = _build_parser().parse_args(arguments)
-    robot, _ = read_robot(parsed.robot)
+    # Nothing is drawn: a view may take any memory.
+    robot, _ = read_robot(parsed.robot, limit_bytes=sys.maxsize)
     omni = find_camera(robot, parsed.camera)
     written = write_calibration(
         omni.camera,

@@ -154,7 +154,10 @@ def _read_calibrated_camera(file: IniFile, section: SectionReader) -> OmniCamera
     path = section.get_path("CalibrationFile", file.path.parent)
     name = section.get_str("CalibrationCamera", "")
     picture = read_picture(section, Picture.FLIPPED) if section.has_key("Picture") else None
-    camera = camera_from_file(path, camera=name, picture=picture)
+    # A size of the images, for a file that states none.
+    has_size = section.has_key("ResolutionX") and section.has_key("ResolutionY")
+    size_px = read_size(section, 1, 1) if has_size else None
+    camera = camera_from_file(path, camera=name, picture=picture, size_px=size_px)
     sides_px = camera.width_px, camera.height_px
     stated_px = read_size(section, *sides_px)
     for key, side_px, stated in zip(

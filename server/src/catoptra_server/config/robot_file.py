@@ -280,9 +280,11 @@ _MAX_ROBOT_CLASSES = 256
 _MAX_ITEMS = 256
 
 
-def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
+def read_robot(
+    path: Path, *, limit_bytes: int = DEFAULT_LIMIT_BYTES
+) -> tuple[RobotDescription, IniFile]:
     """First robot of a file, and the file for a report of unknown keys. Raises ConfigError."""
-    robots, file = read_robots(path)
+    robots, file = read_robots(path, limit_bytes=limit_bytes)
     return robots[0], file
 
 
