@@ -17,7 +17,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.simulation.spawning import (
+from catoptra_server.simulation.robot_bodies import (
     CAMERA_RADIUS_M,
     OmniCameraTower,
     build_ego_body_mesh,

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ConicalMirror, ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.spawning import (
+from catoptra_server.simulation.robot_bodies import (
     OmniCameraTower,
     RobotDimensions,
     build_ego_body_mesh,

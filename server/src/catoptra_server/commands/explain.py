@@ -53,7 +53,7 @@ from catoptra_server.simulation.robot_description import (
     RobotDescription,
 )
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.simulation.spawning import build_ego_mesh
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist
 

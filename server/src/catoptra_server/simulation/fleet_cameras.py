@@ -42,7 +42,7 @@ from catoptra_server.simulation.sight import (
     compute_landmark_visibility,
     look_through_pixel,
 )
-from catoptra_server.simulation.spawning import RobotMeshes
+from catoptra_server.simulation.robot_bodies import RobotMeshes
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
 
