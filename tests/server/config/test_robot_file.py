@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import find_unserved_robots, read_robot, read_robots
+from catoptra_server.simulation.robot_bodies import build_carrier_mesh
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
-from catoptra_server.simulation.robot_bodies import build_carrier_mesh
 from helpers.configs import OMNI_ROBOT, ROBOTS
 
 BARE = """\

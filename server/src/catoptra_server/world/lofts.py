@@ -102,13 +102,13 @@ def belt(
     # Foot, top, top and foot of each lug.
     place = (np.arange(lugs)[:, None] + (0.0, 0.12, 0.48, 0.6)).ravel() / lugs * travel[-1]
     depth = np.tile((lug_m, 0.0, 0.0, lug_m), lugs)
-    x, y = (
-        interpolate_linear(place, travel, path[:, axis])
-        - depth * interpolate_linear(place, travel, out[:, axis])
-        for axis in (0, 1)
+    at, normal = (
+        np.stack([interpolate_linear(place, travel, of[:, axis]) for axis in (0, 1)], axis=-1)
+        for of in (path, out)
     )
-    outline = np.stack((x, y, 0.0 * x), axis=-1)
-    return loft([outline - (0.0, 0.0, 0.5 * width_m), outline + (0.0, 0.0, 0.5 * width_m)])
+    outline = np.insert(at - depth[:, None] * normal, 2, 0.0, axis=1)
+    side = np.array((0.0, 0.0, 0.5 * width_m))
+    return loft([outline - side, outline + side])
 
 
 def transform(patch: Patch, pose: Pose) -> Patch:

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import arctan2, cos, einsum, matmul, sin
+from catoptra_protocol.optics.elementary import arctan2, cos, einsum, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
