@@ -221,7 +221,7 @@ _SCANNER_MATERIAL = Material((0.04, 0.11, 0.30))
 _ARM_MATERIAL = Material((0.75, 0.21, 0.02))
 
 _TREAD_RATIO = 0.6  # a tyre's width of parts over its radius: 78 mm on a P2AT, 57 on a P2DX
-_LUGS, _TYRE_SECTORS, _RIM_SECTORS = 16, 28, 20
+_LUGS, _TYRE_SECTORS, _RIM_SECTORS = 15, 24, 18
 _CASTOR_RADIUS_M = 0.0375
 _FLIPPER_REACH = 3.8  # distance of a flipper's axles over its larger radius
 _POST_M = 0.06  # a camera's mast stands as far behind it
@@ -254,7 +254,7 @@ class _Base:
         x = scale * self.half_length
         if self.kind != "castor":
             return octagon(x, half_y, 0.3 * x, 0.5 * half_y)
-        angle = 2.0 * math.pi / 40 * np.arange(40)
+        angle = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
         c, s = cos(angle), sin(angle)
         round_x, round_y = (np.sign(v) * power(np.abs(v), 0.7) for v in (c, s))
         return np.stack((x * round_x, half_y * round_y), axis=-1)
@@ -307,6 +307,9 @@ def _wheeled_parts(base: _Base) -> Iterator[_MaterialPatch]:
     is_above = base.floor_z - 2.0 * radius > hull_z
     deck = base.outline(0.8 * base.half_width if is_above else base.hull_y, 1.01)
     yield plate(deck, deck_z, hull_z, 0.003), _PLATE_MATERIAL
+    bolt = revolve([(0.006, deck_z), (0.006, deck_z - 0.003)], 6)
+    for x, y in (0.92 * deck[:: len(deck) // 8]).tolist():
+        yield bolt.translate((x, y, 0.0)), _STEEL_MATERIAL
     y = base.half_width - 0.5 * base.tyre
     if drive.wheels_m:
         places = drive.wheels_m
@@ -331,7 +334,7 @@ def _wheeled_parts(base: _Base) -> Iterator[_MaterialPatch]:
 def _wheel(radius: float, width: float) -> Iterator[_MaterialPatch]:
     """Yield a tyre with two rows of lugs, its rim and hub; axle along z, outside towards +z."""
     r, w = radius, 0.5 * width
-    around = np.linspace(-1.9, 1.9, 10)
+    around = np.linspace(-1.9, 1.9, 8)
     c, s = cos(around), sin(around)
     round_r, round_z = (np.sign(v) * power(np.abs(v), 0.75) for v in (c, s))
     arc = zip((r * (0.745 + 0.205 * round_r)).tolist(), (w * round_z).tolist(), strict=True)
@@ -343,7 +346,7 @@ def _wheel(radius: float, width: float) -> Iterator[_MaterialPatch]:
     hub = [(0.15, 0.7), (0.15, 0.95), (0.10, 1.0)]
     yield revolve([(r * a, w * b) for a, b in hub], 12), _STEEL_MATERIAL
     for angle in (2.0 * math.pi / 5 * np.arange(5)).tolist():
-        hole = revolve([(0.075 * r, 0.3 * w), (0.075 * r, 0.585 * w)], 10)
+        hole = revolve([(0.075 * r, 0.3 * w), (0.075 * r, 0.585 * w)], 8)
         yield (
             hole.translate((0.455 * r * cos(angle), 0.455 * r * sin(angle), 0.0)),
             _RUBBER_MATERIAL,
@@ -499,16 +502,16 @@ def _fine_tower_parts(
     top = min(lens_z + LENS_LENGTH_M, deck_z)
     foot = min(top + CAMERA_LENGTH_M, deck_z)
 
-    def turned(profile: list[tuple[float, float]], sectors: int = 24) -> Patch:
+    def turn(profile: list[tuple[float, float]], sectors: int = 24) -> Patch:
         return revolve(profile, sectors).translate((x, y, 0.0))
 
     if foot < deck_z:
         profile = [(0.05, deck_z), (0.05, deck_z - 0.004), (0.024, deck_z - 0.012), (0.024, foot)]
-        yield turned([(r, max(z, foot)) for r, z in profile]), _PLATE_MATERIAL
+        yield turn([(r, max(z, foot)) for r, z in profile]), _PLATE_MATERIAL
     if top < deck_z:
         r = CAMERA_RADIUS_M
-        yield turned([(r, foot), (r, top + 0.003), (r - 0.003, top)]), _HOUSING_MATERIAL
-        yield turned([(LENS_RADIUS_M, top), (LENS_RADIUS_M, lens_z)], 16), _LENS_MATERIAL
+        yield turn([(r, foot), (r, top + 0.003), (r - 0.003, top)]), _HOUSING_MATERIAL
+        yield turn([(LENS_RADIUS_M, top), (LENS_RADIUS_M, lens_z)], 16), _LENS_MATERIAL
     if is_own:
         return
     surface = _mirror_patch(tower.camera)
@@ -518,7 +521,7 @@ def _fine_tower_parts(
     rim_z = float(corners[..., 2].min())
     rim = float(np.linalg.norm(corners[..., :2], axis=-1).max())
     yield (
-        turned([(rim + 0.008, rim_z), (rim + 0.008, rim_z - 0.004), (rim, rim_z - 0.009)]),
+        turn([(rim + 0.008, rim_z), (rim + 0.008, rim_z - 0.004), (rim, rim_z - 0.009)]),
         (_PLATE_MATERIAL),
     )
     for angle in (2.0 * math.pi / _NUM_RODS * (np.arange(_NUM_RODS) + 0.5)).tolist():

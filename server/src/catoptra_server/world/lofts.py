@@ -40,7 +40,7 @@ def loft(outlines: Sequence[Floats] | Floats) -> Patch:
 
 def revolve(profile: Sequence[tuple[float, float]], sectors: int) -> Patch:
     """Solid of revolution about z: radius and z of each point of the profile, in order."""
-    angle = 2.0 * math.pi / sectors * np.arange(sectors)
+    angle = np.linspace(0.0, 2.0 * math.pi, sectors, endpoint=False)
     around = np.stack((cos(angle), sin(angle)), axis=-1)
     return loft([np.insert(radius * around, 2, z, axis=1) for radius, z in profile])
 
