@@ -226,7 +226,7 @@ _CASTOR_RADIUS_M = 0.0375
 _FLIPPER_REACH = 3.8  # distance of a flipper's axles over its larger radius
 _POST_M = 0.06  # a camera's mast stands as far behind it
 _SONAR_RADIUS_M, _SONAR_BAND_M = 0.019, 0.026
-# Inside this radius of the rim nothing is seen of the rods but by who stands aside.
+# Rods hold the mirror; the paper's has a glass tube.
 _ROD_RADIUS_M, _NUM_RODS = 0.004, 3
 
 
@@ -234,22 +234,22 @@ class _Base:
     """Measures that the parts of a base share; metres, chassis frame."""
 
     def __init__(self, description: RobotDescription) -> None:
-        drive = description.drive
+        drive, joints = description.drive, description.chassis_joints
         self.kind, self.drive, self.description = description.body, drive, description
         length, width, height = drive.collision_size_m
         self.half_length, self.half_width = 0.5 * length, 0.5 * width
-        self.floor_z, self.deck_z = drive.ride_height_m, drive.ride_height_m - height
-        self.radius = drive.wheel_radius_m
-        self.tyre = _TREAD_RATIO * self.radius
-        joints = description.chassis_joints
+        self.radius, self.floor_z = drive.wheel_radius_m, drive.ride_height_m
+        # Whatever a file says, there is a hull between the wheels, and one above their axles.
+        self.deck_z = self.floor_z - max(height, self.radius + 0.02)
+        self.tyre = min(_TREAD_RATIO * self.radius, 0.4 * self.half_width)
+        self.hull_y = self.half_width - 1.17 * self.tyre
         self.links = joints.links if joints else ()
-        self.flippers = [link for link in self.links if _is_flipper(link)]
-        beside = [abs(link.position_m[1]) - 0.006 for link in self.flippers]
-        self.hull_y = min(beside, default=self.half_width)
-        if self.kind != "tracks":
-            self.hull_y = self.half_width - self.tyre - 0.1 * self.radius
+        if self.kind == "tracks":
+            beside = (abs(one.position_m[1]) - 0.006 for one in self.links if _is_flipper(one))
+            self.hull_y = max(min(beside, default=self.half_width), 0.3 * self.half_width)
+        self.hull = self.outline(self.hull_y, 0.88 if self.kind == "tracks" else 1.0)
 
-    def outline(self, half_y: float, scale: float = 1.0) -> Floats:
+    def outline(self, half_y: float, scale: float) -> Floats:
         """(n, 2) outline from above, of a half width."""
         x = scale * self.half_length
         if self.kind != "castor":
@@ -302,7 +302,7 @@ def _wheeled_parts(base: _Base) -> Iterator[_MaterialPatch]:
     bottom_z = base.floor_z - 0.5 * radius
     hull_z, edge = deck_z + _DECK_THICKNESS_M, 0.12 * (bottom_z - deck_z)
     levels = [(bottom_z, edge), (bottom_z - edge, 0.0), (hull_z + 0.3 * edge, 0.0)]
-    yield prism(base.outline(base.hull_y), [*levels, (hull_z, 0.3 * edge)]), _PAINT_MATERIAL
+    yield prism(base.hull, [*levels, (hull_z, 0.3 * edge)]), _PAINT_MATERIAL
     # The deck reaches over wheels that end below it.
     is_above = base.floor_z - 2.0 * radius > hull_z
     deck = base.outline(0.8 * base.half_width if is_above else base.hull_y, 1.01)
@@ -347,10 +347,8 @@ def _wheel(radius: float, width: float) -> Iterator[_MaterialPatch]:
     yield revolve([(r * a, w * b) for a, b in hub], 12), _STEEL_MATERIAL
     for angle in (2.0 * math.pi / 5 * np.arange(5)).tolist():
         hole = revolve([(0.075 * r, 0.3 * w), (0.075 * r, 0.585 * w)], 8)
-        yield (
-            hole.translate((0.455 * r * cos(angle), 0.455 * r * sin(angle), 0.0)),
-            _RUBBER_MATERIAL,
-        )
+        x, y = 0.455 * r * cos(angle), 0.455 * r * sin(angle)
+        yield hole.translate((x, y, 0.0)), _RUBBER_MATERIAL
 
 
 def _lugs(radius: float, w: float) -> Iterator[Patch]:
@@ -383,10 +381,8 @@ def _castor_parts(x: float, y: float, floor_z: float, bottom_z: float) -> Iterat
         leg = block((0.022, 0.003, floor_z - r - top + 0.01), 0.001)
         middle = 0.5 * (floor_z - r + top)
         yield leg.translate((x, y + side * 0.0155, middle)), _STEEL_MATERIAL
-    yield (
-        revolve([(0.03, top + 0.006), (0.03, bottom_z - 0.02)], 16).translate((x, y, 0.0)),
-        (_STEEL_MATERIAL),
-    )
+    swivel = revolve([(0.03, top + 0.006), (0.03, bottom_z - 0.02)], 16)
+    yield swivel.translate((x, y, 0.0)), _STEEL_MATERIAL
 
 
 def _tracked_parts(base: _Base) -> Iterator[_MaterialPatch]:
@@ -398,11 +394,11 @@ def _tracked_parts(base: _Base) -> Iterator[_MaterialPatch]:
         x = 0.5 * base.drive.wheel_base_m
         place = (-x, side * (inner + 0.5 * width), axle_z)
         yield from _track(2.0 * x, (radius, radius), width, place)
-    hull, edge_z = base.outline(base.hull_y, 0.88), axle_z - 1.1 * radius
-    middle_z = 0.5 * (edge_z + deck_z)
-    levels = [(axle_z, 0.01), (edge_z, 0.0), (middle_z, 0.0), (deck_z + 0.004, 0.022)]
-    yield prism(hull, [*levels, (deck_z, 0.026)]), _PAINT_MATERIAL
-    yield prism(hull, [(deck_z + 0.002, 0.034), (deck_z - 0.004, 0.036)]), _PLATE_MATERIAL
+    edge_z, cut = axle_z - 1.1 * radius, 0.25 * base.hull_y
+    levels = [(axle_z, 0.4 * cut), (edge_z, 0.0), (0.5 * (edge_z + deck_z), 0.0), (deck_z, cut)]
+    yield prism(base.hull, levels), _PAINT_MATERIAL
+    lid = [(deck_z + 0.002, 1.3 * cut), (deck_z - 0.004, 1.4 * cut)]
+    yield prism(base.hull, lid), _PLATE_MATERIAL
 
 
 def _track(
@@ -425,17 +421,17 @@ def _sensor_parts(base: _Base) -> Iterator[_MaterialPatch]:
     """Yield sonars in their band, and laser scanners."""
     sensors = [one for one in base.description.sensors if one.mount.parent == CHASSIS_MOUNT]
     sonars = [one.mount for one in sensors if isinstance(one, SonarDescription)]
-    outline, low_z = base.outline(base.hull_y), base.floor_z - 0.5 * base.radius
+    low_z = base.floor_z - 0.5 * base.radius
     for z in sorted({mount.position_m[2] for mount in sonars}):
         if base.deck_z + _SONAR_BAND_M < z < low_z - _SONAR_BAND_M:
             levels = [(z + _SONAR_BAND_M, -0.003), (z - _SONAR_BAND_M, -0.003)]
-            yield prism(outline, levels), _PLASTIC_MATERIAL
+            yield prism(base.hull, levels), _PLASTIC_MATERIAL
     disc = revolve([(_SONAR_RADIUS_M, -0.01), (_SONAR_RADIUS_M, 0.007)], 12)
     for mount in sonars:
         pose = mount.parent_from_item()
         ahead = pose.rotation[:, 0]
-        start = pose.translation + _distance_out(outline, pose.translation, ahead) * ahead
-        yaw, pitch = mount.rotation_rad[2], mount.rotation_rad[1]
+        start = pose.translation + _distance_out(base.hull, pose.translation, ahead) * ahead
+        _, pitch, yaw = mount.rotation_rad
         facing = Pose.from_rpy(start, (0.0, 0.5 * math.pi + pitch, yaw))
         yield transform(disc, facing), _SONAR_MATERIAL
     for one in sensors:
@@ -449,17 +445,16 @@ def _distance_out(outline: Floats, point: Floats, direction: Floats) -> float:
     normal = np.stack((along[:, 1], -along[:, 0]), axis=-1)
     rate = matmul(normal, direction[:2])
     gap = (normal * (outline - point[:2])).sum(axis=1)
-    leaves = rate > 1e-9
-    return (
-        max(float((gap[leaves] / rate[leaves]).min(initial=math.inf)), 0.0) if leaves.any() else 0.0
-    )
+    # Sides that the ray leaves by.
+    distances = gap[rate > 1e-9] / rate[rate > 1e-9]
+    return max(float(distances.min()), 0.0) if len(distances) else 0.0
 
 
 def _scanner_parts(base: _Base, place: tuple[float, float, float]) -> Iterator[_MaterialPatch]:
     """Yield a scanner on the deck, or the window of one within the hull."""
     x, y, z = place
     if z > base.deck_z - 0.02:
-        nose = _distance_out(base.outline(base.hull_y), np.array(place), np.array((1.0, 0.0, 0.0)))
+        nose = _distance_out(base.hull, np.array(place), np.array((1.0, 0.0, 0.0)))
         window = block((0.012, 0.9 * base.hull_y, 0.03), 0.004)
         yield window.translate((x + nose, y, z)), _LENS_MATERIAL
         return
@@ -467,11 +462,8 @@ def _scanner_parts(base: _Base, place: tuple[float, float, float]) -> Iterator[_
     foot, cap = base.deck_z - z - 0.12 * size, 0.32 * size
     lower = block((size, size, foot), 0.05 * size)
     yield lower.translate((x - 0.1 * size, y, base.deck_z - 0.5 * foot)), _SCANNER_MATERIAL
-    r = 0.42 * size
-    yield (
-        revolve([(r, z + 0.13 * size), (r, z - 0.13 * size)], 20).translate((x, y, 0.0)),
-        (_LENS_MATERIAL),
-    )
+    window = revolve([(0.42 * size, z + 0.13 * size), (0.42 * size, z - 0.13 * size)], 20)
+    yield window.translate((x, y, 0.0)), _LENS_MATERIAL
     upper = block((size, size, cap), 0.05 * size)
     yield upper.translate((x - 0.1 * size, y, z - 0.12 * size - 0.5 * cap)), _SCANNER_MATERIAL
 
@@ -484,13 +476,10 @@ def _housing_parts(pinhole: Floats, axis: Floats, deck_z: float) -> Iterator[_Ma
     yield tube(back.tolist(), pinhole.tolist(), 0.016, 16), _LENS_MATERIAL
     if end[2] < deck_z:
         # Behind the camera: ahead is what it looks at, or the ground below it.
-        top = end - (_POST_M, 0.0, 0.0)
-        yield tube((*top[:2].tolist(), deck_z), top.tolist(), 0.008), _STEEL_MATERIAL
-        yield tube(top.tolist(), end.tolist(), 0.008), _STEEL_MATERIAL
-        yield (
-            tube((*top[:2].tolist(), deck_z), (*top[:2].tolist(), deck_z - 0.006), 0.03, 16),
-            (_PLATE_MATERIAL),
-        )
+        x, y, z = (end - (_POST_M, 0.0, 0.0)).tolist()
+        yield tube((x, y, deck_z), (x, y, z), 0.008), _STEEL_MATERIAL
+        yield tube((x, y, z), end.tolist(), 0.008), _STEEL_MATERIAL
+        yield tube((x, y, deck_z), (x, y, deck_z - 0.006), 0.03, 16), _PLATE_MATERIAL
 
 
 def _fine_tower_parts(
@@ -520,57 +509,47 @@ def _fine_tower_parts(
     corners = mirror.corners - (x, y, 0.0)
     rim_z = float(corners[..., 2].min())
     rim = float(np.linalg.norm(corners[..., :2], axis=-1).max())
-    yield (
-        turn([(rim + 0.008, rim_z), (rim + 0.008, rim_z - 0.004), (rim, rim_z - 0.009)]),
-        (_PLATE_MATERIAL),
-    )
+    back = [(rim + 0.008, rim_z), (rim + 0.008, rim_z - 0.004), (rim, rim_z - 0.009)]
+    yield turn(back), _PLATE_MATERIAL
     for angle in (2.0 * math.pi / _NUM_RODS * (np.arange(_NUM_RODS) + 0.5)).tolist():
         at = (x + (rim + 0.004) * cos(angle), y + (rim + 0.004) * sin(angle))
         yield tube((*at, deck_z), (*at, rim_z), _ROD_RADIUS_M), _STEEL_MATERIAL
 
 
-def _moving_parts(
-    description: RobotDescription,
-) -> Iterator[tuple[str, Iterable[_MaterialPatch]]]:
-    """Yield the names of links with parts that these turn, in the frame of items on the link."""
-    base = _Base(description)
+def _moving_parts(description: RobotDescription) -> dict[str, list[_MaterialPatch]]:
+    """Parts that joints turn, in the frames of items on the links, by these in lower case."""
+    base, parts = _Base(description), dict[str, list[_MaterialPatch]]()
     for number, link in enumerate(base.links, 1):
         if _is_flipper(link):
-            yield link.name, _flipper_parts(base, link)
+            parts[link.name.lower()] = list(_flipper_parts(base, link))
         else:
-            child = next((one.name for one in base.links if one.parent == number), "")
+            child = next((one.name for one in base.links if one.parent == number), link.name)
             start, end = (
                 description.robot_from_part(name, {}).translation for name in (link.name, child)
             )
-            yield link.name, _arm_parts(end - start if child else None, 0.09 * 0.88**number)
-    for name in {camera.mount.parent for camera in description.perspective_cameras}:
-        if name != CHASSIS_MOUNT:
-            heads = [one for one in description.perspective_cameras if one.mount.parent == name]
-            yield name, [part for one in heads for part in _head_parts(one)]
+            parts[link.name.lower()] = list(_arm_parts(end - start, 0.09 * 0.88**number))
+    for camera in description.perspective_cameras:
+        if camera.mount.parent != CHASSIS_MOUNT:
+            parts.setdefault(camera.mount.parent.lower(), []).extend(_head_parts(camera))
+    return parts
 
 
 def _flipper_parts(base: _Base, link: LinkDescription) -> Iterator[_MaterialPatch]:
     """Yield a flipper, which points away from the robot's middle."""
     x, y, _ = link.position_m
     width = max(min(base.half_width - abs(y), 0.09), 0.03)
-    radius = base.radius
-    turned = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0 if x > 0.0 else math.pi))
-    for patch, material in _track(
-        _FLIPPER_REACH * radius, (radius, 0.6 * radius), width - 0.012, (0.0, 0.0, 0.0)
-    ):
-        yield (
-            transform(patch, turned).translate((0.0, math.copysign(0.5 * width, y), 0.0)),
-            material,
-        )
+    aside = (0.0, math.copysign(0.5 * width, y), 0.0)
+    turned = Pose.from_rpy(aside, (0.0, 0.0, 0.0 if x > 0.0 else math.pi))
+    length, radii = _FLIPPER_REACH * base.radius, (base.radius, 0.6 * base.radius)
+    for patch, material in _track(length, radii, width - 0.012, (0.0, 0.0, 0.0)):
+        yield transform(patch, turned), material
 
 
-def _arm_parts(to_child: Floats | None, radius: float) -> Iterator[_MaterialPatch]:
+def _arm_parts(to_child: Floats, radius: float) -> Iterator[_MaterialPatch]:
     """Yield a link of an arm: a joint's housing, and a rod to the next joint."""
     ball = [(radius * cos(a), radius * sin(a)) for a in np.linspace(-1.5, 1.5, 9).tolist()]
     yield revolve(ball, 20), _ARM_MATERIAL
-    if to_child is None:
-        yield tube((0.0, 0.0, 0.0), (1.4 * radius, 0.0, 0.0), 0.6 * radius, 16), _STEEL_MATERIAL
-    elif to_child.any():
+    if to_child.any():
         yield tube((0.0, 0.0, 0.0), to_child.tolist(), 0.75 * radius, 20), _ARM_MATERIAL
 
 
@@ -635,7 +614,7 @@ def build_outer_meshes(description: RobotDescription) -> Mapping[str, ObjectMesh
     body = _body_parts(description, is_own=False)
     return {
         link: build_object_mesh(parts, is_smooth=True)
-        for link, parts in (*_moving_parts(description), (CHASSIS_MOUNT, body))
+        for link, parts in (*_moving_parts(description).items(), (CHASSIS_MOUNT, body))
     }
 
 
@@ -655,7 +634,7 @@ def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
         shape, tower = _dimensions(description), _tower(description)
         return build_robot_mesh(shape) if tower is None else build_ego_body_mesh(shape, tower)
     parts = list(_body_parts(description, is_own=True))
-    for link, moving in _moving_parts(description):
+    for link, moving in _moving_parts(description).items():
         at_rest = description.robot_from_part(link, {})
         parts += [(transform(patch, at_rest), material) for patch, material in moving]
     return build_object_mesh(parts, is_smooth=True)

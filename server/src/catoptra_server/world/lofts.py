@@ -98,7 +98,7 @@ def belt(
     path = radius[:, None] * out + np.stack((at_end * length_m, 0.0 * angle), axis=-1)
     path, out = np.concatenate((path, path[:1])), np.concatenate((out, out[:1]))
     travel = np.append(0.0, np.cumsum(hypot(*np.diff(path, axis=0).T)))
-    lugs = max(round(travel[-1] / pitch_m), 8)
+    lugs = min(max(round(travel[-1] / pitch_m), 8), 64)
     # Foot, top, top and foot of each lug.
     place = (np.arange(lugs)[:, None] + (0.0, 0.12, 0.48, 0.6)).ravel() / lugs * travel[-1]
     depth = np.tile((lug_m, 0.0, 0.0, lug_m), lugs)
