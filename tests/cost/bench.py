@@ -30,8 +30,8 @@ from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.renderer import RenderSettings
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_studies.accuracy_cost.cost_command import describe_machine
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.spawning import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.simulation.robot_bodies import (
+    OmniCameraTower,
+    RobotDimensions,
+    build_robot_mesh,
+)
 from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
 from catoptra_server.world.world_description import Box, Material

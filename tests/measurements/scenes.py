@@ -11,7 +11,11 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.simulation.spawning import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.simulation.robot_bodies import (
+    OmniCameraTower,
+    RobotDimensions,
+    build_robot_mesh,
+)
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import (
     Box,

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import find_unserved_robots, read_robot, read_robots
+from catoptra_server.simulation.robot_bodies import build_carrier_mesh
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
-from catoptra_server.simulation.spawning import build_carrier_mesh
 from helpers.configs import OMNI_ROBOT, ROBOTS
 
 BARE = """\
@@ -73,7 +73,8 @@ def test_robot_when_it_has_no_omni_camera_stands_on_its_own(tmp_path: Path) -> N
 def test_robot_when_its_shading_is_smooth_has_normals_at_its_wheels(
     tmp_path: Path, is_smooth: bool
 ) -> None:
-    robot, _ = read_robot(write_file(tmp_path, BARE + "SmoothShading=true\n" * is_smooth))
+    text = BARE + "Body=plain\n" + "SmoothShading=true\n" * is_smooth
+    robot, _ = read_robot(write_file(tmp_path, text))
     mesh = build_carrier_mesh(robot)
     # Of 24 triangles of two boxes, and four wheels' 40 of walls and 40 of ends.
     assert (0 if mesh.bent is None else mesh.bent.sum()) == 160 * is_smooth

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,15 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.simulation.spawning import (
+from catoptra_server.simulation.robot_bodies import (
     CAMERA_RADIUS_M,
     OmniCameraTower,
+    build_carrier_mesh,
     build_ego_body_mesh,
 )
 from catoptra_server.world.objects import CameraState, DynamicObject
@@ -37,22 +41,32 @@ BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
 WHITE = World("empty", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
 
 
-def camera_state_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:
+LIVE_ROBOT = read_robot(find_configuration("robots", "p2at_omni_live"))[0]
+
+
+def camera_state_of(
+    camera: OmniCamera, mirror: Pose = MIRROR, *, is_plain: bool = True
+) -> CameraState:
     """State of a camera whose robot is in view."""
-    mesh = build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror))
+    if is_plain:
+        mesh = build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror))
+    else:
+        omni = replace(LIVE_ROBOT.omni_cameras[0], camera=camera, robot_from_mirror=mirror)
+        mesh = build_carrier_mesh(replace(LIVE_ROBOT, omni_cameras=(omni,)))
     body = DynamicObject(mesh, BASE)
     return CameraState(BASE @ mirror, objects=(body,), ego_body=body)
 
 
+@pytest.mark.parametrize("is_plain", [True, False])
 @pytest.mark.parametrize(
     "mirror",
     [MIRROR, Pose.from_rpy((0.1, -0.05, -0.6)), Pose.from_rpy((0.0, 0.0, -0.4543), (0.2, -0.1, 0))],
 )
 def test_body_is_visible_exactly_up_to_its_bound(
-    make_renderer: RendererFactory, mirror: Pose
+    make_renderer: RendererFactory, mirror: Pose, is_plain: bool
 ) -> None:
     camera = make_omni_camera(width_px=400)
-    state = camera_state_of(camera, mirror)
+    state = camera_state_of(camera, mirror, is_plain=is_plain)
     view = make_renderer(WHITE)
     image = view.prepare(camera, make_plan(camera)).render(state).rgb
     directions, on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera))
@@ -77,9 +91,11 @@ def test_camera_is_a_disc_in_the_image_centre(make_renderer: RendererFactory) ->
     assert edge == pytest.approx(expected, abs=1.5)
 
 
-def test_renderers_agree_on_a_robot_in_its_own_mirror() -> None:
+@pytest.mark.parametrize("is_plain", [True, False])
+def test_renderers_agree_on_a_robot_in_its_own_mirror(is_plain: bool) -> None:
     world, camera = make_test_world(), make_omni_camera(width_px=300)
-    state, plan = camera_state_of(camera), make_plan(camera, face_size_px=640)
+    state = camera_state_of(camera, is_plain=is_plain)
+    plan = make_plan(camera, face_size_px=640)
     scene, device = build_scene(world), device_or_skip()
     trace, raster = TraceRenderer(scene, world), RasterRenderer(scene, world, device=device)
     traced, rastered = (r.prepare(camera, plan).render(state).rgb for r in (trace, raster))

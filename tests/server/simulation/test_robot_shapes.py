@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ConicalMirror, ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.simulation.spawning import (
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.frames.labels import SceneLabels
+from catoptra_server.simulation.robot_bodies import (
     OmniCameraTower,
     RobotDimensions,
+    RobotMeshes,
+    build_carrier_mesh,
     build_ego_body_mesh,
+    build_outer_meshes,
     build_robot_mesh,
 )
+from catoptra_server.simulation.robot_description import ANGLE, BodyKind, PlanarPose
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
+from helpers.configs import ROBOTS
+from helpers.robots import make_ground, make_robot_at
 from helpers.worlds import make_omni_camera
 
 P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
@@ -97,3 +109,115 @@ def test_ego_body_without_a_pinhole_ends_at_the_deck() -> None:
     )
     mesh = build_ego_body_mesh(P2AT, tower)
     assert len(mesh) == len(build_robot_mesh(P2AT))
+
+
+BUNDLED = {
+    f"{path.stem} {one.model_name}": one
+    for path in sorted(ROBOTS.glob("*.ini"))
+    for one in read_robots(path)[0]
+}
+KENAF = BUNDLED["kenaf Kenaf"]
+
+
+def test_paper_s_robot_and_what_is_based_on_it_are_plain_and_all_others_of_parts() -> None:
+    kinds = {name: one.body for name, one in BUNDLED.items() if one.body != "wheels"}
+    paper = ("p2at_omni", "p2at_omni_full", "p2at_omni_real", "p2at_omni_scout", "p2at_omni_sim")
+    assert kinds == {
+        **{f"{name} OmniP2AT": "plain" for name in paper},
+        "p2at_sphere SphereP2AT": "plain",
+        "p2at_sphere OmniP2AT": "plain",
+        "omni_p2dx OmniP2DX": "castor",
+        "omni_p2dx P2DX": "castor",
+        "p2dx P2DX": "castor",
+        "kenaf Kenaf": "tracks",
+    }
+    plain = BUNDLED["p2at_omni OmniP2AT"]
+    assert plain.omni_camera is not None
+    tower = OmniCameraTower(plain.omni_camera.camera, plain.omni_camera.robot_from_mirror)
+    (mesh,) = build_outer_meshes(plain).values()
+    np.testing.assert_array_equal(mesh.corners, build_robot_mesh(P2AT, tower).corners)
+
+
+@pytest.mark.parametrize("name", [name for name, one in BUNDLED.items() if one.body != "plain"])
+def test_body_of_parts_fills_its_own_dimensions_with_few_triangles(name: str) -> None:
+    robot = BUNDLED[name]
+    meshes, drive = build_outer_meshes(robot), robot.drive
+    body = meshes[CHASSIS_MOUNT]
+    assert list(meshes)[-1] == CHASSIS_MOUNT
+    assert sum(map(len, meshes.values())) < 8200
+    low, high = body.corners.min((0, 1)), body.corners.max((0, 1))
+    # The lugs of a tyre need not be at its lowest point.
+    assert drive.ride_height_m - 0.003 < high[2] < drive.ride_height_m + 1e-9
+    sides = (np.array((-low[1], high[1])) - 0.5 * drive.collision_size_m[1]) <= 1e-9
+    assert sides.all(), "tyres and tracks end with the robot's sides"
+    assert np.ptp(body.corners[..., 0]) < 1.07 * drive.collision_size_m[0]
+    smooth, normals = body.corner_normals, np.linalg.norm(body.normals, axis=1)
+    assert smooth is not None
+    np.testing.assert_allclose(normals, 1.0, atol=1e-9)
+    turned = np.einsum("nki,ni->nk", smooth, body.normals)
+    assert turned.min() > math.cos(math.radians(30.0)), "edges of more are hard"
+    assert body.bent is not None
+    assert 0.1 < body.bent.mean() < 0.9
+
+
+@pytest.mark.parametrize("kind", ["wheels", "castor", "tracks"])
+@pytest.mark.parametrize("size_m", [(0.001, 0.001, 0.001), (3.0, 0.1, 0.05), (0.1, 3.0, 2.0)])
+@pytest.mark.parametrize("radius_m", [0.001, 0.5])
+def test_body_of_any_numbers_is_a_mesh(
+    kind: BodyKind, size_m: tuple[float, float, float], radius_m: float
+) -> None:
+    robot = BUNDLED["p2at P2AT"]
+    drive = replace(robot.drive, dimensions_m=size_m, wheel_radius_m=radius_m)
+    for mesh in build_outer_meshes(replace(robot, drive=drive, body=kind)).values():
+        assert np.isfinite(mesh.corners).all()
+        assert mesh.corner_normals is not None
+        np.testing.assert_allclose(np.linalg.norm(mesh.corner_normals, axis=-1), 1.0, atol=1e-6)
+
+
+def test_tyres_and_sonars_stand_where_the_file_says() -> None:
+    robot = BUNDLED["p2at P2AT"]
+    body = build_outer_meshes(robot)[CHASSIS_MOUNT]
+    gold = body.corners[(body.albedo == (0.52, 0.38, 0.16)).all(axis=1)]
+    facing = body.normals[(body.albedo == (0.52, 0.38, 0.16)).all(axis=1)]
+    # F4 looks 10 degrees to the left, R5 the same way behind.
+    for x, y, yaw in ((0.24, -0.025, -0.1745), (-0.24, -0.025, -2.9671)):
+        axis = np.array((math.cos(yaw), math.sin(yaw), 0.0))
+        middle = gold.mean(axis=1)
+        front = gold[(facing @ axis > 0.9999) & (np.abs(middle[:, :2] - (x, y)).max(1) < 0.06)]
+        offset = front.reshape(-1, 3) - (x, y, 0.0)
+        aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1)
+        assert aside.max() == pytest.approx(0.019, abs=1e-5)
+
+
+def test_flippers_turn_with_their_joints_and_stay_one_object_in_labels() -> None:
+    robot = make_robot_at(KENAF, PlanarPose(1.0, 2.0, 0.5), name="K", seed=0, time_s=0.0)
+    fleet = RobotMeshes([KENAF])
+    *level, body = fleet.dynamic_objects([robot])
+    assert fleet.dynamic_objects([robot]) == (*level, body), "the same until something moves"
+    robot.drive_joint("FRFlipper", -1.0, ANGLE)
+    for _ in range(100):
+        robot.step(0.02, 0.02, make_ground().move)
+    *raised, same = fleet.dynamic_objects([robot])
+    assert [one.mesh for one in raised] == [one.mesh for one in level]
+    assert same.mesh is body.mesh
+    tips = [one.world_from_object.transform_points(one.mesh.corners)[..., 2] for one in raised]
+    # z points down: 0.19 m between the axles, and the tip's radius.
+    assert tips[0].min() == pytest.approx(-0.05 - 0.19 * math.sin(1.0) - 0.03, abs=0.004)
+    assert all(tip.min() == pytest.approx(-0.1, abs=0.004) for tip in tips[1:])
+    described = SceneLabels(build_scene(World("empty", ()))).describe((*raised, same))
+    assert [one.name for one in described] == ["K"]
+    np.testing.assert_array_equal(described[0].half_size_m, body.mesh.half_size_m)
+
+
+def test_arm_reaches_from_joint_to_joint() -> None:
+    meshes = build_outer_meshes(BUNDLED["legacy KR6"])
+    # Joint 3 stands 0.68 m above joint 2.
+    assert meshes["joint2"].corners[..., 2].min() == pytest.approx(-0.68)
+    assert len(meshes) == 7
+
+
+def test_own_mirror_sees_no_rods_and_the_head_of_the_pan_tilt_camera() -> None:
+    live = BUNDLED["p2at_omni_live OmniP2AT"]
+    own, outer = build_carrier_mesh(live), build_outer_meshes(live)
+    assert own.corners[..., 2].min() == pytest.approx(-0.2635 + 0.0613 - 0.036, abs=1e-3)
+    assert outer[CHASSIS_MOUNT].corners[..., 2].min() < -0.48

@@ -47,13 +47,13 @@ from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.runtime.array_cache import find_cache_folder
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.ground import NoStandError
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.simulation.robot_description import (
     OmniCameraDescription,
     PlanarPose,
     RobotDescription,
 )
 from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.world_description import Twist
 

@@ -32,7 +32,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict
+from typing import TypedDict, get_args
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.names import suggest_name
@@ -54,6 +54,7 @@ from catoptra_server.simulation.drive import STANDARD_BASES
 from catoptra_server.simulation.robot_description import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
+    BodyKind,
     DriveBase,
     LinkDescription,
     MissionPackageDescription,
@@ -364,6 +365,7 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
     for struct in others:
         if not is_sensor(struct) and not is_perspective_camera(struct):
             report_unknown_class(struct)
+    joints = read_joint_parts(section)
     return RobotDescription(
         class_name=section.name,
         drive=_read_drive_base(section),
@@ -378,10 +380,23 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
             read_perspective_camera(file, section, struct) for struct in cameras
         ),
         mission_packages=read_mission_packages(file, section),
-        chassis_joints=read_joint_parts(section),
+        chassis_joints=joints,
         stand_in=section.get_str("StandIn", ""),
         is_smooth=section.get_bool("SmoothShading", False),
+        body=_read_body(section, joints),
     )
+
+
+def _read_body(section: SectionReader, joints: MissionPackageDescription | None) -> BodyKind:
+    """Body of a robot; without the key that of its class, or tracks with flippers, or wheels."""
+    kind: BodyKind = "wheels"
+    if joints and any(link.name.lower().endswith("flipper") for link in joints.links):
+        kind = "tracks"
+    elif _find_known_base(section) is STANDARD_BASES["p2dx"]:
+        kind = "castor"
+    kinds: tuple[BodyKind, ...] = get_args(BodyKind)
+    chosen = section.get_choice("Body", ["auto", *kinds], "auto")
+    return next((one for one in kinds if one == chosen), kind)
 
 
 def _require_few_items(section: SectionReader) -> None:

@@ -32,9 +32,9 @@ from catoptra_server.render.trace.occlusion import occlusion_cache
 from catoptra_server.render.trace.ray_caster import SceneRayCaster, commit_to_kernel
 from catoptra_server.runtime.memory import MemoryBudget
 from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import MeshFile, World

@@ -32,6 +32,7 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import ErrorBoundLookup
 from catoptra_server.simulation.robot import CameraSensor, Robot
+from catoptra_server.simulation.robot_bodies import RobotMeshes
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, SensorEnvironment
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
@@ -42,7 +43,6 @@ from catoptra_server.simulation.sight import (
     compute_landmark_visibility,
     look_through_pixel,
 )
-from catoptra_server.simulation.spawning import RobotMeshes
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World
 

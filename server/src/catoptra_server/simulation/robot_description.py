@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.elementary import arctan2
@@ -27,6 +27,8 @@ from catoptra_server.render.renderer import RenderSettings
 
 # Orders of a joint command on the wire; the two relative ones add to the present value.
 ANGLE, SPEED, BRAKE, RELATIVE_ANGLE, RELATIVE_SPEED = 0, 1, 3, 10, 11
+BodyKind = Literal["plain", "wheels", "castor", "tracks"]
+"""How cameras show a base: boxes and discs, or parts on wheels, two wheels and a castor, tracks."""
 # Number of the chassis among parents.
 CHASSIS_PARENT = -1
 
@@ -328,7 +330,8 @@ class RobotDescription:
     stand_in: str = ""
     """How the robot differs from USARSim's of this class, logged when it spawns; mostly empty."""
     is_smooth: bool = False
-    """Whether cameras show its round parts as round, and not facet by facet."""
+    """Whether cameras show the round parts of a plain body as round, and not facet by facet."""
+    body: BodyKind = "wheels"
 
     @property
     def model_name(self) -> str:

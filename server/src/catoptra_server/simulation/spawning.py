@@ -1,23 +1,17 @@
-"""Class, place, name and shape of a new robot, from the parameters of INIT.
+"""Class, place and name of a new robot, from the parameters of INIT.
 
 A robot is spawned where it touches nothing: a base in contact could hardly move, and robots inside
 each other fill each other's images. A place that is not free is replaced by the nearest free one of
 the same heading, within 8 m.
-
-Other robots see a chassis on wheels, and an omnidirectional camera's tower. These are built from
-the dimensions that the robot reports itself; USARSim's own meshes are not public, so the shapes in
-between are ours. Frame: robot (SAE, origin in the chassis).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import Protocol
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,176 +19,12 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.elementary import cos, matmul, sin
 from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
-from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_protocol.usarsim.reports import StartPose
-from catoptra_server.frames.image_port import CameraRobot
 from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
-from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
-from catoptra_server.world.shapes import Patch, box, build_shape, grid
-from catoptra_server.world.world_description import Box, Cylinder, Material
-
-
-@dataclass(frozen=True, slots=True)
-class RobotDimensions:
-    """Outer dimensions of a robot."""
-
-    dimensions_m: tuple[float, float, float]
-    """Length, width, height."""
-    ride_height_m: float
-    wheel_radius_m: float
-    wheel_base_m: float
-    """Distance of the axles; 0 for one pair of wheels, in the centre."""
-    is_smooth: bool = False
-    """Whether round parts are lit as such, and not facet by facet."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OmniCameraTower:
-    """Omnidirectional camera on a robot."""
-
-    camera: OmniCamera
-    robot_from_mirror: Pose
-    """Mirror frame on the robot; its origin is the effective viewpoint."""
-
-
-def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = None) -> ObjectMesh:
-    """Build the mesh of a class of robots; `tower` None: without an omnidirectional camera."""
-    parts = [*_chassis_parts(shape), *_wheel_parts(shape)]
-    if tower is not None:
-        parts += _tower_parts(tower, deck_z=_deck_z(shape))
-    return build_object_mesh(parts, is_smooth=shape.is_smooth)
-
-
-def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
-    """Build the mesh of a robot as its own mirror sees the robot.
-
-    The mirror and the glass that carries the mirror are left out: neither is in the mirror's view.
-    """
-    return build_object_mesh(
-        [
-            *_chassis_parts(shape),
-            *_wheel_parts(shape),
-            *_capture_camera_parts(tower, deck_z=_deck_z(shape)),
-        ],
-        is_smooth=shape.is_smooth,
-    )
-
-
-_CHASSIS_MATERIAL = Material((0.45, 0.04, 0.03))  # ActivMedia's red paint
-_DECK_MATERIAL = Material((0.04, 0.04, 0.04))
-_TYRE_MATERIAL = Material((0.03, 0.03, 0.03))
-_MIRROR_MATERIAL = Material((0.55, 0.55, 0.55))
-_HOUSING_MATERIAL = Material((0.12, 0.12, 0.12))
-_LENS_MATERIAL = Material((0.01, 0.01, 0.015))
-
-_DECK_THICKNESS_M = 0.01  # the black top plate
-_PILLAR_RADIUS_M = 0.03
-# Housing of a board camera, with the lens ahead; the lens ends at the pinhole.
-CAMERA_RADIUS_M, CAMERA_LENGTH_M = 0.025, 0.05
-LENS_RADIUS_M, LENS_LENGTH_M = 0.012, 0.003
-_SUPPORT_RADIUS_M = 0.005  # a rod in place of the glass tube
-# A tyre's width as a fraction of the wheel's radius: 50 mm on a P2AT, so that tyres end with the
-# robot's side.
-_TYRE_WIDTH_RATIO = 0.4
-# Facets around a wheel and a mirror, and rings down the mirror: round from two metres at 640 px.
-_SECTORS, _RINGS = 20, 5
-
-_MaterialPatch = tuple[Patch, Material]
-
-
-def _deck_z(shape: RobotDimensions) -> float:
-    """z of the deck."""
-    # The UDK's P3AT reports no height: its wheels' then.
-    height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
-    return shape.ride_height_m - height
-
-
-def _chassis_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
-    """Yield a box between the wheels, from half their radius above the floor, and the deck."""
-    length, width, _ = shape.dimensions_m
-    inner = width - 2.0 * _TYRE_WIDTH_RATIO * shape.wheel_radius_m
-    top, bottom = _deck_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
-    centre_z = 0.5 * (top + _DECK_THICKNESS_M + bottom)
-    hull = box(Box((length, inner, bottom - top - _DECK_THICKNESS_M)))
-    yield hull.translate((0.0, 0.0, centre_z)), _CHASSIS_MATERIAL
-    plate = box(Box((length, inner, _DECK_THICKNESS_M)))
-    yield plate.translate((0.0, 0.0, top + 0.5 * _DECK_THICKNESS_M)), _DECK_MATERIAL
-
-
-def _wheel_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
-    """Yield wheels on the floor whose outer sides are the robot's."""
-    width = _TYRE_WIDTH_RATIO * shape.wheel_radius_m
-    tyre = build_shape(Cylinder(shape.wheel_radius_m, width, _SECTORS))
-    lateral = 0.5 * (shape.dimensions_m[1] - width)
-    z = shape.ride_height_m - shape.wheel_radius_m
-    # A set: a wheel base of 0 gives one pair, not two in one another.
-    for x in sorted({-0.5 * shape.wheel_base_m, 0.5 * shape.wheel_base_m}):
-        for y in (-lateral, lateral):
-            lying = Pose.from_rpy((x, y, z), (0.5 * math.pi, 0.0, 0.0))
-            yield Patch(lying.transform_points(tyre.corners), tyre.uv), _TYRE_MATERIAL
-
-
-def _tower_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[_MaterialPatch]:
-    """Yield the pillar up to the capture camera, the mirror above, and the mirror's support.
-
-    An orthographic capture camera has no position: its pillar ends at the deck.
-    """
-    surface = _mirror_patch(tower.camera)
-    patch = Patch(tower.robot_from_mirror.transform_points(surface.corners), surface.uv)
-    yield patch, _MIRROR_MATERIAL
-    lens_z = _lens_z(tower, deck_z)
-    apex_z = float(patch.corners[..., 2].max())
-    yield from _cylinder_parts(tower, _PILLAR_RADIUS_M, deck_z, lens_z, _DECK_MATERIAL)
-    yield from _cylinder_parts(tower, _SUPPORT_RADIUS_M, lens_z, apex_z, _DECK_MATERIAL)
-
-
-def _capture_camera_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[_MaterialPatch]:
-    """Yield the pillar, the capture camera's housing on top, and the lens up to the pinhole.
-
-    A pinhole near the deck sinks the camera into the robot.
-    """
-    lens_z = _lens_z(tower, deck_z)
-    top_z = min(lens_z + LENS_LENGTH_M, deck_z)
-    foot_z = min(top_z + CAMERA_LENGTH_M, deck_z)
-    yield from _cylinder_parts(tower, _PILLAR_RADIUS_M, deck_z, foot_z, _DECK_MATERIAL)
-    yield from _cylinder_parts(tower, CAMERA_RADIUS_M, foot_z, top_z, _HOUSING_MATERIAL)
-    yield from _cylinder_parts(tower, LENS_RADIUS_M, top_z, lens_z, _LENS_MATERIAL)
-
-
-def _lens_z(tower: OmniCameraTower, deck_z: float) -> float:
-    """z of the pinhole; z of the deck for a pinhole below the deck or at infinity."""
-    viewpoint_z = float(tower.robot_from_mirror.translation[2])
-    return min(viewpoint_z + tower.camera.mirror.pinhole_distance_m, deck_z)
-
-
-def _cylinder_parts(
-    tower: OmniCameraTower, radius_m: float, low_z: float, high_z: float, material: Material
-) -> Iterator[_MaterialPatch]:
-    """Yield an upright cylinder under the viewpoint, if of positive length; z grows downwards."""
-    if low_z > high_z:
-        x, y, _ = tower.robot_from_mirror.translation.tolist()
-        post = build_shape(Cylinder(radius_m, low_z - high_z, _SECTORS))
-        yield post.translate((x, y, 0.5 * (low_z + high_z))), material
-
-
-def _mirror_patch(camera: OmniCamera) -> Patch:
-    """Mirror surface up to the rim, and the disc that closes the back; mirror frame."""
-    # A cone reflects nothing nearer to its axis than its apex does.
-    t = np.linspace(camera.projection.t_min, camera.rim_t, _RINGS + 1)
-    r, z = camera.mirror.surface_point(t)
-    azimuth = -2.0 * math.pi * np.arange(_SECTORS + 1) / _SECTORS
-    # Profile from the axis outward along the mirror, then back to the axis at the rim's height.
-    radius, height = np.append(r, 0.0)[:, None], np.append(z, z[-1])[:, None]
-    points = np.stack(
-        (radius * cos(azimuth), radius * sin(azimuth), height + 0.0 * azimuth), axis=-1
-    )
-    return grid(points, np.zeros((*points.shape[:2], 2)))
 
 
 class Places(Protocol):
@@ -278,56 +108,6 @@ def unique_name(requested: str, existing: Collection[str]) -> str:
     # Among n + 1 candidates at least one is not among n existing names.
     numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
     return next(name for name in numbered if name not in existing)
-
-
-class RobotMeshes:
-    """The meshes of a fleet's classes, built once."""
-
-    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
-        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
-        self._meshes = {
-            d.class_name: build_robot_mesh(_dimensions(d), _tower(d)) for d in descriptions
-        }
-        self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
-        # Forgotten with its robot.
-        self._objects: WeakKeyDictionary[CameraRobot, DynamicObject] = WeakKeyDictionary()
-
-    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
-        """Robots as dynamic objects, at their present poses; the same in all views of a tick."""
-        return tuple(map(self._find_object, robots))
-
-    def _find_object(self, robot: CameraRobot) -> DynamicObject:
-        found = self._objects.get(robot)
-        if (
-            found is None
-            or found.world_from_object is not robot.world_from_robot
-            or found.twist is not robot.twist
-        ):
-            found = self._objects[robot] = _place_mesh(self._meshes[robot.class_name], robot)
-        return found
-
-    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
-        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
-        mesh = self._ego_meshes[robot.class_name]
-        if mesh is None:
-            return None
-        return _place_mesh(mesh, robot)
-
-
-def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
-    """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
-    omni = description.mirror_camera
-    if omni is None:
-        return None
-    is_configured = any(setting.effect.name == "SelfView" for setting in omni.effects.settings)
-    # Only where configured: a mesh that no effect shows is never built.
-    return build_carrier_mesh(description) if is_configured else None
-
-
-def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
-    """Mesh of the body below an omnidirectional camera, without what carries mirror or lens."""
-    shape, tower = _dimensions(description), _tower(description)
-    return build_robot_mesh(shape) if tower is None else build_ego_body_mesh(shape, tower)
 
 
 # As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
@@ -429,23 +209,3 @@ def _search_offsets_m() -> Floats:
         offsets.append(step_m * np.array(near, dtype=float))
         inner_m = radius_m
     return np.concatenate(offsets)
-
-
-def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
-    return DynamicObject(mesh, robot.world_from_robot, robot.twist, robot.name, robot.number)
-
-
-def _dimensions(description: RobotDescription) -> RobotDimensions:
-    drive = description.drive
-    return RobotDimensions(
-        drive.dimensions_m,
-        drive.ride_height_m,
-        drive.wheel_radius_m,
-        drive.wheel_base_m,
-        description.is_smooth,
-    )
-
-
-def _tower(description: RobotDescription) -> OmniCameraTower | None:
-    omni = description.mirror_camera
-    return OmniCameraTower(omni.camera, omni.robot_from_mirror) if omni else None

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import arctan2, cos, einsum, matmul, sin
+from catoptra_protocol.optics.elementary import arctan2, cos, einsum, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
@@ -284,7 +284,7 @@ _MIN_SMOOTH_COSINE = cos(math.radians(30.0))
 
 
 def smooth_normals(corners: Floats, facets: Floats) -> Floats:
-    """(n, 3, 3) unit normals at the corners of (n, 3, 3) triangles, a few hundred.
+    """(n, 3, 3) unit normals at the corners of (n, 3, 3) triangles.
 
     Of the (n, 3) normals of the triangles, `facets`, those that turn from the own one by less than
     30 degrees are averaged at each corner by their angles there; without any the own one is kept.
@@ -292,12 +292,24 @@ def smooth_normals(corners: Floats, facets: Floats) -> Floats:
     along, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     sine, cosine = np.linalg.norm(np.cross(along, back), axis=-1), (along * back).sum(axis=-1)
     points, own = corners.reshape(-1, 3), np.repeat(facets, 3, axis=0)
-    apart = np.abs(points[:, None] - points).max(axis=-1)
-    cosines = matmul(own, own.T)
-    shared = (apart <= 1e-9 * apart.max()) & (cosines >= _MIN_SMOOTH_COSINE)
-    total = matmul(shared * arctan2(sine, cosine).reshape(-1), own)
+    weights = arctan2(sine, cosine).reshape(-1, 1) * own
+    # Corners at one point, beside each other; points differ by rounding.
+    cells = np.round(points / (1e-7 * max(float(np.ptp(points, axis=0).max()), 1e-300)))
+    _, group, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    order = np.argsort(group, kind="stable")
+    first, count = (np.cumsum(counts) - counts)[group], counts[group]
+    total, is_flat = np.zeros(points.shape), np.ones((len(points), 1), dtype=bool)
+    for turn in range(int(counts.max(initial=0))):
+        # The corner of that turn at each point that has as many.
+        rows = np.flatnonzero(turn < count)
+        other = order[first[rows] + turn]
+        near = einsum("ni,ni->n", own[rows], own[other])
+        is_shared = near >= _MIN_SMOOTH_COSINE
+        rows, other = rows[is_shared], other[is_shared]
+        total[rows] += weights[other]
+        is_flat[rows[near[is_shared] < 1.0 - 1e-9]] = False
     mean = total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
-    is_flat = ~(shared & (cosines < 1.0 - 1e-9)).any(axis=1, keepdims=True)
     return np.where(is_flat, own, mean).reshape(corners.shape)
 
 

@@ -29,8 +29,8 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.renderer import PerPixel, RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.simulation.robot_bodies import build_carrier_mesh
 from catoptra_server.simulation.robot_description import OmniCameraDescription
-from catoptra_server.simulation.spawning import build_carrier_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin

@@ -33,8 +33,8 @@ from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.renderer import RenderSettings, View
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.simulation.robot_description import RobotDescription
-from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import CameraState, DynamicObject, NoiseSeed, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, srgb_from_linear

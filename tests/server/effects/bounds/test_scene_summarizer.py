@@ -20,7 +20,7 @@ from catoptra_server.effects.bounds.distances import image_rings
 from catoptra_server.effects.bounds.light_loss import ObjectRadiances, max_radiance
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.simulation.spawning import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.simulation.robot_bodies import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.objects import (
     CameraState,
     DynamicObject,

@@ -37,7 +37,7 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
-from catoptra_server.simulation.spawning import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.simulation.robot_bodies import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.world.objects import CameraState, DynamicObject, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
