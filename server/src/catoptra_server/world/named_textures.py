@@ -248,11 +248,125 @@ def _make_marble(random: _Random) -> Floats:
     return _blend(tone, (112, 112, 118), (206, 205, 206), (240, 239, 236))
 
 
+def _fill(image: Floats, area: tuple[float, ...], colour: _Colour) -> None:
+    """Colour a rectangle from left, top to right, bottom, in shares of the tile."""
+    left, top, right, bottom = (round(at * SIDE_PX) for at in area)
+    image[top:bottom, left:right] = colour
+
+
+def _make_books(random: _Random) -> Floats:
+    """Two rows of spines, one above the other, each half a tile high."""
+    image = np.full((SIDE_PX, SIDE_PX, 3), 26.0)
+    cloth = ((146, 40, 36), (32, 64, 116), (52, 96, 60), (214, 196, 150), (60, 58, 62))
+    cloth = (*cloth, (196, 120, 44), (232, 230, 222), (92, 44, 84), (28, 108, 124))
+    for bottom in (0.5, 1.0):
+        left = 0.0
+        while left < 1.0:
+            right = min(left + float(random.uniform(0.022, 0.062)), 1.0)
+            right = 1.0 if right > 0.97 else right
+            top = bottom - float(random.uniform(0.3, 0.45))
+            inks = random.permutation(len(cloth))[:2].tolist()
+            _fill(image, (left, top, right - 0.004, bottom - 0.01), cloth[inks[0]])
+            for _ in range(2):
+                band = top + float(random.uniform(0.05, 0.2))
+                size = float(random.uniform(0.01, 0.07))
+                _fill(image, (left + 0.006, band, right - 0.01, band + size), cloth[inks[1]])
+            left = right
+    # The seam lies within a book.
+    return _shade(np.roll(image, 5, axis=1), 1.0 + 0.25 * _noise(random, 64, 64, 2))
+
+
+def _write_lines(
+    image: Floats, random: _Random, area: tuple[float, ...], count: int, inks: tuple[_Colour, ...]
+) -> None:
+    """Lines of words in a rectangle."""
+    left, top, right, bottom = area
+    step = (bottom - top) / count
+    for line in range(count):
+        at, end = left, right - float(random.uniform(0.0, 0.35)) * (right - left)
+        while at < end:
+            size = float(random.uniform(0.01, 0.035))
+            ink = inks[int(random.integers(len(inks)))]
+            y = top + line * step
+            _fill(image, (at, y, min(at + size, right), y + 0.5 * step), ink)
+            at += size + 0.006
+
+
+def _draw_curve(
+    image: Floats, random: _Random, area: tuple[float, ...], ink: _Colour, wave: float
+) -> None:
+    """A noisy curve in a rectangle."""
+    left, top, right, bottom = area
+    phase, middle = float(random.uniform(0.0, 6.0)), 0.5 * (top + bottom)
+    for x in np.linspace(left, right, 200).tolist():
+        part = (x - left) / (right - left)
+        swing = float(sin(phase + wave * part)) * (1.0 - 0.5 * part)
+        y = middle + 0.42 * (bottom - top) * swing + float(random.uniform(-0.003, 0.003))
+        _fill(image, (x, y, x + 0.006, y + 0.007), ink)
+
+
+def _make_posters(random: _Random) -> Floats:
+    """Four posters, two by two."""
+    image = np.full((SIDE_PX, SIDE_PX, 3), 242.0)
+    heads = ((24, 62, 122), (160, 44, 36), (28, 104, 76), (58, 52, 70))
+    grey = ((70, 72, 76), (96, 98, 104))
+    for number, head in enumerate(heads):
+        x, y = 0.5 * (number % 2), 0.5 * (number // 2)
+        _fill(image, (x + 0.02, y + 0.02, x + 0.48, y + 0.09), head)
+        _write_lines(image, random, (x + 0.05, y + 0.04, x + 0.4, y + 0.07), 1, ((240, 240, 236),))
+        _write_lines(image, random, (x + 0.04, y + 0.11, x + 0.23, y + 0.28), 9, grey)
+        _write_lines(image, random, (x + 0.27, y + 0.31, x + 0.46, y + 0.47), 9, grey)
+        light = (214, 224, 236) if number % 2 else (236, 226, 206)
+        _fill(image, (x + 0.27, y + 0.11, x + 0.46, y + 0.28), light)
+        _fill(image, (x + 0.04, y + 0.31, x + 0.23, y + 0.47), (38, 44, 54))
+        _draw_curve(image, random, (x + 0.28, y + 0.12, x + 0.45, y + 0.27), head, 9.0 + number)
+        for ink in ((235, 180, 40), (60, 190, 210)):
+            _draw_curve(image, random, (x + 0.05, y + 0.33, x + 0.22, y + 0.46), ink, 14.0)
+    return image
+
+
+def _make_screens(random: _Random) -> Floats:
+    """Four screens, two by two: programs and pictures of cameras."""
+    image = np.full((SIDE_PX, SIDE_PX, 3), (24.0, 27.0, 34.0))
+    inks = ((120, 190, 250), (240, 190, 90), (150, 220, 140), (220, 225, 230), (230, 120, 130))
+    for number in range(4):
+        x, y = 0.5 * (number % 2), 0.5 * (number // 2)
+        _fill(image, (x + 0.02, y + 0.02, x + 0.48, y + 0.05), (52, 66, 96))
+        _write_lines(image, random, (x + 0.03, y + 0.07, x + 0.26, y + 0.47), 17, inks)
+        _fill(image, (x + 0.29, y + 0.08, x + 0.47, y + 0.3), (42, 96, 62))
+        _draw_curve(image, random, (x + 0.3, y + 0.09, x + 0.46, y + 0.29), (240, 240, 235), 6.0)
+        _draw_curve(image, random, (x + 0.29, y + 0.33, x + 0.47, y + 0.46), inks[number], 20.0)
+    return image
+
+
+def _make_whiteboard(random: _Random) -> Floats:
+    image = np.full((SIDE_PX, SIDE_PX, 3), (233.0, 235.0, 234.0))
+    blue, red, green = (36, 60, 150), (186, 40, 36), (30, 116, 70)
+    for row in range(7):
+        top = 0.1 + 0.11 * row
+        end = 0.2 + float(random.uniform(0.1, 0.25))
+        _draw_curve(image, random, (0.08, top, end, top + 0.05), (blue, green)[row % 2], 40.0)
+    for ink, wave in ((red, 3.0), (blue, 5.0), (green, 9.0)):
+        _draw_curve(image, random, (0.55, 0.15, 0.93, 0.8), ink, wave)
+    _fill(image, (0.55, 0.82, 0.93, 0.826), (50, 50, 54))
+    _fill(image, (0.55, 0.15, 0.554, 0.826), (50, 50, 54))
+    wiped = _noise(random, 6, 6, 3)
+    return _shade(image, 0.97 + 0.03 * wiped)
+
+
+def _make_roof(random: _Random) -> Floats:
+    tile = _courses(random, 6, 5)
+    tone = 0.4 + 0.4 * (tile.tone - 0.5) + 0.3 * _noise(random, 24, 24)
+    clay = _blend(tone, (82, 34, 28), (132, 62, 46), (168, 92, 68))
+    lit = 0.62 + 0.38 * _ramp(tile.across, 0.0, 0.5) * _ramp(1.0 - tile.across, 0.0, 0.12)
+    return _shade(clay, lit * (0.7 + 0.3 * _ramp(tile.gap, 0.0, 0.012)))
+
+
 class NamedTexture(NamedTuple):
     """One texture."""
 
     tile_m: float
-    """Side of its tile."""
+    """Side of its tile; 0: a picture, which covers each face once."""
     make: _Tone
     """(h, w, 3) sRGB, 0 to 255."""
 
@@ -260,6 +374,7 @@ class NamedTexture(NamedTuple):
 _CARDBOARD = _mottle((0.3, 4, 32, 4), (0.25, 160, 160, 1), waves=((0.1, 80, 0),))
 _FABRIC = _mottle((0.3, 128, 128, 1), (0.15, 6, 6, 4), waves=((0.15, 64, 0), (0.15, 0, 64)))
 _GRASS = _mottle((0.5, 128, 256, 2), (0.35, 64, 160, 2), (0.25, 6, 6, 4))
+_GREY = (204, 204, 204), (250, 250, 250)
 _WEAVE = _mottle((0.55, 256, 256, 1), (0.2, 8, 8, 4))
 _BRUSHED = _mottle((0.3, 256, 3, 1), (0.3, 4, 4, 5))
 _TROWELLED = _mottle((0.35, 6, 6, 5), (0.25, 128, 128, 2))
@@ -267,12 +382,14 @@ _TROWELLED = _mottle((0.35, 6, 6, 5), (0.25, 128, 128, 2))
 NAMED_TEXTURES = {
     "asphalt": NamedTexture(1.5, _make_asphalt),
     "bark": NamedTexture(0.8, _make_bark),
+    "books": NamedTexture(0.0, _make_books),
     "brick": NamedTexture(1.0, _make_brick),
     "cardboard": NamedTexture(0.6, _paint(_CARDBOARD, (156, 114, 70), (194, 152, 104))),
     "carpet": NamedTexture(1.0, _paint(_WEAVE, (34, 46, 78), (64, 82, 122))),
     "concrete": NamedTexture(2.0, _make_concrete),
     "corrugated": NamedTexture(1.0, _make_sheet_steel),
     "fabric": NamedTexture(0.25, _paint(_FABRIC, (96, 42, 40), (156, 84, 76))),
+    "felt": NamedTexture(1.0, _paint(_WEAVE, *_GREY)),
     "grass": NamedTexture(1.5, _paint(_GRASS, (28, 56, 16), (66, 108, 34), (120, 150, 62))),
     "gravel": NamedTexture(1.0, _make_gravel),
     "leaves": NamedTexture(1.0, _make_leaves),
@@ -280,6 +397,11 @@ NAMED_TEXTURES = {
     "metal": NamedTexture(1.0, _paint(_BRUSHED, (136, 142, 150), (176, 182, 190))),
     "planks": NamedTexture(1.2, _lay_boards(8, 1, 0.005, (108, 82, 56), (176, 142, 102))),
     "plaster": NamedTexture(2.0, _paint(_TROWELLED, (204, 200, 190), (236, 233, 224))),
+    "posters": NamedTexture(0.0, _make_posters),
+    "roof": NamedTexture(1.5, _make_roof),
+    "screens": NamedTexture(0.0, _make_screens),
     "tiles": NamedTexture(1.2, _make_tiles),
+    "whiteboard": NamedTexture(0.0, _make_whiteboard),
+    "wood": NamedTexture(1.0, _lay_boards(1, 1, 1e-6, (150, 112, 76), (200, 160, 116))),
     "wood_floor": NamedTexture(2.0, _lay_boards(16, 2, 0.002, (148, 98, 54), (208, 158, 104))),
 }

@@ -1,0 +1,174 @@
+"""Worlds by script: where the things of `furniture` and `outdoors` stand.
+
+Places are in the world frame of their file (x ahead, y to the right); heights are positive.
+"""
+
+from __future__ import annotations
+
+import math
+
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.world.scenery import furniture as f
+from catoptra_server.world.scenery.things import Scenery, Thing, paint
+from catoptra_server.world.world_description import Material
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """Inner face of a wall, by its middle and where it faces."""
+
+    x: float
+    y: float
+    yaw_deg: float
+
+    def put(
+        self,
+        scenery: Scenery,
+        class_name: str,
+        thing: Thing,
+        along: float,
+        out: float = 0.0,
+        z: float = 0.0,
+        turn_deg: float = 0.0,
+    ) -> None:
+        """Place a thing some metres along the wall, to the left for who leans on it, and off it."""
+        yaw = math.radians(self.yaw_deg)
+        ahead, left = (math.cos(yaw), math.sin(yaw)), (math.sin(yaw), -math.cos(yaw))
+        x = self.x + out * ahead[0] + along * left[0]
+        y = self.y + out * ahead[1] + along * left[1]
+        scenery.place(class_name, thing, x, y, self.yaw_deg + turn_deg, z)
+
+    def build(
+        self,
+        scenery: Scenery,
+        material: Material,
+        length: float,
+        height: float,
+        openings: tuple[tuple[float, float, float, float], ...] = (),
+        skirting: Material | None = None,
+    ) -> None:
+        """Build the wall with openings (along, width, lower and upper edge), from the right."""
+        thing, thick, begin = Thing(), 0.24, -0.5 * length
+        for along, width, low, high in openings:
+            left = along - 0.5 * width
+            _fill(thing, material, thick, (begin, left), (0.0, height))
+            _fill(thing, material, thick, (left, left + width), (0.0, low))
+            _fill(thing, material, thick, (left, left + width), (high, height))
+            begin = left + width
+        _fill(thing, material, thick, (begin, 0.5 * length), (0.0, height))
+        self.put(scenery, "wall", thing, 0.0)
+        if skirting is not None:
+            board = Thing()
+            board.box(skirting, (0.008, 0, 0.045), (0.016, length - 0.03, 0.09))
+            self.put(scenery, "skirting", board, 0.0)
+
+
+def _fill(
+    thing: Thing,
+    material: Material,
+    thick: float,
+    along: tuple[float, float],
+    heights: tuple[float, float],
+) -> None:
+    """Part of a wall, if it has a size."""
+    (left, right), (low, high) = along, heights
+    if right > left and high > low:
+        at = (-0.5 * thick, 0.5 * (left + right), 0.5 * (low + high))
+        thing.box(material, at, (thick, right - left, high - low))
+
+
+def furnish_desk(scenery: Scenery, wall: Wall, along: float) -> None:
+    """Place of work at a wall: desk, computer, chair and what lies around."""
+    random = scenery.random
+    wall.put(scenery, "table", f.table(), along, 0.42)
+    for side in (-0.3, 0.3)[: int(random.integers(1, 3))]:
+        at = along + side + float(random.uniform(-0.05, 0.05))
+        wall.put(scenery, "monitor", f.monitor(random), at, 0.24, 0.74, -25.0 * side)
+    wall.put(scenery, "keyboard", f.keyboard(), along, 0.56, 0.74)
+    wall.put(scenery, "computer", f.computer(), along - 0.62, 0.42)
+    wall.put(scenery, "cabinet", f.desk_cabinet(random), along + 0.48, 0.4)
+    wall.put(scenery, "cup", f.cup(random), along + 0.3, 0.68, 0.74, float(random.uniform(0, 360)))
+    wall.put(scenery, "papers", f.papers(random), along - 0.5, 0.5, 0.74)
+    if random.random() < 0.6:
+        wall.put(scenery, "desk_lamp", f.desk_lamp(random), along + 0.68, 0.25, 0.74, -40.0)
+    turn = 180.0 + float(random.uniform(-40, 40))
+    wall.put(scenery, "chair", f.office_chair(random), along, float(random.uniform(0.8, 0.95)), 0.0, turn)
+
+
+def furnish_laboratory(scenery: Scenery) -> None:
+    """Room of 10 x 8 m around the field, with three windows, places of work and a library."""
+    random, height = scenery.random, 3.1
+    scenery.remove(
+        *("wall", "ceiling", "lamp", "door", "window", "table", "cabinet", "shelf", "poster")
+    )
+    scenery.dress(
+        {
+            "carpet": paint(44, 128, 66, "felt", tile_m=0.7),
+            "line": paint(252, 252, 250, "felt", tile_m=0.4),
+            "floor": paint(255, 255, 255, "wood_floor", gloss=(0.04, 0.12)),
+            "border": paint(250, 248, 244, "plaster"),
+        }
+    )
+    ivory, blue = paint(236, 226, 200, "plaster"), paint(132, 156, 172, "plaster")
+    north, south, left, right = Wall(5, 0, 180), Wall(-5, 0, 0), Wall(0, -4, 90), Wall(0, 4, -90)
+    windows = tuple((along, 2.2, 0.95, 2.6) for along in (-3.1, 0.0, 3.1))
+    north.build(scenery, ivory, 8.48, height, skirting=f.OAK)
+    south.build(scenery, ivory, 8.48, height, skirting=f.OAK)
+    left.build(scenery, ivory, 10.0, height, windows, skirting=f.OAK)
+    right.build(scenery, blue, 10.0, height, skirting=f.OAK)
+    ceiling = Thing()
+    ceiling.box(paint(255, 255, 252, "tiles", tile_m=2.4), (0, 0, height + 0.1), (10.48, 8.48, 0.2))
+    scenery.place("ceiling", ceiling, 0, 0)
+    for x in (-3.2, 0.0, 3.2):
+        for y in (-1.6, 1.6):
+            scenery.hang_lamp(x, y, height, (1.4, 0.3), 2.2)
+    for along, width, low, high in windows:
+        left.put(scenery, "window", f.window(width, high - low), along, -0.1, low)
+        left.put(scenery, "radiator", f.radiator(1.6), along, 0.09)
+        drawn = float(random.uniform(0.1, 0.55))
+        left.put(scenery, "blind", f.blind(width - 0.1, drawn), along, 0.045, high + 0.03)
+    for along in (-1.55, 1.55, 4.6):
+        left.put(scenery, "plant", f.plant(random, float(random.uniform(0.8, 1.3))), along, 0.4)
+    for along in (-3.4, -1.5, 0.4, 2.3):
+        furnish_desk(scenery, right, along)
+        right.put(scenery, "poster", f.poster(random, 0.62), along + 0.5, 0.0, 1.35)
+        right.put(scenery, "socket", f.socket(), along - 0.2, 0.0, 0.95)
+    right.put(scenery, "copier", f.copier(), 3.8, 0.42)
+    right.put(scenery, "pipe", f.pipe(9.9, 0.06), 0.0, 0.12, 2.75)
+    right.put(scenery, "pipe", f.pipe(9.9, 0.035), 0.0, 0.09, 2.55)
+    north.put(scenery, "whiteboard", f.whiteboard(), 0.4, 0.0, 1.0)
+    north.put(scenery, "clock", f.clock(), -1.35, 0.0, 2.3)
+    north.put(scenery, "locker", f.lockers(random, 4), -3.2, 0.26)
+    north.put(scenery, "poster", f.poster(random, 0.7), -1.6, 0.0, 1.15)
+    north.put(scenery, "cupboard", f.cupboard(random), 2.5, 0.24)
+    north.put(scenery, "box", f.cardboard_box(random), 2.3, 0.24, 1.95, 20.0)
+    north.put(scenery, "cupboard", f.cupboard(random), 3.45, 0.24)
+    north.put(scenery, "extinguisher", f.extinguisher(), 1.8, 0.12)
+    north.put(scenery, "trolley", f.trolley(random), 0.4, 0.4)
+    north.put(scenery, "bin", f.bin_(random), -0.6, 0.3)
+    north.put(scenery, "sign", f.sign(20, 130, 70), -2.2, 0.0, 2.5)
+    for along in (3.3, 2.25, 1.2):
+        south.put(scenery, "shelf", f.shelf(random), along, 0.17)
+        south.put(scenery, "box", f.cardboard_box(random), along, 0.2, 2.0, float(random.uniform(-9, 9)))
+    south.put(scenery, "sofa", f.sofa(random), -0.45, 0.45)
+    south.put(scenery, "poster", f.poster(random, 0.7), -0.9, 0.0, 1.3)
+    south.put(scenery, "poster", f.poster(random, 0.7), 0.0, 0.0, 1.3)
+    south.put(scenery, "coat_rack", f.coat_rack(random), -1.75, 0.35)
+    south.put(scenery, "door", f.door(random), -2.7)
+    south.put(scenery, "switch", f.socket(), -2.1, 0.0, 1.1)
+    south.put(scenery, "sign", f.sign(20, 130, 70), -2.7, 0.0, 2.4)
+    south.put(scenery, "cupboard", f.cupboard(random, 0.8, 1.2), -3.55, 0.24)
+    south.put(scenery, "plant", f.plant(random, 0.6), -3.55, 0.24, 1.2)
+    scenery.place("projector", f.projector(), 2.2, 0.0, 0.0, height)
+    for x, y in ((-4.0, -3.4), (-4.45, -3.1), (4.3, 1.0), (-1.5, -3.5), (3.55, 3.3), (1.0, -3.55)):
+        scenery.place("box", f.cardboard_box(random), x, y, float(random.uniform(0, 90)))
+    for x, y in ((-3.5, 2.6), (4.0, -1.6), (0.7, 2.7)):
+        scenery.place("ball", f.ball(random), x, y)
+    for x, y, yaw in ((-4.3, 0.9, 30), (2.2, 2.6, -70)):
+        scenery.place("backpack", f.backpack(random), x, y, yaw)
+    for x, y, yaw in ((4.4, -0.4, 160), (-2.4, 3.2, 200)):
+        scenery.place("toolbox", f.toolbox(random), x, y, yaw)
+    for x, y in ((3.9, -3.3), (-2.9, -2.9), (3.7, 2.5)):
+        scenery.place("stool", f.stool(random), x, y, float(random.uniform(0, 90)))
+    scenery.place("ladder", f.ladder(), -3.9, -2.2, 75)
+    scenery.place("bin", f.bin_(random), -0.6, 3.7)
