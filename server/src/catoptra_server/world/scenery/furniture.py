@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from catoptra_server.world.scenery.things import Thing, paint, picture
+from catoptra_server.world.scenery.things import Thing, paint, picture, shine
 from catoptra_server.world.world_description import Material
 
 Random = np.random.Generator
@@ -102,7 +102,7 @@ def monitor(random: Random, width: float = 0.54) -> Thing:
     column, row = random.integers(0, 2, 2).tolist()
     cell = (0.5 * column, 0.5 * row, 0.5 * column + 0.5, 0.5 * row + 0.5)
     size = (0.004, width - 0.03, height - 0.03)
-    thing.box(picture("screens", emission=0.55), (0.021, 0, 0.14 + 0.5 * height), size, cell=cell)
+    thing.box(shine(255, 255, 255, "screens"), (0.021, 0, 0.14 + 0.5 * height), size, cell=cell)
     return thing
 
 
@@ -252,6 +252,25 @@ def plant(random: Random, height: float = 1.1) -> Thing:
     return thing
 
 
+def tree(random: Random, height: float, *, lit: bool = True) -> Thing:
+    """Tree with boughs and a crown of several parts."""
+    thing = Thing()
+    make = paint if lit else shine
+    bark, trunk = make(220, 210, 200, "bark"), 0.03 * height
+    profile = [(1.7 * trunk, 0), (trunk, 0.08 * height), (0.6 * trunk, 0.6 * height)]
+    thing.lathe(bark, (0, 0, 0), profile, is_round=True, sectors=10)
+    for bough in range(5):
+        angle = 72.0 * bough + float(random.uniform(-20, 20))
+        rise, out = float(random.uniform(0.5, 0.8)) * height, 0.17 * height
+        x, y = out * math.cos(math.radians(angle)), out * math.sin(math.radians(angle))
+        thing.rod(bark, (0, 0, 0.4 * height), 0.35 * trunk, 0.3 * height, turn_deg=(0, 35, angle), sectors=6)
+        green = make(*random.integers((150, 180, 110), (220, 250, 170)).tolist(), "leaves")
+        reach = 0.2 * height
+        thing.ball(make(90, 110, 70, "leaves"), (x, y, rise), 0.72 * reach)
+        thing.leaves(green, random, (x, y, rise), (reach, reach, 0.85 * reach), 80, 0.09 * height)
+    return thing
+
+
 def toolbox(random: Random) -> Thing:
     """Toolbox with a handle."""
     thing = Thing()
@@ -331,13 +350,13 @@ def door(random: Random, width: float = 0.9, height: float = 2.05) -> Thing:
     """Closed door in its frame, in the plane x = 0."""
     thing = Thing()
     leaf = choose(random, OAK, paint(120, 134, 128, "wood"), paint(176, 112, 68, "wood"))
-    thing.stand(leaf, 0.01, 0, 0.005, (0.04, width, height))
+    thing.stand(leaf, -0.01, 0, 0.005, (0.08, width, height))
     for z in (0.28 * height, 0.74 * height):
         thing.box(leaf, (0.035, 0, z), (0.014, width - 0.26, 0.36 * height))
     frame = paint(206, 202, 192, "wood")
     for side in (-1, 1):
-        thing.stand(frame, 0.01, side * (0.5 * width + 0.04), 0, (0.09, 0.08, height + 0.08))
-    thing.box(frame, (0.01, 0, height + 0.045), (0.09, width, 0.08))
+        thing.stand(frame, -0.01, side * (0.5 * width + 0.04), 0, (0.13, 0.08, height + 0.08))
+    thing.box(frame, (-0.01, 0, height + 0.045), (0.13, width, 0.08))
     thing.box(CHROME, (0.045, -0.4 * width, 1.0), (0.02, 0.035, 0.2))
     thing.box(CHROME, (0.075, -0.36 * width, 1.04), (0.02, 0.12, 0.02))
     return thing
@@ -348,18 +367,18 @@ def poster(random: Random, width: float = 0.6) -> Thing:
     column, row = random.integers(0, 2, 2).tolist()
     cell = (0.5 * column, 0.5 * row, 0.5 * column + 0.5, 0.5 * row + 0.5)
     thing, height = Thing(), 1.35 * width
-    thing.box(picture("posters"), (0.004, 0, 0.5 * height), (0.008, width, height), cell=cell)
+    thing.box(picture("posters"), (-0.011, 0, 0.5 * height), (0.038, width, height), cell=cell)
     return thing
 
 
 def whiteboard(width: float = 2.4, height: float = 1.2) -> Thing:
     """Whiteboard with a frame and a tray of pens."""
     thing = Thing()
-    thing.box(picture("whiteboard"), (0.015, 0, 0.5 * height), (0.02, width, height))
+    thing.box(picture("whiteboard"), (-0.005, 0, 0.5 * height), (0.06, width, height))
     for z in (0.0, height):
-        thing.box(STEEL, (0.02, 0, z), (0.034, width + 0.04, 0.03))
+        thing.box(STEEL, (0.0, 0, z), (0.074, width + 0.04, 0.03))
     for y in (-0.5 * width, 0.5 * width):
-        thing.box(STEEL, (0.02, y, 0.5 * height), (0.034, 0.03, height))
+        thing.box(STEEL, (0.0, y, 0.5 * height), (0.074, 0.03, height))
     thing.box(STEEL, (0.06, 0, -0.03), (0.1, 0.5 * width, 0.02))
     for number, ink in enumerate(((180, 40, 36), (36, 60, 150), (30, 110, 70))):
         thing.box(paint(*ink), (0.07, 0.14 * number - 0.2, -0.012), (0.018, 0.12, 0.018))
@@ -369,7 +388,7 @@ def whiteboard(width: float = 2.4, height: float = 1.2) -> Thing:
 def clock() -> Thing:
     """Clock on a wall, at ten past ten."""
     thing, flat = Thing(), (0.0, 90.0, 0.0)
-    thing.lathe(BLACK, (0, 0, 0), [(0, 0), (0.16, 0), (0.16, 0.03), (0.15, 0.04), (0, 0.03)], turn_deg=flat, sectors=24)
+    thing.lathe(BLACK, (0, 0, 0), [(0, -0.03), (0.16, -0.03), (0.16, 0.03), (0.15, 0.04), (0.145, 0.03), (0, 0.03)], turn_deg=flat, sectors=24)
     thing.lathe(paint(244, 243, 238), (0.0305, 0, 0), [(0.145, 0.0), (0, 0.002)], turn_deg=flat, sectors=24)
     for angle, length in ((60.0, 0.11), (-55.0, 0.075)):
         y, z = -math.sin(math.radians(angle)), math.cos(math.radians(angle))
@@ -387,7 +406,7 @@ def copier() -> Thing:
         thing.box(paint(206, 206, 200), (0.304, 0, z), (0.012, 0.56, 0.13))
         thing.box(DARK, (0.312, 0, z + 0.03), (0.008, 0.2, 0.025))
     thing.box(BLACK, (0.3, 0, 0.72), (0.01, 0.5, 0.12))
-    thing.box(picture("screens", emission=0.5), (0.26, -0.2, 1.0), (0.1, 0.16, 0.008), (0, 25, 0), cell=(0, 0, 0.5, 0.5))
+    thing.box(shine(255, 255, 255, "screens"), (0.26, -0.2, 1.0), (0.1, 0.16, 0.008), (0, 25, 0), cell=(0, 0, 0.5, 0.5))
     thing.stand(WHITE, 0.36, 0, 0.68, (0.16, 0.3, 0.02))
     return thing
 
@@ -480,7 +499,7 @@ def pipe(length: float, radius: float = 0.05) -> Thing:
 def sign(red: int, green: int, blue: int, width: float = 0.4) -> Thing:
     """Luminous sign: a running man of boxes, and an arrow."""
     thing = Thing()
-    thing.box(paint(red, green, blue, emission=0.6), (0.02, 0, 0), (0.04, width, 0.5 * width))
+    thing.box(paint(red, green, blue, emission=0.6), (0.0, 0, 0), (0.08, width, 0.5 * width))
     white = paint(255, 255, 255, emission=0.7)
     thing.box(white, (0.042, 0.2 * width, 0.05 * width), (0.004, 0.05 * width, 0.2 * width), (20, 0, 0))
     thing.box(white, (0.042, -0.15 * width, 0), (0.004, 0.3 * width, 0.05 * width))
@@ -492,7 +511,7 @@ def socket() -> Thing:
     """Two sockets on a wall."""
     thing = Thing()
     for y in (-0.045, 0.045):
-        thing.box(paint(240, 240, 236), (0.006, y, 0), (0.012, 0.08, 0.08))
+        thing.box(paint(240, 240, 236), (-0.01, y, 0), (0.044, 0.08, 0.08))
         thing.rod(DARK, (0.012, y, 0), 0.02, 0.002, turn_deg=(0, 90, 0))
     return thing
 

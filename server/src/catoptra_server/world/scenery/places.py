@@ -9,7 +9,7 @@ import math
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.scenery import furniture as f
-from catoptra_server.world.scenery.things import Scenery, Thing, paint
+from catoptra_server.world.scenery.things import Scenery, Thing, paint, shine
 from catoptra_server.world.world_description import Material
 
 
@@ -105,11 +105,11 @@ def furnish_laboratory(scenery: Scenery) -> None:
         {
             "carpet": paint(44, 128, 66, "felt", tile_m=0.7),
             "line": paint(252, 252, 250, "felt", tile_m=0.4),
-            "floor": paint(255, 255, 255, "wood_floor", gloss=(0.04, 0.12)),
+            "floor": paint(255, 255, 255, "wood_floor", gloss=(0.03, 0.35)),
             "border": paint(250, 248, 244, "plaster"),
         }
     )
-    ivory, blue = paint(236, 226, 200, "plaster"), paint(132, 156, 172, "plaster")
+    ivory, blue = paint(250, 242, 222, "plaster"), paint(150, 176, 192, "plaster")
     north, south, left, right = Wall(5, 0, 180), Wall(-5, 0, 0), Wall(0, -4, 90), Wall(0, 4, -90)
     windows = tuple((along, 2.2, 0.95, 2.6) for along in (-3.1, 0.0, 3.1))
     north.build(scenery, ivory, 8.48, height, skirting=f.OAK)
@@ -121,12 +121,12 @@ def furnish_laboratory(scenery: Scenery) -> None:
     scenery.place("ceiling", ceiling, 0, 0)
     for x in (-3.2, 0.0, 3.2):
         for y in (-1.6, 1.6):
-            scenery.hang_lamp(x, y, height, (1.4, 0.3), 2.2)
+            scenery.hang_lamp(x, y, height, (1.4, 0.3), 4.0)
     for along, width, low, high in windows:
         left.put(scenery, "window", f.window(width, high - low), along, -0.1, low)
         left.put(scenery, "radiator", f.radiator(1.6), along, 0.09)
-        drawn = float(random.uniform(0.1, 0.55))
-        left.put(scenery, "blind", f.blind(width - 0.1, drawn), along, 0.045, high + 0.03)
+        drawn = float(random.uniform(0.25, 0.6))
+        left.put(scenery, "blind", f.blind(width + 0.1, drawn), along, 0.05, high + 0.06)
     for along in (-1.55, 1.55, 4.6):
         left.put(scenery, "plant", f.plant(random, float(random.uniform(0.8, 1.3))), along, 0.4)
     for along in (-3.4, -1.5, 0.4, 2.3):
@@ -138,17 +138,17 @@ def furnish_laboratory(scenery: Scenery) -> None:
     right.put(scenery, "pipe", f.pipe(9.9, 0.035), 0.0, 0.09, 2.55)
     north.put(scenery, "whiteboard", f.whiteboard(), 0.4, 0.0, 1.0)
     north.put(scenery, "clock", f.clock(), -1.35, 0.0, 2.3)
-    north.put(scenery, "locker", f.lockers(random, 4), -3.2, 0.26)
+    north.put(scenery, "locker", f.lockers(random, 4), -3.2, 0.22)
     north.put(scenery, "poster", f.poster(random, 0.7), -1.6, 0.0, 1.15)
-    north.put(scenery, "cupboard", f.cupboard(random), 2.5, 0.24)
+    north.put(scenery, "cupboard", f.cupboard(random), 2.5, 0.2)
     north.put(scenery, "box", f.cardboard_box(random), 2.3, 0.24, 1.95, 20.0)
-    north.put(scenery, "cupboard", f.cupboard(random), 3.45, 0.24)
+    north.put(scenery, "cupboard", f.cupboard(random), 3.45, 0.2)
     north.put(scenery, "extinguisher", f.extinguisher(), 1.8, 0.12)
     north.put(scenery, "trolley", f.trolley(random), 0.4, 0.4)
     north.put(scenery, "bin", f.bin_(random), -0.6, 0.3)
     north.put(scenery, "sign", f.sign(20, 130, 70), -2.2, 0.0, 2.5)
     for along in (3.3, 2.25, 1.2):
-        south.put(scenery, "shelf", f.shelf(random), along, 0.17)
+        south.put(scenery, "shelf", f.shelf(random), along, 0.15)
         south.put(scenery, "box", f.cardboard_box(random), along, 0.2, 2.0, float(random.uniform(-9, 9)))
     south.put(scenery, "sofa", f.sofa(random), -0.45, 0.45)
     south.put(scenery, "poster", f.poster(random, 0.7), -0.9, 0.0, 1.3)
@@ -157,8 +157,16 @@ def furnish_laboratory(scenery: Scenery) -> None:
     south.put(scenery, "door", f.door(random), -2.7)
     south.put(scenery, "switch", f.socket(), -2.1, 0.0, 1.1)
     south.put(scenery, "sign", f.sign(20, 130, 70), -2.7, 0.0, 2.4)
-    south.put(scenery, "cupboard", f.cupboard(random, 0.8, 1.2), -3.55, 0.24)
+    south.put(scenery, "cupboard", f.cupboard(random, 0.8, 1.2), -3.55, 0.2)
     south.put(scenery, "plant", f.plant(random, 0.6), -3.55, 0.24, 1.2)
+    lawn = Thing()
+    lawn.box(shine(200, 220, 190, "grass"), (0, 0, -0.1), (80, 40, 0.2))
+    scenery.place("grass", lawn, 0, -24.3, 0, -0.6)
+    for x, y, size in ((-7, -13, 4.2), (1.2, -17, 5.0), (6.5, -12.5, 4.0), (15, -21, 6.0), (-17, -22, 6)):
+        scenery.place("tree", f.tree(random, size, lit=False), x, y, 0, -0.6)
+    hedge = Thing()
+    hedge.box(shine(150, 170, 120, "leaves"), (0, 0, 0.6), (60, 1.2, 1.2))
+    scenery.place("hedge", hedge, 0, -32, 0, -0.6)
     scenery.place("projector", f.projector(), 2.2, 0.0, 0.0, height)
     for x, y in ((-4.0, -3.4), (-4.45, -3.1), (4.3, 1.0), (-1.5, -3.5), (3.55, 3.3), (1.0, -3.55)):
         scenery.place("box", f.cardboard_box(random), x, y, float(random.uniform(0, 90)))

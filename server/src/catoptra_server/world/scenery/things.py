@@ -59,9 +59,14 @@ def paint(
     )
 
 
-def picture(texture: str, *, emission: float = 0.0) -> Material:
-    """Material of a picture, which shines by itself like a screen where it has an emission."""
-    return paint(255, 255, 255, texture, emission=emission)
+def shine(red: int, green: int, blue: int, texture: str = "") -> Material:
+    """Material shown as it is, whatever the light, for what is far outside a window."""
+    return replace(paint(red, green, blue, texture), unlit=True)
+
+
+def picture(texture: str) -> Material:
+    """Material of a picture."""
+    return paint(255, 255, 255, texture)
 
 
 class Thing:
@@ -257,14 +262,16 @@ class Scenery:
     def hang_lamp(
         self, x: float, y: float, height: float, size: tuple[float, float], brightness: float
     ) -> None:
-        """Hang a luminous panel below a height, with its light."""
-        lamp = Thing()
-        frame = paint(222, 222, 218)
-        # As bright as its light is, up to what a camera shows as white.
-        lamp.box(paint(255, 250, 238, emission=1.2), (0, 0, -0.035), (*size, 0.01))
-        lamp.box(frame, (0, 0, -0.015), (size[0] + 0.06, size[1] + 0.06, 0.03))
+        """Hang a luminous panel from a ceiling, with its light: a third of that goes up."""
+        lamp, drop = Thing(), 0.3
+        # No brighter than its light looks to a camera, which shows white.
+        lamp.box(paint(255, 250, 238, emission=1.2), (0, 0, -drop), (*size, 0.012))
+        lamp.box(paint(222, 222, 218), (0, 0, 0.02 - drop), (size[0] + 0.06, size[1] + 0.06, 0.03))
+        for end in (-0.4, 0.4):
+            lamp.rod(paint(70, 70, 74), (end * size[0], 0, -drop), 0.008, drop, sectors=6)
         self.place("lamp", lamp, x, y, 0.0, height, casts_shadows=False)
-        light = tuple(brightness * share for share in (1.0, 0.95, 0.86))
-        self.lamps.append(
-            RectangleLight((x, y, 0.045 - height), (0.0, 0.0, 1.0), size, light)  # type: ignore[arg-type]
-        )
+        for down, share in ((1.0, 1.0), (-1.0, 0.2)):
+            red, green, blue = (share * brightness * part for part in (1.0, 0.95, 0.86))
+            at = (x, y, drop - height + 0.04 * down)
+            light = RectangleLight(at, (0.0, 0.0, down), size, (red, green, blue))
+            self.lamps.append(light)
