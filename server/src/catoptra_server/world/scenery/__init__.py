@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from catoptra_server.world.scenery.places import (
-    furnish_laboratory,
-)
+from catoptra_server.world.scenery.places import furnish_laboratory, furnish_yard
 from catoptra_server.world.scenery.things import Scenery
 from catoptra_server.world.world_description import Item, RectangleLight
 
 SCENERIES: dict[str, Callable[[Scenery], None]] = {
     "laboratory": furnish_laboratory,
+    "yard": furnish_yard,
 }
 
 

@@ -252,25 +252,6 @@ def plant(random: Random, height: float = 1.1) -> Thing:
     return thing
 
 
-def tree(random: Random, height: float, *, lit: bool = True) -> Thing:
-    """Tree with boughs and a crown of several parts."""
-    thing = Thing()
-    make = paint if lit else shine
-    bark, trunk = make(220, 210, 200, "bark"), 0.03 * height
-    profile = [(1.7 * trunk, 0), (trunk, 0.08 * height), (0.6 * trunk, 0.6 * height)]
-    thing.lathe(bark, (0, 0, 0), profile, is_round=True, sectors=10)
-    for bough in range(5):
-        angle = 72.0 * bough + float(random.uniform(-20, 20))
-        rise, out = float(random.uniform(0.5, 0.8)) * height, 0.17 * height
-        x, y = out * math.cos(math.radians(angle)), out * math.sin(math.radians(angle))
-        thing.rod(bark, (0, 0, 0.4 * height), 0.35 * trunk, 0.3 * height, turn_deg=(0, 35, angle), sectors=6)
-        green = make(*random.integers((150, 180, 110), (220, 250, 170)).tolist(), "leaves")
-        reach = 0.2 * height
-        thing.ball(make(90, 110, 70, "leaves"), (x, y, rise), 0.72 * reach)
-        thing.leaves(green, random, (x, y, rise), (reach, reach, 0.85 * reach), 80, 0.09 * height)
-    return thing
-
-
 def toolbox(random: Random) -> Thing:
     """Toolbox with a handle."""
     thing = Thing()

@@ -9,6 +9,7 @@ import math
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.scenery import furniture as f
+from catoptra_server.world.scenery import outdoors as o
 from catoptra_server.world.scenery.things import Scenery, Thing, paint, shine
 from catoptra_server.world.world_description import Material
 
@@ -122,11 +123,11 @@ def furnish_laboratory(scenery: Scenery) -> None:
     for x in (-3.2, 0.0, 3.2):
         for y in (-1.6, 1.6):
             scenery.hang_lamp(x, y, height, (1.4, 0.3), 4.0)
-    for along, width, low, high in windows:
+    for number, (along, width, low, high) in enumerate(windows):
         left.put(scenery, "window", f.window(width, high - low), along, -0.1, low)
         left.put(scenery, "radiator", f.radiator(1.6), along, 0.09)
         drawn = float(random.uniform(0.25, 0.6))
-        left.put(scenery, "blind", f.blind(width + 0.1, drawn), along, 0.05, high + 0.06)
+        left.put(scenery, "blind", f.blind(width + 0.1, drawn), along, 0.05 + 0.01 * number, high + 0.06)
     for along in (-1.55, 1.55, 4.6):
         left.put(scenery, "plant", f.plant(random, float(random.uniform(0.8, 1.3))), along, 0.4)
     for along in (-3.4, -1.5, 0.4, 2.3):
@@ -163,7 +164,7 @@ def furnish_laboratory(scenery: Scenery) -> None:
     lawn.box(shine(200, 220, 190, "grass"), (0, 0, -0.1), (80, 40, 0.2))
     scenery.place("grass", lawn, 0, -24.3, 0, -0.6)
     for x, y, size in ((-7, -13, 4.2), (1.2, -17, 5.0), (6.5, -12.5, 4.0), (15, -21, 6.0), (-17, -22, 6)):
-        scenery.place("tree", f.tree(random, size, lit=False), x, y, 0, -0.6)
+        scenery.place("tree", o.tree(random, size, is_lit=False), x, y, 0, -0.6)
     hedge = Thing()
     hedge.box(shine(150, 170, 120, "leaves"), (0, 0, 0.6), (60, 1.2, 1.2))
     scenery.place("hedge", hedge, 0, -32, 0, -0.6)
@@ -180,3 +181,56 @@ def furnish_laboratory(scenery: Scenery) -> None:
         scenery.place("stool", f.stool(random), x, y, float(random.uniform(0, 90)))
     scenery.place("ladder", f.ladder(), -3.9, -2.2, 75)
     scenery.place("bin", f.bin_(random), -0.6, 3.7)
+
+
+def furnish_yard(scenery: Scenery) -> None:
+    """Yard of a works: a house, sheds, containers and cars around asphalt, trees beyond a fence."""
+    random = scenery.random
+    scenery.place("house", o.house(random), 9.5, 0.5, 180)
+    scenery.place("shed", o.shed(random), -3.0, -10.3, 90)
+    for x, y, yaw in ((1.2, -10.6, 92), (7.6, -9.6, 118), (-10.2, 2.5, 2)):
+        scenery.place("container", o.container(random, 6.0), x, y, yaw)
+    for x, y, yaw in ((-6.4, 7.0, -88), (-3.3, 7.2, -94), (3.2, 7.1, -90), (-8.6, -6.4, 30)):
+        scenery.place("car", o.car(random), x, y, yaw)
+    for x, y, yaw, length in ((0, 11.5, -90, 30.0), (-13.5, -0.5, 0, 24.0)):
+        scenery.place("fence", o.fence(length), x, y, yaw)
+    wall = Thing()
+    wall.box(o.BRICK, (0, 0, 0.8), (0.25, 16.0, 1.6))
+    wall.box(o.CONCRETE, (0, 0, 1.64), (0.35, 16.1, 0.08))
+    scenery.place("wall", wall, -5.5, -12.4, 90)
+    for x, y, size in _TREES:
+        scenery.place("tree", o.tree(random, size), x, y, float(random.uniform(0, 360)))
+    for x, y, size in ((8.7, 7.4, 1.2), (8.9, -5.9, 1.1), (-12.6, 9.6, 1.4), (-11.4, 10.3, 1.0), (5, 10.4, 1.3)):
+        scenery.place("bush", o.bush(random, size), x, y)
+    for x, y in ((-8.2, 5.1), (-8.9, 4.8), (-8.5, 5.8), (6.3, -6.6), (5.8, -7.2), (8.8, 4.6)):
+        scenery.place("barrel", o.barrel(random), x, y, float(random.uniform(0, 360)))
+    for x, y in ((2.3, 2.0), (2.9, 0.6), (2.4, -1.0), (-2.0, 3.6), (-5.5, -2.6), (4.6, 4.6)):
+        scenery.place("cone", o.cone(), x, y, float(random.uniform(0, 90)))
+    for x, y, yaw, load in ((-1.0, -7.0, 10, 2), (0.6, -7.4, -8, 3), (3.9, -6.9, 30, 0), (-7.9, 1.2, 85, 1)):
+        scenery.place("pallet", o.pallet(random, load), x, y, yaw)
+    for x, y, yaw in ((-1.2, 5.2, 90), (1.2, 5.3, 88), (6.6, 3.1, 8)):
+        scenery.place("barrier", o.barrier(), x, y, yaw)
+    for x, y, yaw in ((-6.2, -8.9, 80), (-7.7, -9.1, 95)):
+        scenery.place("pipe", o.concrete_pipe(), x, y, yaw)
+    for x, y, count in ((4.9, -4.3, 46), (-8.4, -2.0, 30)):
+        scenery.place("rubble", o.bricks(random, count, 0.7), x, y)
+    for x, y, size in ((7.6, 7.9, 0.6), (-12.4, -6.6, 0.9), (6.0, 9.6, 0.7)):
+        scenery.place("rock", o.rock(random, size), x, y)
+    for x, y, yaw in ((8.9, -3.7, 180), (8.95, -2.95, 184), (8.9, 5.6, 176)):
+        scenery.place("dustbin", o.dustbin(random), x, y, yaw)
+    scenery.place("bench", o.bench(), 8.6, 3.6, 180)
+    scenery.place("drum", o.drum(), -3.8, -7.3, 25)
+    scenery.place("tyres", o.tyres(random, 4), -5.2, -6.9)
+    scenery.place("tyres", o.tyres(random, 2), -4.6, -6.4)
+    scenery.place("dummy", o.dummy(random), 4.4, 1.7, 60)
+    scenery.place("sign", o.post_sign(190, 30, 30), 6.5, 9.0, -140)
+    scenery.place("ladder", f.ladder(), 8.4, -4.9, 100)
+    scenery.place("trolley", f.trolley(random), -1.6, -9.0, 70)
+    for x, y, yaw in ((-1.0, 9.4, -90), (-11.6, -3.9, 0), (7.9, -7.6, 160)):
+        scenery.place("lamp", o.street_lamp(), x, y, yaw)
+
+
+_TREES = (
+    *((-16.5, -9.0, 7.0), (-17.0, 3.0, 8.0), (-15.5, 12.0, 6.5), (-6.0, 15.5, 7.5), (2.5, 15.0, 6.0)),
+    *((10.5, 13.0, 8.0), (13.0, -11.0, 7.0), (4.0, -16.5, 7.5), (-9.5, -16.0, 6.5), (20.0, 4.0, 9.0)),
+)
