@@ -9,12 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from catoptra_server.world.scenery.places import furnish_laboratory, furnish_yard
+from catoptra_server.world.scenery.places import (
+    furnish_arena,
+    furnish_laboratory,
+    furnish_offices,
+    furnish_warehouse,
+    furnish_yard,
+)
 from catoptra_server.world.scenery.things import Scenery
 from catoptra_server.world.world_description import Item, RectangleLight
 
 SCENERIES: dict[str, Callable[[Scenery], None]] = {
     "laboratory": furnish_laboratory,
+    "offices": furnish_offices,
+    "rescue": furnish_arena,
+    "warehouse": furnish_warehouse,
     "yard": furnish_yard,
 }
 

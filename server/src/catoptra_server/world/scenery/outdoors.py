@@ -47,7 +47,7 @@ def tree(random: Random, height: float, *, is_lit: bool = True) -> Thing:
         lean, size = (0.0, 35.0, angle), 0.3 * height
         thing.rod(bark, (0, 0, 0.4 * height), 0.35 * trunk, size, turn_deg=lean, sectors=6)
         thing.ball(shade, at, 0.72 * reach)
-        thing.leaves(green, random, at, (reach, reach, 0.85 * reach), 80, 0.09 * height)
+        thing.leaves(green, random, at, (reach, reach, 0.85 * reach), 150, 0.055 * height)
     return thing
 
 
@@ -88,12 +88,9 @@ def container(random: Random, length: float = 6.0) -> Thing:
     return thing
 
 
-def car(random: Random) -> Thing:
-    """Passenger car."""
-    thing, half = Thing(), 0.84
-    colours = ((150, 28, 30), (34, 66, 124), (196, 198, 200), (52, 58, 64), (228, 224, 214))
-    red, green, blue = colours[int(random.integers(5))]
-    body = paint(red, green, blue, gloss=(0.05, 0.06))
+def car(red: int, green: int, blue: int) -> Thing:
+    """Passenger car of a colour."""
+    thing, half, body = Thing(), 0.84, paint(red, green, blue, gloss=(0.05, 0.06))
     hull = [(-2.05, 0.3), (2.0, 0.26), (2.12, 0.5), (2.02, 0.68), (1.0, 0.88), (-1.85, 0.92)]
     thing.extrude(body, (0, 0, 0), [*hull, (-2.1, 0.7)], 2 * half)
     cabin = [(-1.75, 0.88), (1.05, 0.86), (0.3, 1.36), (-1.2, 1.38)]
@@ -104,7 +101,9 @@ def car(random: Random) -> Thing:
         thing.extrude(body, (0, 0, 0), post, 1.53)
     for x in (-1.3, 1.3):
         for side in (-1, 1):
-            _add_wheel(thing, (x, side * (half - 0.09), 0.31), 0.31, 0.2)
+            _add_wheel(thing, (x, side * (half - 0.07), 0.31), 0.31, 0.2)
+            arch = (x, side * (half - 0.1) - 0.11, 0.33)
+            thing.rod(BLACK, arch, 0.37, 0.22, turn_deg=(-90, 0, 0), sectors=20)
     for side in (-1, 1):
         thing.box(paint(250, 246, 230, gloss=(0.06, 0.1)), (2.03, side * 0.6, 0.6), (0.1, 0.34, 0.12))
         thing.box(paint(170, 20, 22), (-2.05, side * 0.66, 0.74), (0.08, 0.28, 0.14))

@@ -122,7 +122,7 @@ def furnish_laboratory(scenery: Scenery) -> None:
     scenery.place("ceiling", ceiling, 0, 0)
     for x in (-3.2, 0.0, 3.2):
         for y in (-1.6, 1.6):
-            scenery.hang_lamp(x, y, height, (1.4, 0.3), 4.0)
+            scenery.hang_lamp(x, y, height, (1.4, 0.3), 4.0, drop=0.3)
     for number, (along, width, low, high) in enumerate(windows):
         left.put(scenery, "window", f.window(width, high - low), along, -0.1, low)
         left.put(scenery, "radiator", f.radiator(1.6), along, 0.09)
@@ -190,8 +190,11 @@ def furnish_yard(scenery: Scenery) -> None:
     scenery.place("shed", o.shed(random), -3.0, -10.3, 90)
     for x, y, yaw in ((1.2, -10.6, 92), (7.6, -9.6, 118), (-10.2, 2.5, 2)):
         scenery.place("container", o.container(random, 6.0), x, y, yaw)
-    for x, y, yaw in ((-6.4, 7.0, -88), (-3.3, 7.2, -94), (3.2, 7.1, -90), (-8.6, -6.4, 30)):
-        scenery.place("car", o.car(random), x, y, yaw)
+    for x, y, yaw, colour in (
+        *((-6.4, 7.0, -88, (156, 28, 30)), (-3.3, 7.2, -94, (40, 78, 140))),
+        *((3.2, 7.1, -90, (206, 206, 204)), (-8.6, -6.4, 30, (66, 96, 82))),
+    ):
+        scenery.place("car", o.car(*colour), x, y, yaw)
     for x, y, yaw, length in ((0, 11.5, -90, 30.0), (-13.5, -0.5, 0, 24.0)):
         scenery.place("fence", o.fence(length), x, y, yaw)
     wall = Thing()
@@ -234,3 +237,197 @@ _TREES = (
     *((-16.5, -9.0, 7.0), (-17.0, 3.0, 8.0), (-15.5, 12.0, 6.5), (-6.0, 15.5, 7.5), (2.5, 15.0, 6.0)),
     *((10.5, 13.0, 8.0), (13.0, -11.0, 7.0), (4.0, -16.5, 7.5), (-9.5, -16.0, 6.5), (20.0, 4.0, 9.0)),
 )
+
+
+def furnish_offices(scenery: Scenery) -> None:
+    """Offices in the rooms of the mapping world, whose inner walls stay where they are."""
+    random, height = scenery.random, 2.6
+    scenery.remove("desk", "cabinet", "lamp", "ceiling", "copier", "bin", "bench", "sign")
+    scenery.items = [item for item in scenery.items if item.name not in ("Left", "Right")]
+    white = paint(250, 244, 228, "plaster")
+    scenery.dress(
+        {
+            "wall": white,
+            "pillar": paint(214, 208, 196, "concrete"),
+            "Floor": paint(150, 144, 132, "felt", tile_m=0.8),
+            "floor": paint(176, 186, 190, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
+        }
+    )
+    ceiling = Thing()
+    ceiling.box(paint(255, 255, 252, "tiles", tile_m=2.4), (0, 0, height + 0.1), (20.4, 14.6, 0.2))
+    scenery.place("ceiling", ceiling, 0, 0)
+    left, right = Wall(0, -7, 90), Wall(0, 7, -90)
+    rooms = ((-7.5, -2.5, 2.5, 7.5), (-7.25, -2.0, 2.75, 7.5))
+    edges = ((-10.0, -4.94, 0.06, 5.06), (-10.0, -4.44, 0.56, 5.06))
+    ends = ((-5.06, -0.06, 4.94, 10.0), (-4.56, 0.44, 4.94, 10.0))
+    for side, outer in enumerate((left, right)):
+        sign = 1.0 if side == 0 else -1.0
+        openings = tuple((along, 2.2, 1.0, 2.25) for along in sorted(sign * x for x in rooms[side]))
+        outer.build(scenery, white, 20.0, height, openings)
+        for number, x in enumerate(rooms[side]):
+            outer.put(scenery, "window", f.window(2.2, 1.25), sign * x, -0.1, 1.0)
+            outer.put(scenery, "radiator", f.radiator(1.2), sign * x + 0.9, 0.07)
+            middle = -sign * 5.5
+            _furnish_office(
+                scenery, Wall(x, outer.y, outer.yaw_deg), Wall(edges[side][number], middle, 0),
+                Wall(ends[side][number], middle, 180), sign,
+            )
+            scenery.hang_lamp(x, middle, height, (1.2, 0.3), 1.6)
+    for x, yaw in ((-10.0, 0.0), (10.0, 180.0)):
+        for y in (-1.0, 1.0):
+            wall = Wall(x, y, yaw)
+            furnish_desk(scenery, wall, 0.0)
+            wall.put(scenery, "poster", f.poster(random), 0.0, 0.0, 1.5)
+            scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 1.4)
+            wall.put(scenery, "shelf", f.shelf(random, 0.9), math.copysign(0.77, y * x), 3.4, 0.0, math.copysign(90.0, -y * x))
+    _furnish_corridors(scenery, height)
+
+
+def _furnish_office(scenery: Scenery, desk: Wall, low: Wall, high: Wall, sign: float) -> None:
+    """Office of one person, with its desk below the window."""
+    random = scenery.random
+    furnish_desk(scenery, desk, float(random.uniform(-0.5, 0.1)))
+    low.put(scenery, "shelf", f.shelf(random, 1.0, 1.9), 0.2, 0.15)
+    low.put(scenery, "poster", f.poster(random), -0.95, 0.0, 1.2)
+    low.put(scenery, "bin", f.bin_(random), sign * -0.75, 0.25)
+    if random.random() < 0.5:
+        high.put(scenery, "whiteboard", f.whiteboard(1.6, 1.0), 0.0, 0.0, 1.0)
+        high.put(scenery, "box", f.cardboard_box(random), 0.2, 0.35, 0.0, 15.0)
+    else:
+        high.put(scenery, "cupboard", f.cupboard(random), 0.1, 0.2)
+        high.put(scenery, "clock", f.clock(), -0.8, 0.0, 2.0)
+    high.put(scenery, "plant", f.plant(random, float(random.uniform(0.6, 1.0))), sign * 1.1, 0.3)
+    if random.random() < 0.6:
+        high.put(scenery, "backpack", f.backpack(random), sign * -1.05, 0.3)
+
+
+def _furnish_corridors(scenery: Scenery, height: float) -> None:
+    """Corridors, their crossings and the common room in the middle."""
+    random = scenery.random
+    for x in (-8.0, -4.0, 0.0, 4.0, 8.0):
+        for y in (-3.0, 3.0):
+            scenery.hang_lamp(x, y, height, (1.2, 0.24), 1.3)
+    for y in (-2.2, 2.2):
+        scenery.place("pipe", f.pipe(19.8, 0.05), 0.0, y, 90.0, height - 0.14)
+    leaf = Thing()
+    leaf.stand(paint(150, 172, 160, "wood"), 0.0, 0.45, 0.01, (0.04, 0.88, 2.06))
+    leaf.box(f.CHROME, (0.05, 0.8, 1.02), (0.06, 0.03, 0.12))
+    for x in (-7.5, -2.5, 2.5, 7.5):
+        scenery.place("door", leaf, x + 0.49, -4.1, 0.0)
+    for x in (-7.0, -2.0, 3.0, 7.0):
+        scenery.place("door", leaf, x - 0.49, 4.1, 180.0)
+    outer, inner = Wall(0, -3.94, 90), Wall(0, -2.06, -90)
+    far, near = Wall(0, 3.94, -90), Wall(0, 2.06, 90)
+    for wall, places in ((outer, (-5.2, 0.9, 5.6)), (inner, (-1.6, 6.2)), (far, (-4.0, 1.6, 5.2)), (near, (-1.4, 0.6, 9.0))):
+        for along in places:
+            wall.put(scenery, "poster", f.poster(random), along, 0.0, 1.15)
+    outer.put(scenery, "copier", f.copier(), -0.9, 0.3)
+    outer.put(scenery, "locker", f.lockers(random, 4), 5.2, 0.22)
+    outer.put(scenery, "extinguisher", f.extinguisher(), -1.6, 0.09, 0.5)
+    far.put(scenery, "bench", o.bench(), -0.3, 0.36)
+    far.put(scenery, "extinguisher", f.extinguisher(), 4.0, 0.09, 0.5)
+    far.put(scenery, "cupboard", f.cupboard(random), 8.6, 0.2)
+    near.put(scenery, "bin", f.bin_(random), -6.3, 0.25)
+    near.put(scenery, "trolley", f.trolley(random), 6.0, 0.3, 0.0, 90.0)
+    inner.put(scenery, "plant", f.plant(random), -5.9, 0.3)
+    for x, y, yaw in ((-9.94, -3.0, 0), (9.94, 3.0, 180), (9.94, -3.0, 180), (-9.94, 3.0, 0)):
+        scenery.place("sign", f.sign(20, 140, 76), x, y, yaw, 2.25)
+        scenery.place("plant", f.plant(random), x * 0.955, y - math.copysign(0.5, y), 0.0)
+    west, east, south = Wall(-2.94, 0, 0), Wall(2.94, 0, 180), Wall(0, -1.94, 90)
+    west.put(scenery, "sofa", f.sofa(random), 0.3, 0.42)
+    west.put(scenery, "poster", f.poster(random, 0.7), 0.3, 0.0, 1.1)
+    west.put(scenery, "plant", f.plant(random, 1.2), 1.4, 0.35)
+    east.put(scenery, "whiteboard", f.whiteboard(2.0, 1.1), 0.6, 0.0, 0.95)
+    south.put(scenery, "cupboard", f.cupboard(random, 1.2, 0.9), -0.5, 0.2)
+    south.put(scenery, "cup", f.cup(random), -0.3, 0.25, 0.9)
+    south.put(scenery, "cup", f.cup(random), -0.6, 0.3, 0.9)
+    south.put(scenery, "clock", f.clock(), -0.5, 0.0, 1.9)
+    scenery.place("stool", f.stool(random), 2.6, -1.3)
+    scenery.place("ball", f.ball(random), -1.9, -1.4)
+    scenery.hang_lamp(0.0, 0.0, height, (1.4, 0.3), 1.8)
+
+
+def furnish_warehouse(scenery: Scenery) -> None:
+    """Hall with racks, pallets, a fork-lift truck and what a works has on its walls."""
+    random, height = scenery.random, 4.0
+    scenery.remove("rack", "box", "pallet", "barrel", "crate", "lamp", "gate")
+    scenery.dress(
+        {
+            "floor": paint(235, 232, 226, "concrete", gloss=(0.03, 0.35)),
+            "line": paint(240, 200, 50, "plaster", tile_m=0.8),
+            "West": paint(206, 210, 212, "corrugated"),
+            "East": paint(206, 210, 212, "corrugated"),
+            "Left": o.BRICK,
+            "Right": o.BRICK,
+            "ceiling": paint(230, 232, 234, "corrugated", tile_m=2.0),
+        }
+    )
+    west, east, left, right = Wall(-8, 0, 0), Wall(8, 0, 180), Wall(0, -5, 90), Wall(0, 5, -90)
+    for x in (-5.4, -1.8, 1.8, 5.4):
+        for y in (-2.2, 2.2):
+            scenery.hang_lamp(x, y, height, (1.5, 0.4), 5.5, drop=0.4)
+    for along in (-5.6, -1.7, 2.2):
+        left.put(scenery, "rack", o.rack(random), along, 0.55)
+    for along in (-5.2, -1.3, 2.6):
+        right.put(scenery, "rack", o.rack(random), along, 0.55)
+    gate = Thing()
+    for slat in range(13):
+        gate.box(paint(70, 104, 150, "metal"), (-0.01, 0, 0.1 + 0.2 * slat), (0.1, 2.6, 0.18))
+    for y in (-1.4, 1.4):
+        gate.stand(o.YELLOW, 0.0, y, 0, (0.16, 0.2, 2.7))
+    west.put(scenery, "gate", gate, 0.0)
+    west.put(scenery, "sign", f.sign(20, 140, 76), 0.0, 0.0, 3.0)
+    west.put(scenery, "cupboard", f.cupboard(random), 3.6, 0.2)
+    west.put(scenery, "locker", f.lockers(random, 4), -3.4, 0.22)
+    west.put(scenery, "extinguisher", f.extinguisher(), 2.0, 0.09, 0.4)
+    east.put(scenery, "whiteboard", f.whiteboard(2.0, 1.1), -1.2, 0.0, 1.1)
+    east.put(scenery, "door", f.door(random), 1.4)
+    east.put(scenery, "sign", f.sign(20, 140, 76), 1.4, 0.0, 2.4)
+    east.put(scenery, "banner", o.banner(paint(40, 90, 150), 3.0), 0.0, 0.0, 3.2)
+    east.put(scenery, "extinguisher", f.extinguisher(), 2.4, 0.09, 0.4)
+    furnish_desk(scenery, east, 3.7)
+    for x, y in ((-7.6, -1.9), (-7.6, 1.9), (4.6, -1.2), (4.6, 1.2)):
+        post = Thing()
+        post.rod(o.YELLOW, (0, 0, 0), 0.07, 0.9, sectors=14)
+        for z in (0.3, 0.6):
+            post.rod(f.BLACK, (0, 0, z), 0.074, 0.12, sectors=14)
+        scenery.place("bollard", post, x, y)
+    left.put(scenery, "pipe", f.pipe(15.8, 0.09), 0.0, 0.14, 3.4)
+    right.put(scenery, "pipe", f.pipe(15.8, 0.06), 0.0, 0.1, 3.5)
+    scenery.place("forklift", o.forklift(), 4.9, -3.0, 150)
+    for x, y, yaw, load in (
+        *((-6.6, -2.6, 4, 3), (-5.2, -2.5, 88, 2), (-3.2, -2.7, -6, 3), (1.2, -2.7, 3, 1)),
+        *((-6.2, 2.6, 10, 2), (-1.4, 2.7, 92, 3), (0.6, 2.5, -5, 2), (3.8, 2.4, 80, 0)),
+        *((6.9, -4.0, 20, 3), (6.9, -2.2, -4, 1)),
+    ):
+        scenery.place("pallet", o.pallet(random, load), x, y, yaw)
+    for x, y in ((-4.6, 2.7), (-4.0, 2.5), (-4.3, 3.2), (3.0, -2.5), (3.2, -3.2), (7.5, -0.6)):
+        scenery.place("barrel", o.barrel(random), x, y, float(random.uniform(0, 360)))
+    for x, y in ((2.3, 2.2), (-2.3, -1.9), (5.4, 2.6), (-3.0, 2.3)):
+        scenery.place("box", f.cardboard_box(random), x, y, float(random.uniform(0, 90)))
+    for x, y in ((1.9, -1.6), (6.2, 1.6), (-7.2, 1.2)):
+        scenery.place("cone", o.cone(), x, y)
+    scenery.place("drum", o.drum(), -1.7, -2.5, 15)
+    scenery.place("tyres", o.tyres(random), 2.2, -3.4)
+    scenery.place("ladder", f.ladder(), -7.3, 2.8, 100)
+    scenery.place("trolley", f.trolley(random), 5.2, 3.3, 15)
+    scenery.place("dustbin", o.dustbin(random), 4.4, 4.3, -90)
+    scenery.place("toolbox", f.toolbox(random), 5.0, 2.0, 30)
+    scenery.place("stool", f.stool(random), 7.4, 2.3)
+
+
+def furnish_arena(scenery: Scenery) -> None:
+    """Rescue arena as a site after an accident; ramps, steps and pits stay as they are."""
+    random = scenery.random
+    board = paint(255, 246, 232, "wood", tile_m=1.2)
+    ramp = paint(246, 226, 196, "planks")
+    scenery.dress(
+        {
+            "floor": paint(240, 234, 224, "concrete"),
+            "wall": board,
+            "kerb": paint(236, 200, 90, "plaster", tile_m=0.8),
+            "PitWall": o.CONCRETE,
+            **dict.fromkeys(("continuous_ramp", "crossing_ramp", "inclined_plane"), ramp),
+            **dict.fromkeys(("platform", "platform_ramp", "step", "step_field", "table"), ramp),
+        }
+    )

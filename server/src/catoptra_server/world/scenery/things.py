@@ -260,17 +260,23 @@ class Scenery:
         self.items = [item for item in self.items if item.class_name not in classes]
 
     def hang_lamp(
-        self, x: float, y: float, height: float, size: tuple[float, float], brightness: float
+        self,
+        x: float,
+        y: float,
+        height: float,
+        size: tuple[float, float],
+        brightness: float,
+        drop: float = 0.0,
     ) -> None:
-        """Hang a luminous panel from a ceiling, with its light: a third of that goes up."""
-        lamp, drop = Thing(), 0.3
+        """Luminous panel at a ceiling with its light; below it, a fifth of that goes up."""
+        lamp = Thing()
         # No brighter than its light looks to a camera, which shows white.
         lamp.box(paint(255, 250, 238, emission=1.2), (0, 0, -drop), (*size, 0.012))
         lamp.box(paint(222, 222, 218), (0, 0, 0.02 - drop), (size[0] + 0.06, size[1] + 0.06, 0.03))
-        for end in (-0.4, 0.4):
+        for end in (-0.4, 0.4) if drop else ():
             lamp.rod(paint(70, 70, 74), (end * size[0], 0, -drop), 0.008, drop, sectors=6)
         self.place("lamp", lamp, x, y, 0.0, height, casts_shadows=False)
-        for down, share in ((1.0, 1.0), (-1.0, 0.2)):
+        for down, share in ((1.0, 1.0), (-1.0, 0.2))[: 2 if drop else 1]:
             red, green, blue = (share * brightness * part for part in (1.0, 0.95, 0.86))
             at = (x, y, drop - height + 0.04 * down)
             light = RectangleLight(at, (0.0, 0.0, down), size, (red, green, blue))
