@@ -111,10 +111,7 @@ def keyboard() -> Thing:
     thing = Thing()
     thing.stand(BLACK, 0, 0, 0, (0.15, 0.44, 0.015))
     for row in range(4):
-        for key in range(13):
-            thing.stand(
-                paint(84, 86, 92), -0.052 + 0.035 * row, -0.2 + 0.0335 * key, 0.015, (0.027, 0.027, 0.008)
-            )
+        thing.stand(paint(84, 86, 92), -0.052 + 0.035 * row, 0, 0.015, (0.027, 0.42, 0.008))
     thing.ball(DARK, (0, -0.32, 0.012), 0.035, 0.6)
     return thing
 
@@ -139,7 +136,7 @@ def desk_lamp(random: Random) -> Thing:
     thing.rod(STEEL, (-0.1, 0, 0.3), 0.008, 0.3, turn_deg=(0, 55, 0), sectors=6)
     shade = [(0.02, 0.08), (0.03, 0.07), (0.075, -0.04)]
     thing.lathe(body, (0.16, 0, 0.46), shade, turn_deg=(0, -30, 0))
-    thing.ball(paint(255, 244, 214, emission=1.0), (0.155, 0, 0.46), 0.03)
+    thing.rod(paint(255, 244, 214, emission=1.0), (0.155, 0, 0.44), 0.03, 0.05, sectors=8)
     return thing
 
 
@@ -231,7 +228,7 @@ def bin_(random: Random) -> Thing:
     thing = Thing()
     body = choose(random, DARK, paint(40, 84, 140, "felt"), paint(60, 110, 70, "felt"))
     thing.lathe(body, (0, 0, 0), [(0, 0), (0.12, 0), (0.155, 0.36), (0.165, 0.36), (0.165, 0.38), (0.145, 0.38), (0.12, 0.2)])
-    for _ in range(4):
+    for _ in range(2):
         x, y = random.uniform(-0.07, 0.07, 2).tolist()
         thing.ball(WHITE, (x, y, 0.27 + 0.06 * float(random.random())), 0.07, 0.8)
     return thing
@@ -440,7 +437,7 @@ def cup(random: Random) -> Thing:
     """Cup with a handle."""
     thing = Thing()
     colour = choose(random, WHITE, paint(40, 90, 150), paint(200, 70, 50), paint(230, 180, 60))
-    thing.lathe(colour, (0, 0, 0), [(0, 0), (0.036, 0), (0.042, 0.09), (0.036, 0.09), (0.032, 0.02), (0, 0.02)])
+    thing.lathe(colour, (0, 0, 0), [(0, 0), (0.036, 0), (0.042, 0.09), (0.036, 0.09), (0, 0.03)], sectors=10)
     thing.box(colour, (0.055, 0, 0.05), (0.03, 0.012, 0.05))
     return thing
 

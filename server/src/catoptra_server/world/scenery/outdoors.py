@@ -151,7 +151,7 @@ def barrel(random: Random) -> Thing:
     edge, rib = 0.29, 0.305
     profile = [(0, 0.01), (edge, 0), (edge, 0.27), (rib, 0.29), (edge, 0.31), (edge, 0.57)]
     profile += [(rib, 0.59), (edge, 0.61), (edge, 0.88), (edge - 0.02, 0.88), (edge - 0.025, 0.86)]
-    thing.lathe(body, (0, 0, 0), [*profile, (0, 0.86)], sectors=20)
+    thing.lathe(body, (0, 0, 0), [*profile, (0, 0.86)])
     thing.rod(STEEL, (0.18, 0, 0.85), 0.03, 0.03)
     thing.box(WHITE, (edge - 0.004, 0, 0.44), (0.02, 0.16, 0.2))
     return thing
@@ -404,8 +404,8 @@ def _load(thing: Thing, random: Random, at: float, z: float) -> float:
     elif kind == 2:
         radius = 0.5 * length
         colour = choose(random, paint(40, 86, 150, "plaster"), YELLOW, paint(180, 50, 40, "plaster"))
-        thing.rod(colour, (0, y, z), radius, min(0.6, 2.4 * radius), sectors=16)
-        thing.rod(BLACK, (0, y, z), 0.6 * radius, min(0.6, 2.4 * radius) + 0.03, sectors=12)
+        thing.rod(colour, (0, y, z), radius, min(0.6, 2.4 * radius), sectors=12)
+        thing.rod(BLACK, (0, y, z), 0.6 * radius, min(0.6, 2.4 * radius) + 0.03, sectors=8)
     else:
         crate = choose(random, paint(60, 110, 70, "felt"), paint(180, 60, 48, "felt"), PLANKS)
         for layer in range(2):

@@ -272,13 +272,13 @@ def furnish_offices(scenery: Scenery) -> None:
                 scenery, Wall(x, outer.y, outer.yaw_deg), Wall(edges[side][number], middle, 0),
                 Wall(ends[side][number], middle, 180), sign,
             )
-            scenery.hang_lamp(x, middle, height, (1.2, 0.3), 1.6)
+            scenery.hang_lamp(x, middle, height, (1.2, 0.3), 2.6)
     for x, yaw in ((-10.0, 0.0), (10.0, 180.0)):
         for y in (-1.0, 1.0):
             wall = Wall(x, y, yaw)
             furnish_desk(scenery, wall, 0.0)
             wall.put(scenery, "poster", f.poster(random), 0.0, 0.0, 1.5)
-            scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 1.4)
+            scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 2.2)
             wall.put(scenery, "shelf", f.shelf(random, 0.9), math.copysign(0.77, y * x), 3.4, 0.0, math.copysign(90.0, -y * x))
     _furnish_corridors(scenery, height)
 
@@ -306,7 +306,7 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
     random = scenery.random
     for x in (-8.0, -4.0, 0.0, 4.0, 8.0):
         for y in (-3.0, 3.0):
-            scenery.hang_lamp(x, y, height, (1.2, 0.24), 1.3)
+            scenery.hang_lamp(x, y, height, (1.2, 0.24), 2.2)
     for y in (-2.2, 2.2):
         scenery.place("pipe", f.pipe(19.8, 0.05), 0.0, y, 90.0, height - 0.14)
     leaf = Thing()
@@ -344,7 +344,7 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
     south.put(scenery, "clock", f.clock(), -0.5, 0.0, 1.9)
     scenery.place("stool", f.stool(random), 2.6, -1.3)
     scenery.place("ball", f.ball(random), -1.9, -1.4)
-    scenery.hang_lamp(0.0, 0.0, height, (1.4, 0.3), 1.8)
+    scenery.hang_lamp(0.0, 0.0, height, (1.4, 0.3), 3.0)
 
 
 def furnish_warehouse(scenery: Scenery) -> None:
@@ -365,7 +365,7 @@ def furnish_warehouse(scenery: Scenery) -> None:
     west, east, left, right = Wall(-8, 0, 0), Wall(8, 0, 180), Wall(0, -5, 90), Wall(0, 5, -90)
     for x in (-5.4, -1.8, 1.8, 5.4):
         for y in (-2.2, 2.2):
-            scenery.hang_lamp(x, y, height, (1.5, 0.4), 5.5, drop=0.4)
+            scenery.hang_lamp(x, y, height, (1.5, 0.4), 7.0, drop=0.4)
     for along in (-5.6, -1.7, 2.2):
         left.put(scenery, "rack", o.rack(random), along, 0.55)
     for along in (-5.2, -1.3, 2.6):

@@ -148,11 +148,11 @@ class Thing:
 
     def ball(self, material: Material, at: Vector3, radius: float, flat: float = 1.0) -> None:
         """Ball around a point, its height times `flat`."""
-        angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 9)
+        angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 7)
         profile = zip(
             (radius * cos(angle)).tolist(), (flat * radius * sin(angle)).tolist(), strict=True
         )
-        self.lathe(material, at, list(profile), is_round=True)
+        self.lathe(material, at, list(profile), sectors=12, is_round=True)
 
     def extrude(
         self,
