@@ -248,9 +248,13 @@ def furnish_offices(scenery: Scenery) -> None:
     scenery.dress(
         {
             "wall": white,
+            **dict.fromkeys(("OuterLeft", "OuterRight"), paint(206, 220, 206, "plaster")),
+            **dict.fromkeys(("InnerLeftWest", "InnerRightEast"), paint(236, 214, 176, "plaster")),
+            **dict.fromkeys(("CrossWestOuter", "CrossEastOuter"), o.BRICK),
+            **dict.fromkeys(("RoomLeft", "RoomRight"), paint(216, 224, 232, "plaster")),
             "pillar": paint(214, 208, 196, "concrete"),
-            "Floor": paint(150, 144, 132, "felt", tile_m=0.8),
-            "floor": paint(176, 186, 190, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
+            "Floor": paint(174, 166, 150, "felt", tile_m=0.8),
+            "floor": paint(124, 138, 144, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
         }
     )
     ceiling = Thing()
@@ -272,13 +276,13 @@ def furnish_offices(scenery: Scenery) -> None:
                 scenery, Wall(x, outer.y, outer.yaw_deg), Wall(edges[side][number], middle, 0),
                 Wall(ends[side][number], middle, 180), sign,
             )
-            scenery.hang_lamp(x, middle, height, (1.2, 0.3), 2.6)
+            scenery.hang_lamp(x, middle, height, (1.2, 0.3), 3.4)
     for x, yaw in ((-10.0, 0.0), (10.0, 180.0)):
         for y in (-1.0, 1.0):
             wall = Wall(x, y, yaw)
             furnish_desk(scenery, wall, 0.0)
             wall.put(scenery, "poster", f.poster(random), 0.0, 0.0, 1.5)
-            scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 2.2)
+            scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 3.0)
             wall.put(scenery, "shelf", f.shelf(random, 0.9), math.copysign(0.77, y * x), 3.4, 0.0, math.copysign(90.0, -y * x))
     _furnish_corridors(scenery, height)
 
@@ -306,7 +310,7 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
     random = scenery.random
     for x in (-8.0, -4.0, 0.0, 4.0, 8.0):
         for y in (-3.0, 3.0):
-            scenery.hang_lamp(x, y, height, (1.2, 0.24), 2.2)
+            scenery.hang_lamp(x, y, height, (1.2, 0.24), 2.6)
     for y in (-2.2, 2.2):
         scenery.place("pipe", f.pipe(19.8, 0.05), 0.0, y, 90.0, height - 0.14)
     leaf = Thing()
@@ -344,7 +348,7 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
     south.put(scenery, "clock", f.clock(), -0.5, 0.0, 1.9)
     scenery.place("stool", f.stool(random), 2.6, -1.3)
     scenery.place("ball", f.ball(random), -1.9, -1.4)
-    scenery.hang_lamp(0.0, 0.0, height, (1.4, 0.3), 3.0)
+    scenery.hang_lamp(0.0, 0.0, height, (1.4, 0.3), 4.0)
 
 
 def furnish_warehouse(scenery: Scenery) -> None:
@@ -417,17 +421,65 @@ def furnish_warehouse(scenery: Scenery) -> None:
 
 
 def furnish_arena(scenery: Scenery) -> None:
-    """Rescue arena as a site after an accident; ramps, steps and pits stay as they are."""
+    """Rescue arena in the open, among helpers' cars and containers; its ramps stay as they are."""
     random = scenery.random
-    board = paint(255, 246, 232, "wood", tile_m=1.2)
-    ramp = paint(246, 226, 196, "planks")
+    ramp = paint(250, 232, 204, "planks")
+    ramps = ("continuous_ramp", "crossing_ramp", "inclined_plane", "platform_ramp", "deck", "table")
     scenery.dress(
         {
             "floor": paint(240, 234, 224, "concrete"),
-            "wall": board,
-            "kerb": paint(236, 200, 90, "plaster", tile_m=0.8),
+            "Wall": paint(255, 246, 232, "wood", tile_m=1.2),
+            "Block": o.CONCRETE,
             "PitWall": o.CONCRETE,
-            **dict.fromkeys(("continuous_ramp", "crossing_ramp", "inclined_plane"), ramp),
-            **dict.fromkeys(("platform", "platform_ramp", "step", "step_field", "table"), ramp),
+            "kerb": paint(240, 200, 84, "plaster", tile_m=0.8),
+            "step_field": paint(226, 206, 176, "wood", tile_m=0.6),
+            "rubble": o.BRICK,
+            "lintel": paint(196, 60, 48, "plaster", tile_m=0.6),
+            "barrel": paint(60, 104, 160, "plaster", tile_m=0.8),
+            **dict.fromkeys(ramps, ramp),
         }
     )
+    for x, y, size_x, size_y in (
+        *((0, -16, 60, 19.9), (0, 16, 60, 19.9), (-18.5, 0, 23, 12.1), (18.5, 0, 23, 12.1)),
+    ):
+        ground = Thing()
+        ground.box(paint(255, 255, 255, "gravel"), (0, 0, -0.06), (size_x, size_y, 0.1))
+        scenery.place("ground", ground, x, y)
+    north, south = Wall(6.99, 0, 180), Wall(-6.99, 0, 0)
+    west, east = Wall(0, -5.99, 90), Wall(0, 5.99, -90)
+    for wall, places in (
+        *((north, (-4.4, -1.8, 0.0, 2.1, 4.3)), (south, (-4.6, -2.6, 1.3, 3.4, 4.8))),
+        *((west, (-5.6, -3.4, 5.6)), (east, (-4.6, -1.4, 5.6))),
+    ):
+        for along in places:
+            wall.put(scenery, "poster", f.poster(random, 0.5), along, 0.0, 0.42)
+    for x, y in ((-3.05, -3.45), (2.3, -3.5), (-6.65, -2.9), (6.65, 2.3), (3.1, 3.3), (-3.2, -0.75)):
+        scenery.place("cone", o.cone(), x, y)
+    for x, y in ((-6.5, 5.6), (6.6, -4.2), (-6.65, 3.3)):
+        scenery.place("debris", o.bricks(random, 24, 0.35), x, y)
+    scenery.place("toolbox", f.toolbox(random), -6.6, -5.6, 20)
+    scenery.place("extinguisher", f.extinguisher(), 6.8, 0.2)
+    scenery.place("box", f.cardboard_box(random), -6.6, 4.4, 12)
+    for x, y, yaw in ((9.4, -4.5, 2), (-3.4, -9.0, 90), (3.6, -9.4, 84)):
+        scenery.place("container", o.container(random), x, y, yaw)
+    for x, y, yaw, colour in (
+        *((9.6, 3.4, 200, (196, 34, 28)), (-9.8, -4.4, 80, (226, 226, 220))),
+        *((-9.4, 2.2, -70, (200, 40, 32)), (1.5, 9.6, 170, (232, 200, 60))),
+    ):
+        scenery.place("car", o.car(*colour), x, y, yaw)
+    scenery.place("house", o.house(random, 12.0), -4.6, 12.0, -90)
+    scenery.place("shed", o.shed(random), 7.4, 9.6, -120)
+    for x, y, yaw in ((5.4, 7.6, 92), (3.3, 7.5, 88), (-8.1, 5.6, 4), (8.3, 0.6, 0)):
+        scenery.place("barrier", o.barrier(), x, y, yaw)
+    for x, y, yaw in ((8.2, -8.2, 150), (-8.4, 7.6, -30), (8.0, 7.4, -130)):
+        scenery.place("lamp", o.street_lamp(), x, y, yaw)
+    for x, y, yaw, load in (
+        *((8.1, -1.2, 8, 3), (-8.3, -1.3, 95, 2), (-8.2, 0.4, 80, 3), (0.4, -7.6, 4, 2)),
+    ):
+        scenery.place("pallet", o.pallet(random, load), x, y, yaw)
+    scenery.place("pipe", o.concrete_pipe(), 7.9, 2.2, 10)
+    scenery.place("fence", o.fence(40.0, 1.8), 15.5, 0, 180)
+    scenery.place("fence", o.fence(40.0, 1.8), -14.5, 0)
+    for x, y, size in _TREES:
+        place = x, y + math.copysign(1.5, y)
+        scenery.place("tree", o.tree(random, size), *place, float(random.uniform(0, 360)))

@@ -249,9 +249,9 @@ class Scenery:
             self.items.append(replace(item, object_name=name, class_name=class_name))
 
     def dress(self, looks: dict[str, Material]) -> None:
-        """Give all items of a class, or of a name, of the file another material."""
+        """Give items of the file another material, by name, without its number, or by class."""
         for index, item in enumerate(self.items):
-            material = looks.get(item.name) or looks.get(item.class_name)
+            material = looks.get(item.name.rstrip("0123456789")) or looks.get(item.class_name)
             if material is not None:
                 self.items[index] = replace(item, material=material)
 
