@@ -311,7 +311,7 @@ def window(width: float, height: float, panes: int = 3) -> Thing:
         thing.box(frame, (0, y, 0.5 * height), (0.066, 0.06, height - 0.12))
     thing.box(frame, (0, 0, 0.68 * height), (0.05, width - 0.1, 0.045))
     thing.box(CHROME, (0.05, 0.14, 0.45 * height), (0.03, 0.03, 0.13))
-    thing.box(paint(226, 224, 216, "marble"), (0.12, 0, -0.015), (0.3, width + 0.1, 0.03))
+    thing.box(paint(226, 224, 216, "marble"), (0.12, 0, 0.005), (0.3, width + 0.1, 0.03))
     return thing
 
 
@@ -356,7 +356,7 @@ def whiteboard(width: float = 2.4, height: float = 1.2) -> Thing:
     for z in (0.0, height):
         thing.box(STEEL, (0.0, 0, z), (0.074, width + 0.04, 0.03))
     for y in (-0.5 * width, 0.5 * width):
-        thing.box(STEEL, (0.0, y, 0.5 * height), (0.074, 0.03, height))
+        thing.box(STEEL, (0.0, y, 0.5 * height), (0.074, 0.03, height + 0.02))
     thing.box(STEEL, (0.06, 0, -0.03), (0.1, 0.5 * width, 0.02))
     for number, ink in enumerate(((180, 40, 36), (36, 60, 150), (30, 110, 70))):
         thing.box(paint(*ink), (0.07, 0.14 * number - 0.2, -0.012), (0.018, 0.12, 0.018))
@@ -399,7 +399,7 @@ def coat_rack(random: Random) -> Thing:
         x, y = 0.1 * math.cos(math.radians(angle)), 0.1 * math.sin(math.radians(angle))
         thing.rod(CHROME, (0, 0, 1.6), 0.01, 0.16, turn_deg=(0, 50, angle), sectors=6)
         coat = [(0, -0.95), (0.16, -0.95), (0.13, -0.3), (0.07, -0.05), (0, 0)]
-        thing.lathe(cloth(random), (x, y, 1.62), coat, is_round=True, sectors=10)
+        thing.lathe(cloth(random), (x, y, 1.62 - 0.03 * hook), coat, is_round=True, sectors=10)
     return thing
 
 
@@ -504,8 +504,9 @@ def trolley(random: Random) -> Thing:
         for y in (-0.33, 0.33):
             thing.rod(DARK, (x, y, 0.08), 0.014, 0.68, sectors=6)
             thing.rod(RUBBER, (x, y - 0.0125, 0.045), 0.045, 0.025, turn_deg=(-90, 0, 0))
-    for _ in range(5):
-        x, y = random.uniform((-0.15, -0.28), (0.15, 0.28)).tolist()
-        size = random.uniform((0.05, 0.06, 0.05), (0.14, 0.16, 0.14)).tolist()
-        thing.stand(choose(random, CARDBOARD, BLACK, paint(190, 60, 44), paint(50, 90, 150)), x, y, 0.733, tuple(size))
+    for place in range(5):
+        x, y = float(random.uniform(-0.12, 0.12)), 0.13 * place - 0.26
+        deep, wide, high = random.uniform((0.06, 0.06, 0.05), (0.16, 0.12, 0.14)).tolist()
+        body = choose(random, CARDBOARD, BLACK, paint(190, 60, 44), paint(50, 90, 150))
+        thing.stand(body, x, y, 0.733, (deep, wide, high))
     return thing

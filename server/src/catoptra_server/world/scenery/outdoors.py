@@ -215,7 +215,7 @@ def house(random: Random, length: float = 11.0, depth: float = 6.0, height: floa
 
 def _add_window(thing: Thing, y: float) -> None:
     """Window in the plane x = 0 with a lintel and a sill."""
-    thing.box(GLASS, (0, y, 1.55), (0.04, 1.3, 1.2))
+    thing.box(GLASS, (0, y, 1.55), (0.04, 1.28, 1.18))
     thing.box(CONCRETE, (0.02, y, 2.24), (0.08, 1.7, 0.16))
     thing.box(CONCRETE, (0.06, y, 0.9), (0.2, 1.6, 0.08))
     for dy, wide in ((-0.65, 0.07), (0.0, 0.05), (0.65, 0.07)):
@@ -405,7 +405,7 @@ def _load(thing: Thing, random: Random, at: float, z: float) -> float:
         radius = 0.5 * length
         colour = choose(random, paint(40, 86, 150, "plaster"), YELLOW, paint(180, 50, 40, "plaster"))
         thing.rod(colour, (0, y, z), radius, min(0.6, 2.4 * radius), sectors=12)
-        thing.rod(BLACK, (0, y, z), 0.6 * radius, min(0.6, 2.4 * radius) + 0.03, sectors=8)
+        thing.rod(BLACK, (0, y, z + 0.02), 0.6 * radius, min(0.6, 2.4 * radius) + 0.01, sectors=8)
     else:
         crate = choose(random, paint(60, 110, 70, "felt"), paint(180, 60, 48, "felt"), PLANKS)
         for layer in range(2):

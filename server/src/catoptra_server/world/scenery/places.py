@@ -46,7 +46,7 @@ class Wall:
         length: float,
         height: float,
         openings: tuple[tuple[float, float, float, float], ...] = (),
-        skirting: Material | None = None,
+        skirting_m: float = 0.0,
     ) -> None:
         """Build the wall with openings (along, width, lower and upper edge), from the right."""
         thing, thick, begin = Thing(), 0.24, -0.5 * length
@@ -58,9 +58,9 @@ class Wall:
             begin = left + width
         _fill(thing, material, thick, (begin, 0.5 * length), (0.0, height))
         self.put(scenery, "wall", thing, 0.0)
-        if skirting is not None:
+        if skirting_m:
             board = Thing()
-            board.box(skirting, (0.008, 0, 0.045), (0.016, length - 0.03, 0.09))
+            board.box(f.OAK, (0.007, 0, 0.04), (0.016, skirting_m, 0.1))
             self.put(scenery, "skirting", board, 0.0)
 
 
@@ -105,7 +105,6 @@ def furnish_laboratory(scenery: Scenery) -> None:
     scenery.dress(
         {
             "carpet": paint(44, 128, 66, "felt", tile_m=0.7),
-            "line": paint(252, 252, 250, "felt", tile_m=0.4),
             "floor": paint(255, 255, 255, "wood_floor", gloss=(0.03, 0.35)),
             "border": paint(250, 248, 244, "plaster"),
         }
@@ -113,10 +112,10 @@ def furnish_laboratory(scenery: Scenery) -> None:
     ivory, blue = paint(250, 242, 222, "plaster"), paint(150, 176, 192, "plaster")
     north, south, left, right = Wall(5, 0, 180), Wall(-5, 0, 0), Wall(0, -4, 90), Wall(0, 4, -90)
     windows = tuple((along, 2.2, 0.95, 2.6) for along in (-3.1, 0.0, 3.1))
-    north.build(scenery, ivory, 8.48, height, skirting=f.OAK)
-    south.build(scenery, ivory, 8.48, height, skirting=f.OAK)
-    left.build(scenery, ivory, 10.0, height, windows, skirting=f.OAK)
-    right.build(scenery, blue, 10.0, height, skirting=f.OAK)
+    north.build(scenery, ivory, 8.48, height, (), 7.96)
+    south.build(scenery, ivory, 8.48, height, (), 7.96)
+    left.build(scenery, ivory, 10.0, height, windows, 9.96)
+    right.build(scenery, blue, 10.0, height, (), 9.96)
     ceiling = Thing()
     ceiling.box(paint(255, 255, 252, "tiles", tile_m=2.4), (0, 0, height + 0.1), (10.48, 8.48, 0.2))
     scenery.place("ceiling", ceiling, 0, 0)
@@ -141,15 +140,15 @@ def furnish_laboratory(scenery: Scenery) -> None:
     north.put(scenery, "clock", f.clock(), -1.35, 0.0, 2.3)
     north.put(scenery, "locker", f.lockers(random, 4), -3.2, 0.22)
     north.put(scenery, "poster", f.poster(random, 0.7), -1.6, 0.0, 1.15)
-    north.put(scenery, "cupboard", f.cupboard(random), 2.5, 0.2)
-    north.put(scenery, "box", f.cardboard_box(random), 2.3, 0.24, 1.95, 20.0)
-    north.put(scenery, "cupboard", f.cupboard(random), 3.45, 0.2)
+    north.put(scenery, "cupboard", f.cupboard(random), 2.45, 0.2)
+    north.put(scenery, "box", f.cardboard_box(random), 2.4, 0.24, 1.95, 20.0)
+    north.put(scenery, "cupboard", f.cupboard(random), 3.46, 0.2)
     north.put(scenery, "extinguisher", f.extinguisher(), 1.8, 0.12)
     north.put(scenery, "trolley", f.trolley(random), 0.4, 0.4)
     north.put(scenery, "bin", f.bin_(random), -0.6, 0.3)
     north.put(scenery, "sign", f.sign(20, 130, 70), -2.2, 0.0, 2.5)
     for along in (3.3, 2.25, 1.2):
-        south.put(scenery, "shelf", f.shelf(random), along, 0.15)
+        south.put(scenery, "shelf", f.shelf(random), along, 0.155)
         south.put(scenery, "box", f.cardboard_box(random), along, 0.2, 2.0, float(random.uniform(-9, 9)))
     south.put(scenery, "sofa", f.sofa(random), -0.45, 0.45)
     south.put(scenery, "poster", f.poster(random, 0.7), -0.9, 0.0, 1.3)
@@ -158,8 +157,8 @@ def furnish_laboratory(scenery: Scenery) -> None:
     south.put(scenery, "door", f.door(random), -2.7)
     south.put(scenery, "switch", f.socket(), -2.1, 0.0, 1.1)
     south.put(scenery, "sign", f.sign(20, 130, 70), -2.7, 0.0, 2.4)
-    south.put(scenery, "cupboard", f.cupboard(random, 0.8, 1.2), -3.55, 0.2)
-    south.put(scenery, "plant", f.plant(random, 0.6), -3.55, 0.24, 1.2)
+    south.put(scenery, "cupboard", f.cupboard(random, 0.7, 1.2), -3.62, 0.2)
+    south.put(scenery, "plant", f.plant(random, 0.6), -3.62, 0.24, 1.2)
     lawn = Thing()
     lawn.box(shine(200, 220, 190, "grass"), (0, 0, -0.1), (80, 40, 0.2))
     scenery.place("grass", lawn, 0, -24.3, 0, -0.6)
@@ -188,14 +187,14 @@ def furnish_yard(scenery: Scenery) -> None:
     random = scenery.random
     scenery.place("house", o.house(random), 9.5, 0.5, 180)
     scenery.place("shed", o.shed(random), -3.0, -10.3, 90)
-    for x, y, yaw in ((1.2, -10.6, 92), (7.6, -9.6, 118), (-10.2, 2.5, 2)):
+    for x, y, yaw in ((1.2, -10.6, 92), (7.6, -9.6, 118), (-10.4, 5.2, 2)):
         scenery.place("container", o.container(random, 6.0), x, y, yaw)
     for x, y, yaw, colour in (
         *((-6.4, 7.0, -88, (156, 28, 30)), (-3.3, 7.2, -94, (40, 78, 140))),
         *((3.2, 7.1, -90, (206, 206, 204)), (-8.6, -6.4, 30, (66, 96, 82))),
     ):
         scenery.place("car", o.car(*colour), x, y, yaw)
-    for x, y, yaw, length in ((0, 11.5, -90, 30.0), (-13.5, -0.5, 0, 24.0)):
+    for x, y, yaw, length in ((0, 11.5, -90, 26.0), (-13.5, -0.5, 0, 24.0)):
         scenery.place("fence", o.fence(length), x, y, yaw)
     wall = Thing()
     wall.box(o.BRICK, (0, 0, 0.8), (0.25, 16.0, 1.6))
@@ -270,7 +269,7 @@ def furnish_offices(scenery: Scenery) -> None:
         outer.build(scenery, white, 20.0, height, openings)
         for number, x in enumerate(rooms[side]):
             outer.put(scenery, "window", f.window(2.2, 1.25), sign * x, -0.1, 1.0)
-            outer.put(scenery, "radiator", f.radiator(1.2), sign * x + 0.9, 0.07)
+            outer.put(scenery, "radiator", f.radiator(0.9), sign * x + 1.5, 0.07)
             middle = -sign * 5.5
             _furnish_office(
                 scenery, Wall(x, outer.y, outer.yaw_deg), Wall(edges[side][number], middle, 0),
@@ -291,7 +290,7 @@ def _furnish_office(scenery: Scenery, desk: Wall, low: Wall, high: Wall, sign: f
     """Office of one person, with its desk below the window."""
     random = scenery.random
     furnish_desk(scenery, desk, float(random.uniform(-0.5, 0.1)))
-    low.put(scenery, "shelf", f.shelf(random, 1.0, 1.9), 0.2, 0.15)
+    low.put(scenery, "shelf", f.shelf(random, 1.0, 1.9), 0.2, 0.155)
     low.put(scenery, "poster", f.poster(random), -0.95, 0.0, 1.2)
     low.put(scenery, "bin", f.bin_(random), sign * -0.75, 0.25)
     if random.random() < 0.5:
@@ -389,7 +388,7 @@ def furnish_warehouse(scenery: Scenery) -> None:
     east.put(scenery, "sign", f.sign(20, 140, 76), 1.4, 0.0, 2.4)
     east.put(scenery, "banner", o.banner(paint(40, 90, 150), 3.0), 0.0, 0.0, 3.2)
     east.put(scenery, "extinguisher", f.extinguisher(), 2.4, 0.09, 0.4)
-    furnish_desk(scenery, east, 3.7)
+    furnish_desk(scenery, east, -3.8)
     for x, y in ((-7.6, -1.9), (-7.6, 1.9), (4.6, -1.2), (4.6, 1.2)):
         post = Thing()
         post.rod(o.YELLOW, (0, 0, 0), 0.07, 0.9, sectors=14)
@@ -402,7 +401,7 @@ def furnish_warehouse(scenery: Scenery) -> None:
     for x, y, yaw, load in (
         *((-6.6, -2.6, 4, 3), (-5.2, -2.5, 88, 2), (-3.2, -2.7, -6, 3), (1.2, -2.7, 3, 1)),
         *((-6.2, 2.6, 10, 2), (-1.4, 2.7, 92, 3), (0.6, 2.5, -5, 2), (3.8, 2.4, 80, 0)),
-        *((6.9, -4.0, 20, 3), (6.9, -2.2, -4, 1)),
+        (7.4, -2.2, -4, 1),
     ):
         scenery.place("pallet", o.pallet(random, load), x, y, yaw)
     for x, y in ((-4.6, 2.7), (-4.0, 2.5), (-4.3, 3.2), (3.0, -2.5), (3.2, -3.2), (7.5, -0.6)):
