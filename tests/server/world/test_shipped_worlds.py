@@ -51,11 +51,11 @@ def _list_planes(scene: SceneMesh) -> list[list[int]]:
 
 
 def _do_look_alike(scene: SceneMesh, a: int, b: int) -> bool:
-    """Whether two triangles are of one item, or of one colour."""
+    """Whether two triangles are of one item, or of one colour and texture."""
     return bool(
         scene.item_index[a] == scene.item_index[b]
         or (
-            scene.texture_index[a] == scene.texture_index[b] < 0
+            scene.texture_index[a] == scene.texture_index[b]
             and (scene.albedo[a] == scene.albedo[b]).all()
         )
     )

@@ -4,7 +4,7 @@ Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, Play
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off; LightBake
 is off or on, which lights of Type=Rectangle need. Background is a colour or a Radiance HDR file;
 Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in degrees, stands for it and adds a sun and a
-hemisphere light. Positions are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations
+hemisphere light; Scenery=(Name=,Seed=) adds furniture and lamps, written by a script. Positions are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations
 in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and
 textures are loaded by `world/scene_mesh.py`. A new shape is a reader and a line of
 `_SHAPE_READERS`.
@@ -111,6 +111,10 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     light_bake = section.get_choice("LightBake", ["on", "off"], "off") == "on"
     lights = [_read_light(light, has_areas=light_bake) for light in section.get_structs("Lights")]
     constant = [light for light in lights if not isinstance(light, RectangleLight)]
+    areas = tuple(light for light in lights if isinstance(light, RectangleLight))
+    if section.has_key("Scenery"):
+        items, lamps = _add_scenery(section, items)
+        areas = (*areas, *lamps) if light_bake else areas
     background, sky, lights_of_sky = _read_background(section, path.parent)
     world = World(
         name=name,
@@ -127,7 +131,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
         ),
         gps_origin=_read_gps_origin(section),
         light_bake=light_bake,
-        area_lights=tuple(light for light in lights if isinstance(light, RectangleLight)),
+        area_lights=areas,
         ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "on") == "on",
     )
     # Nothing but the background would be visible: more likely the name of a list is misspelt.
@@ -416,6 +420,18 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         class_name=struct.get_str("Class", ""),
         scale=_read_scale(struct, shape),
     )
+
+
+def _add_scenery(
+    section: SectionReader, items: tuple[Item, ...]
+) -> tuple[tuple[Item, ...], tuple[RectangleLight, ...]]:
+    """Items of the file with those of its scenery, and the scenery's lamps."""
+    # Imported on demand: most worlds have none.
+    from catoptra_server.world.scenery import SCENERIES, add_scenery
+
+    struct = section.get_struct("Scenery", example="(Name=laboratory,Seed=1)")
+    name = struct.get_choice("Name", list(SCENERIES))
+    return add_scenery(name, struct.get_int("Seed", 0, min_value=0, max_value=65535), items)
 
 
 def _has_scale_by_axis(struct: SectionReader) -> bool:

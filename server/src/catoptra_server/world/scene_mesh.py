@@ -57,6 +57,7 @@ from catoptra_server.world.triangles import TriangleHierarchy, row_blocks, tile_
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
+    Facets,
     Item,
     Material,
     MeshFile,
@@ -428,6 +429,9 @@ class _ItemLoader:
         corners = item.world_from_item.transform_points(corners)
         # The winding alone gives the normal.
         normals, _ = facet_normals(corners)
+        if isinstance(shape, Facets):
+            turned = item.world_from_item.rotate_directions(shape.normals.reshape(-1, 3))
+            look = replace(look, corner_normals=turned.reshape(-1, 3, 3))
         return MeshPart(corners, normals, look, item=index)
 
     @cached_property

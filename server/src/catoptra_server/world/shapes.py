@@ -23,6 +23,7 @@ from catoptra_server.world.triangles import row_blocks
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
+    Facets,
     Primitive,
     Rectangle,
     Ring,
@@ -64,6 +65,8 @@ def max_triangles(shape: Primitive) -> int:
             return 2 * shape.sectors
         case SphereBand():
             return 2 * shape.sectors * shape.rings
+        case Facets():
+            return len(shape.corners)
 
 
 def build_shape(shape: Primitive, tile_m: float = 0.0) -> Patch:
@@ -85,6 +88,8 @@ def build_shape(shape: Primitive, tile_m: float = 0.0) -> Patch:
             patch = _ring(shape)
         case SphereBand():
             return _sphere_band(shape, tile_m)
+        case Facets():
+            patch = Patch(shape.corners, shape.uv)
     return patch if tile_m == 0.0 else Patch(patch.corners, project_tiles(patch.corners, tile_m))
 
 

@@ -184,7 +184,19 @@ class MeshFile:
     """Whether surfaces are drawn without textures that are missing."""
 
 
-Primitive = Box | Cylinder | Rectangle | Ring | SphereBand
+@dataclass(frozen=True, slots=True, eq=False)
+class Facets:
+    """Triangles of a scenery, in the item's frame."""
+
+    corners: Floats
+    """(n, 3, 3) metres; counter-clockwise from outside."""
+    uv: Floats
+    """(n, 3, 2) texture coordinates."""
+    normals: Floats
+    """(n, 3, 3) unit normals at the corners, by which light is reflected."""
+
+
+Primitive = Box | Cylinder | Rectangle | Ring | SphereBand | Facets
 Shape = Primitive | MeshFile
 
 # A millimetre from a point light of this intensity the irradiance still is a float32 number, and so

@@ -172,17 +172,17 @@ class SurfaceFrames:
         return replace(self, side_x=self.side_y, side_y=self.side_x)
 
 
-def frame_surfaces(scene: SceneMesh, *, threads: int) -> SurfaceFrames:
-    """Coordinate systems of the lit surfaces of a scene."""
+def frame_surfaces(scene: SceneMesh, *, threads: int, share: float = 1.0) -> SurfaceFrames:
+    """Coordinate systems of the lit surfaces of a scene, by a share of the most grids."""
     flat = _find_surfaces(scene, threads)
-    largest = _choose_largest(scene, flat)
+    largest = _choose_largest(scene, flat, round(share * _MAX_SURFACES))
     number = np.full(len(flat.representative), -1, dtype=np.int32)
     number[largest] = np.arange(len(largest), dtype=np.int32)
     patch_of, representative = number[flat.surface], flat.representative[largest]
     large = _frame_large(scene, patch_of, representative)
     is_small = (patch_of < 0) & ~scene.unlit & scene.normals.any(axis=1)
     small = np.flatnonzero(is_small).astype(np.int32)
-    group, middle = _join_neighbours(scene, small)
+    group, middle = _join_neighbours(scene, small, round(share * _MAX_SMALL_GRIDS))
     joined = _frame_groups(scene, small, group, middle)
     patch_of[small] = len(representative) + group
     frames = SurfaceFrames(
@@ -198,24 +198,26 @@ def frame_surfaces(scene: SceneMesh, *, threads: int) -> SurfaceFrames:
     return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
 
 
-def _join_neighbours(scene: SceneMesh, small: _Indices) -> tuple[_Indices, _Indices]:
+def _join_neighbours(
+    scene: SceneMesh, small: _Indices, max_grids: int
+) -> tuple[_Indices, _Indices]:
     """Grids of small triangles: one each, or one for neighbours where that were too many.
 
     Returns:
         (k,) grid of each of (k,) triangles, and (m,) triangle in the middle of each grid.
     """
     group = np.arange(len(small))
-    if len(small) <= _MAX_SMALL_GRIDS:
+    if len(small) <= max_grids:
         return group.astype(np.int32), small
     normals = scene.normals[small]
     first, second, third = np.moveaxis(scene.corners[small], 1, 0)
     area_m2 = 0.5 * float(_lengths(np.cross(second - first, third - first)).sum())
-    side_m = 0.5 * np.sqrt(area_m2 / _MAX_SMALL_GRIDS)
+    side_m = 0.5 * np.sqrt(area_m2 / max_grids)
     places = np.column_stack(
         ((first + second + third) / 3.0, np.sign(np.trunc(_DIRECTIONS_PER_UNIT * normals)))
     )
     # By what is left of the last round: a million triangles are sorted once.
-    while len(places) > _MAX_SMALL_GRIDS:
+    while len(places) > max_grids:
         cells = np.column_stack((np.floor(places[:, :3] / side_m), places[:, 3:]))
         order = np.lexsort(cells.T)
         is_new = np.append(True, (np.diff(cells[order], axis=0) != 0.0).any(axis=1))
@@ -251,11 +253,11 @@ def _frame_groups(
     )
 
 
-def _choose_largest(scene: SceneMesh, flat: FlatSurfaces) -> _Numbers:
+def _choose_largest(scene: SceneMesh, flat: FlatSurfaces, count: int) -> _Numbers:
     """(m,) surfaces of the largest areas, in their order."""
     first, second, third = np.moveaxis(scene.corners, 1, 0)
     area = np.bincount(flat.surface, _lengths(np.cross(second - first, third - first)))
-    largest = np.argsort(-area, kind="stable")[:_MAX_SURFACES]
+    largest = np.argsort(-area, kind="stable")[:count]
     if len(scene) > MANY_TRIANGLES:
         # The product of two edges, twice the area.
         largest = largest[area[largest] >= MIN_SIDE_M**2]

@@ -76,6 +76,8 @@ MAX_PASSES = 16
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
 _MIN_NODE_DISTANCE_M = 0.05
+# Of the most grids: with all, small parts of furniture left walls a node a metre.
+_GRID_SHARE = 0.2
 _INSIDE_SHARE = 0.1
 # Nodes along each side of the sky's two squares.
 _SKY_SIDE = 64
@@ -219,7 +221,7 @@ class LightBake:
         self._owners: list[object] = []
         self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
         self._frames, self._has_spare = _add_spare_grid(
-            scene, frame_surfaces(scene, threads=threads)
+            scene, frame_surfaces(scene, threads=threads, share=_GRID_SHARE)
         )
         distance_m = _MIN_NODE_DISTANCE_M
         while True:
