@@ -64,7 +64,9 @@ from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
-_RADIANCE_FIELDS = frozenset({"max_radiance", "background_radiance", "camera_key", "max_fresnel"})
+_RADIANCE_FIELDS = frozenset(
+    {"max_radiance", "background_radiance", "camera_key", "max_fresnel"}
+) | {"light_bake"}
 _DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
 
@@ -148,6 +150,7 @@ class SceneSummarizer:
             "background_radiance": self._world.background_range,
             "camera_key": camera_state.noise_seed.camera_key,
             "max_fresnel": self.scene.max_fresnel,
+            "light_bake": self.scene.baked_light,
         }
         if "max_radiance" in fields:
             values["max_radiance"] = max(self.max_radiance, self._bound_objects(objects))

@@ -16,6 +16,8 @@ A reflected part of the scene is seen by many nodes, so its own error hardly add
 from __future__ import annotations
 
 import ctypes
+import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,6 +28,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import UNCHANGED, VISIBLE_LEVELS
+from catoptra_server.effects.scene.light_bake import find_grid_changes
 from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
 from catoptra_server.render.trace.kernel.kernel_structs import (
     LIGHT_DIRECTIONAL,
@@ -69,10 +73,13 @@ from catoptra_server.world.world_description import (
     srgb_from_linear,
 )
 
+log = logging.getLogger(__name__)
+
 RAYS_PER_PASS = 16
 FIRST_PASSES = 2
 """Before the first picture: the fewest from which an error can be estimated."""
 MAX_PASSES = 16
+"""However large the errors are."""
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
 _MIN_NODE_DISTANCE_M = 0.05
@@ -81,6 +88,9 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
+_WHITE = (1.0, 1.0, 1.0)
+# Irradiance below which nothing is lit.
+_LEAST_LIGHT = 1e-6
 _GOLDEN = 0.6180339887
 _MAX_BOUNCES = 48
 # Before the first picture; the rest is that of one factor a bounce.
@@ -90,8 +100,8 @@ _REMAINDER = 1e-6
 _FINEST = 1e-5
 # Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
 SIGMAS = 3.0
-MAX_CHANGE = 1.0
-"""Grey levels that nobody misses: the default of `EffectSettings.max_change`."""
+MAX_ERROR = 1.0
+"""Grey levels that nobody misses, of 99 of 100 nodes: from there on no rays are added."""
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
@@ -109,55 +119,71 @@ class BakedLight:
     error: npt.NDArray[np.float16]
     """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
 
-    def bound_changes(self) -> tuple[float, float]:
-        """Grey levels of a white surface: the largest change of a node by one light for all, and
-        that by the stated errors at 99 of 100 nodes.
-        """
-        planes, is_node = self.occlusion.planes, np.zeros(self.error.shape[:2], dtype=bool)
-        for left, top, right, bottom in self.occlusion.bounds.tolist():
-            is_node[top : bottom + 1, left : right + 1] = True
-        light = self.brightest * (planes[:, is_node].T / OPEN_LIGHT)
-        error = self.error[is_node].astype(np.float64)
-        levels = 255.0 * srgb_from_linear(light)
-        mean = 255.0 * srgb_from_linear(light.mean(axis=0, keepdims=True))
-        stated = 255.0 * srgb_from_linear(light + error) - levels
-        # Errors count, too: nodes that seem to agree may not.
-        change = np.abs(levels - mean) + stated
-        return float(change.max(initial=0.0)), float(np.percentile(stated, 99.0))
-
-    def is_uniform(self) -> bool:
-        """Whether one light for all changes no node by more than `MAX_CHANGE`."""
-        # Some darkest or brightest node mostly decides, without the others.
-        ends = self.occlusion.darkest.min(axis=0, initial=1.0), np.ones(3)
-        dark, bright = (255.0 * srgb_from_linear(self.brightest * end) for end in ends)
-        is_near = bool((bright - dark <= 2.0 * MAX_CHANGE).all())
-        return is_near and self.bound_changes()[0] <= MAX_CHANGE
-
-    def describe(self) -> str:
-        """Row of `explain`."""
-        change, error = self.bound_changes()
-        state = "off: one light for all" if self.is_uniform() else "on"
-        return (
-            f"baked light {state}; nodes differ from their mean by at most {change:.3g} levels, "
-            f"threshold {MAX_CHANGE:g}; the stated error of 99 % of them is below {error:.3g}"
-        )
+    @property
+    def stated_error(self) -> float:
+        """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
+        is_node = self._grid >= 0
+        light, error = self._light[is_node], self.error[is_node].astype(np.float64)
+        levels = 255.0 * (srgb_from_linear(light + error) - srgb_from_linear(light))
+        return float(np.percentile(levels, 99.0)) if len(levels) else 0.0
 
     def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
         """The scene and its world, lit by this light instead of hemisphere lights.
 
-        Without a map where one light for all nodes changes no pixel by more than `MAX_CHANGE`.
+        Where nothing shines all surfaces have one light, so that they are seen.
         """
+        if self.brightest.max() <= _LEAST_LIGHT:
+            log.warning(
+                "LightBake=on, but nothing shines: no lamp, window, sky or luminous surface; "
+                "surfaces are shown at their own colours"
+            )
+            return scene, replace(world, lights=(HemisphereLight(_WHITE, _WHITE),), area_lights=())
         brightest, up, down = (
             (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
-        if self.is_uniform():
-            lights = (HemisphereLight(up, down), *shadow_casting_lights(world.lights))
-            return scene, replace(world, lights=lights, area_lights=())
         lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
+        occlusion = replace(
+            self.occlusion, ranges=self._find_ranges(), stated_error=self.stated_error
+        )
         return (
-            replace(scene, occlusion=self.occlusion),
+            replace(scene, occlusion=occlusion),
             replace(world, lights=lights, area_lights=(), object_sky=HemisphereLight(up, down)),
         )
+
+    @property
+    def _grid(self) -> npt.NDArray[np.int32]:
+        """(h, w) grid of each node; -1 elsewhere."""
+        grid = np.full(self.error.shape[:2], -1, dtype=np.int32)
+        for number, (left, top, right, bottom) in enumerate(self.occlusion.bounds.tolist()):
+            grid[top : bottom + 1, left : right + 1] = number
+        return grid
+
+    @property
+    def _light(self) -> Floats:
+        """(h, w, 3) irradiance."""
+        light: Floats = self.brightest * np.moveaxis(self.occlusion.planes / OPEN_LIGHT, 0, -1)
+        return light
+
+    def _find_ranges(self) -> Floats:
+        """(3, m, 3) as of `OcclusionMap`."""
+        return find_ranges(self._light, self.error.astype(np.float64), self._grid)
+
+
+def find_ranges(light: Floats, error: Floats, grid: npt.NDArray[np.int32]) -> Floats:
+    """(3, m, 3) least, mean and largest light on m grids.
+
+    Args:
+        light: (h, w, 3) light of nodes.
+        error: (h, w, 3) errors, which widen the extremes.
+        grid: (h, w) grid of each node, -1 for none.
+    """
+    order = np.argsort(grid, axis=None, kind="stable")[np.count_nonzero(grid < 0) :]
+    first = np.flatnonzero(np.diff(grid.reshape(-1)[order], prepend=-1))
+    light, error = light.reshape(-1, 3)[order], error.reshape(-1, 3)[order]
+    count = np.diff(np.append(first, len(order)))[:, None]
+    least = np.maximum(np.minimum.reduceat(light - error, first), 0.0)
+    mean = np.add.reduceat(light, first) / count
+    return np.stack((least, mean, np.maximum.reduceat(light + error, first)))
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
@@ -310,6 +336,12 @@ class LightBake:
         self._device.bake(self._job)
         self.num_passes += 1
 
+    def count_passes(self, light: BakedLight) -> int:
+        """Passes from which the stated error of light so far is `MAX_ERROR`, or all."""
+        # Errors fall with the square root of the number of rays.
+        needed = self.num_passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
+        return min(math.ceil(needed), len(self._light))
+
     @np.errstate(under="ignore")  # an underflow is black
     def gather(self) -> BakedLight:
         """Light of the scene after all bounces, from the passes so far; two at least."""
@@ -458,18 +490,30 @@ class LightBake:
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
             error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
-        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), 1e-6)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), _LEAST_LIGHT)
         values[~self._is_node] = brightest
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[grid == len(self._frames.origin) - 1] = mean_light
-        texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
         error += 0.5 * brightest / OPEN_LIGHT
+        self._level_grids(values, error)
+        texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
         sky = self._mean_sky(at_nodes, is_inside)
         texels = np.ascontiguousarray(texels)
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)
         return BakedLight(self._make_map(texels), brightest, sky, stated)
+
+    def _level_grids(self, values: Floats, error: Floats) -> None:
+        """Give the nodes of a grid their mean where nobody misses the rest."""
+        grid = self._grid_at
+        ranges = find_ranges(values, error, grid)
+        # Errors count, too: nodes that seem to agree may not.
+        is_level = np.append(find_grid_changes(ranges, UNCHANGED) <= VISIBLE_LEVELS, False)
+        at = is_level[grid]
+        mean = ranges[1, grid[at]]
+        error[at] += np.abs(values[at] - mean)
+        values[at] = mean
 
     def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> Floats:
         """(2, 3) mean light on facets that face up and down; that of all nodes where none do."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 # The same of baked light.
-_LIGHT_VERSION = 1
+_LIGHT_VERSION = 2
 _LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
@@ -68,7 +68,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
     light = _read_light(cache, key, len(scene))
     if light is not None:
-        return LitWorld(*light.apply(scene, world), note=light.describe())
+        return LitWorld(*light.apply(scene, world))
     start = time.perf_counter()
     try:
         bake = light_bake.LightBake(scene, world, threads=count_processors())
@@ -79,24 +79,28 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
         bake.cast()
     first = bake.gather()
     rays = light_bake.FIRST_PASSES * light_bake.RAYS_PER_PASS
-    stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
+    stage = f"light by {rays} rays a node, up to {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS}"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
     def refine(is_stopped: Callable[[], bool]) -> LitWorld:
         bake.use_calling_thread()
         try:
-            while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
-                bake.cast()
-            light = bake.gather()
+            light = first
+            while (passes := bake.count_passes(light)) > bake.num_passes and not is_stopped():
+                while bake.num_passes < passes and not is_stopped():
+                    bake.cast()
+                light = bake.gather()
         finally:
             bake.close()
         release_freed_memory()
         if not is_stopped():
-            log.info("light baked in %.2f s", time.perf_counter() - start)
+            rays = bake.num_passes * light_bake.RAYS_PER_PASS
+            seconds = time.perf_counter() - start
+            log.info("light baked in %.2f s by %d rays a node", seconds, rays)
             _store_light(cache, key, light)
-        return LitWorld(*light.apply(scene, world), note=light.describe())
+        return LitWorld(*light.apply(scene, world))
 
-    return LitWorld(*first.apply(scene, world), "", stage, refine)
+    return LitWorld(*first.apply(scene, world), stage, refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,8 +109,6 @@ class LitWorld:
 
     scene: SceneMesh
     world: World
-    note: str = ""
-    """What a bake changes, for `explain`; empty without one."""
     stage: str = ""
     """How much of it is computed; empty for all."""
     refine: Callable[[Callable[[], bool]], LitWorld] | None = None
@@ -120,7 +122,7 @@ def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight |
         return None
     from catoptra_server.render.trace.occlusion.light_bake import BakedLight
 
-    occlusion, rest = OcclusionMap(*arrays[: len(_ARRAYS)]), arrays[len(_ARRAYS) :]
+    occlusion, rest = _make_map(arrays), arrays[len(_ARRAYS) :]
     light = BakedLight(occlusion, *rest)
     return light if _is_sound(occlusion, num_triangles) else None
 
@@ -172,7 +174,7 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
     cache = ArrayCache(folder)
     key = "" if folder is None else hash_scene(scene)
     arrays = cache.read(key, len(_ARRAYS))
-    cached = None if arrays is None else OcclusionMap(*arrays)
+    cached = None if arrays is None else _make_map(arrays)
     if cached is not None and _is_sound(cached, len(scene)):
         return cached if len(cached.bounds) else None
     # Loaded where it is needed: most starts find a map.
@@ -208,6 +210,10 @@ def hash_scene(scene: SceneMesh) -> str:
             digest.update(repr(array.shape).encode())
             digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
+
+
+def _make_map(arrays: Sequence[Any]) -> OcclusionMap:
+    return OcclusionMap(*arrays[: len(_ARRAYS)])
 
 
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
