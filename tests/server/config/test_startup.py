@@ -135,3 +135,10 @@ def test_world_has_ambient_occlusion_unless_it_says_off(
     startup = read_startup_config([write_small_robot(tmp_path)], world)
     assert (startup.scene.occlusion is not None) == is_occluded
     assert (tmp_path / "cache" / "catoptra" / "occlusion").exists() == is_occluded
+
+
+def test_cameras_name_what_the_light_of_the_world_adds(tmp_path: Path) -> None:
+    baked = write_edited_copy(WORLD, tmp_path, Edit("[Catoptra.World]", "[Catoptra.World]\nLightBake=on"))
+    for world, expected in ((baked, ["SelfView", "LightBake"]), (WORLD, ["SelfView"])):
+        (settings,) = read_startup_config([OMNI_ROBOT], world).effect_settings
+        assert [one.effect.name for one in settings.settings] == expected

@@ -50,7 +50,7 @@ class LightBake:
         """Change between a node and the mean of its grid."""
         light = summary.light_bake
         if light is None or light.ranges is None:
-            return EffectBound(0.0, "the world has no baked light, or one for all surfaces")
+            return EffectBound(0.0, "the world has no baked light")
         changes = find_grid_changes(light.ranges, summary.gains)
         reason = (
             f"light differs on {np.count_nonzero(~light.is_constant)} of {len(changes)} surfaces; "
