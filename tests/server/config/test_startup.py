@@ -137,8 +137,12 @@ def test_world_has_ambient_occlusion_unless_it_says_off(
     assert (tmp_path / "cache" / "catoptra" / "occlusion").exists() == is_occluded
 
 
-def test_cameras_name_what_the_light_of_the_world_adds(tmp_path: Path) -> None:
-    baked = write_edited_copy(WORLD, tmp_path, Edit("[Catoptra.World]", "[Catoptra.World]\nLightBake=on"))
-    for world, expected in ((baked, ["SelfView", "LightBake"]), (WORLD, ["SelfView"])):
-        (settings,) = read_startup_config([OMNI_ROBOT], world).effect_settings
+def test_cameras_name_what_the_light_of_the_world_adds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    robot = write_small_robot(tmp_path)
+    for words, expected in (((), ["SelfView"]), (("LightBake=on",), ["SelfView", "LightBake"])):
+        world = write_small_world(tmp_path, "Rectangles=(Size=(X=4,Y=4))", *words)
+        (settings,) = read_startup_config([robot], world).effect_settings
         assert [one.effect.name for one in settings.settings] == expected

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EffectSettings, Threshold, name_effect
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
@@ -19,9 +21,12 @@ from catoptra_server.render.trace.occlusion import light_bake
 from catoptra_server.render.trace.occlusion.light_bake import (
     MAX_PASSES,
     RAYS_PER_PASS,
+    BakedLight,
     LightBake,
+    add_lights,
     bake_light,
 )
+from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
@@ -111,6 +116,13 @@ def test_bytes_depend_on_neither_threads_nor_processor() -> None:
     assert len(digests) == 1
 
 
+def find_nodes(light: BakedLight) -> Bools:
+    is_node = np.zeros(light.error.shape[:2], dtype=bool)
+    for left, top, right, bottom in light.occlusion.bounds.tolist():
+        is_node[top : bottom + 1, left : right + 1] = True
+    return is_node
+
+
 def test_errors_that_are_stated_cover_those_against_4096_rays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -119,9 +131,7 @@ def test_errors_that_are_stated_cover_those_against_4096_rays(
     scene = build_scene(world)
     light = bake_light(scene, world, MAX_PASSES, threads=2)
     exact = bake_light(scene, world, 4096 // RAYS_PER_PASS, threads=2)
-    is_node = np.zeros(light.error.shape[:2], dtype=bool)
-    for left, top, right, bottom in light.occlusion.bounds.tolist():
-        is_node[top : bottom + 1, left : right + 1] = True
+    is_node = find_nodes(light)
     values, truth = (
         (one.brightest * np.moveaxis(one.occlusion.texels, 0, -1) / 65535)[is_node]
         for one in (light, exact)
@@ -229,14 +239,13 @@ def test_light_is_baked_into_raster_as_into_trace() -> None:
 
 
 def test_light_of_nothing_is_replaced_by_surfaces_own_colours(
-    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    world = World("dark", SIX_WALLS)
-    scene, lit = bake_light(build_scene(world), world, 2, threads=1).apply(
-        build_scene(world), world
-    )
-    assert scene.occlusion is None
-    assert lit.lights == (HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    world = World("dark", SIX_WALLS, light_bake=True)
+    lit = light_scene(build_scene(world), world)
+    assert lit.scene.occlusion is None
+    assert lit.world.lights == (HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),)
     assert "nothing shines" in caplog.text
 
 
@@ -253,3 +262,33 @@ def test_no_rays_are_added_where_errors_are_small() -> None:
         bake.cast()
         assert max(2, bake.count_passes(bake.gather())) == expected
         bake.close()
+
+
+def test_picture_is_the_sum_of_groups_with_a_factor_each() -> None:
+    lamps = (
+        RectangleLight((0.5, 0.0, -2.9), (0.0, 0.0, 1.0), (0.6, 0.4), (3.0, 2.0, 1.0), "one"),
+        RectangleLight((-1.0, 1.0, -2.5), (0.0, 0.0, 1.0), (0.3, 0.3), (1.0, 2.0, 3.0), "other"),
+    )
+    sky = HemisphereLight((0.4, 0.5, 0.6), (0.1, 0.1, 0.1))
+    world = World("groups", ROOMS["furnished"][1:], lights=(sky,), area_lights=lamps)
+    scene = build_scene(world)
+    factors = {"one": 0.25, "other": 2.0}
+    bright = [
+        replace(lamp, intensity=tuple(factors[lamp.group] * one for one in lamp.intensity))
+        for lamp in lamps
+    ]
+    lights = []
+    for one in (world, replace(world, area_lights=tuple(bright))):
+        bake = LightBake(scene, one, threads=2)
+        for _ in range(4):
+            bake.cast()
+        parts = {name: bake.gather(name) for name in ("", "one", "other")}
+        lights += [add_lights(parts, factors if one is world else {}), bake.gather()]
+        bake.close()
+    mixed, _, summed, whole = (one.brightest * one.occlusion.planes.T / 65535.0 for one in lights)
+    # Each map has its own steps.
+    np.testing.assert_allclose(mixed, summed, atol=2e-4)
+    # Filters decide by the noise of one group, or of all.
+    errors = (lights[0].error + lights[3].error).swapaxes(0, 1)
+    is_node = find_nodes(lights[0]).T
+    assert (np.abs(mixed - whole) <= errors)[is_node].mean() > 0.999

@@ -16,9 +16,8 @@ A reflected part of the scene is seen by many nodes, so its own error hardly add
 from __future__ import annotations
 
 import ctypes
-import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -73,8 +72,6 @@ from catoptra_server.world.world_description import (
     srgb_from_linear,
 )
 
-log = logging.getLogger(__name__)
-
 RAYS_PER_PASS = 16
 FIRST_PASSES = 2
 """Before the first picture: the fewest from which an error can be estimated."""
@@ -88,7 +85,6 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
-_WHITE = (1.0, 1.0, 1.0)
 # Irradiance below which nothing is lit.
 _LEAST_LIGHT = 1e-6
 _GOLDEN = 0.6180339887
@@ -127,17 +123,13 @@ class BakedLight:
         levels = 255.0 * (srgb_from_linear(light + error) - srgb_from_linear(light))
         return float(np.percentile(levels, 99.0)) if len(levels) else 0.0
 
-    def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
-        """The scene and its world, lit by this light instead of hemisphere lights.
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing is lit."""
+        return bool(self.brightest.max() <= _LEAST_LIGHT)
 
-        Where nothing shines all surfaces have one light, so that they are seen.
-        """
-        if self.brightest.max() <= _LEAST_LIGHT:
-            log.warning(
-                "LightBake=on, but nothing shines: no lamp, window, sky or luminous surface; "
-                "surfaces are shown at their own colours"
-            )
-            return scene, replace(world, lights=(HemisphereLight(_WHITE, _WHITE),), area_lights=())
+    def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+        """The scene and its world, lit by this light instead of hemisphere lights."""
         brightest, up, down = (
             (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
@@ -167,6 +159,25 @@ class BakedLight:
     def _find_ranges(self) -> Floats:
         """(3, m, 3) as of `OcclusionMap`."""
         return find_ranges(self._light, self.error.astype(np.float64), self._grid)
+
+
+def add_lights(parts: Mapping[str, BakedLight], factors: Mapping[str, float]) -> BakedLight:
+    """Sum of the lights of groups, brighter by a factor each; 1 where none is named."""
+    if len(parts) == 1:
+        return parts[""]
+    first, scales = parts[""], [factors.get(name, 1.0) for name in parts]
+    pairs = [*zip(scales, parts.values(), strict=True)]
+    light = sum((scale * part._light for scale, part in pairs), np.zeros(3))
+    error = sum((scale * part.error.astype(np.float32) for scale, part in pairs), np.float32(0.0))
+    at_nodes = light[first._grid >= 0]
+    brightest = np.maximum(at_nodes.max(axis=0, initial=0.0), _LEAST_LIGHT)
+    texels = np.rint(np.minimum(light / brightest, 1.0) * OPEN_LIGHT).astype(np.uint16)
+    return BakedLight(
+        replace(first.occlusion, texels=np.ascontiguousarray(np.moveaxis(texels, -1, 0))),
+        brightest,
+        sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
+        np.asarray(1.001 * error + 0.5 * brightest / OPEN_LIGHT).astype(np.float16),
+    )
 
 
 def find_ranges(light: Floats, error: Floats, grid: npt.NDArray[np.int32]) -> Floats:
@@ -343,11 +354,16 @@ class LightBake:
         return min(math.ceil(needed), len(self._light))
 
     @np.errstate(under="ignore")  # an underflow is black
-    def gather(self) -> BakedLight:
-        """Light of the scene after all bounces, from the passes so far; two at least."""
-        lit, reflected = self._find_lamp_light()
+    def gather(self, group: str | None = None) -> BakedLight:
+        """Light of the scene after all bounces, from the passes so far; two at least.
+
+        Args:
+            group: Group of lamps that shine alone; empty: what is in no group; None: all lights.
+        """
+        shine = 0.0 if group else 1.0  # of sky and luminous surfaces
+        lit, reflected = self._find_lamp_light(group)
         albedo, emission = self._find_materials()
-        table = self._make_table()
+        emission, table = shine * emission, np.float32(shine) * self._make_table()
         is_inside = self._backs > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
         if self._has_spare:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
@@ -363,7 +379,7 @@ class LightBake:
             radiance = albedo * (irradiance + lamp_light + reflected) + emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
             mean = np.average(irradiance + lamp_light, axis=0)
-            table[size : size + len(self._rows)] = self._triangle_radiance(mean)
+            table[size : size + len(self._rows)] = self._triangle_radiance(mean, shine)
             self._gather_means(table, means)
             gathered = means.mean(axis=0, dtype=np.float64)
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
@@ -381,12 +397,14 @@ class LightBake:
         means += (change * ratio / (1.0 - ratio)).astype(np.float32)
         return self._finish(means, is_inside)
 
-    def _find_lamp_light(self) -> tuple[_Float32s, Floats]:
+    def _find_lamp_light(self, group: str | None) -> tuple[_Float32s, Floats]:
         """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
         light = self._light[: self.num_passes]
         areas = np.zeros((len(light), light.shape[1], 3), dtype=np.float32)
         others = np.zeros((light.shape[1], 3))
         for number, lamp in enumerate(self._lamps):
+            if group is not None and lamp.group != group:
+                continue
             if isinstance(lamp, RectangleLight):
                 areas += light[:, :, number, None] * np.asarray(lamp.intensity, dtype=np.float32)
             else:
@@ -418,11 +436,11 @@ class LightBake:
         table[self._job.sky_slot :] = sky_radiance(self._world, directions)
         return table
 
-    def _triangle_radiance(self, irradiance: Floats) -> Floats:
+    def _triangle_radiance(self, irradiance: Floats, shine: float) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
         scene, rows = self._scene, self._rows
-        radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
-        return radiance if scene.emission is None else radiance + scene.emission[rows]
+        radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
+        return radiance if scene.emission is None else radiance + shine * scene.emission[rows]
 
     def _find_sources(self, is_inside: Bools) -> npt.NDArray[np.intp]:
         """(k,) node whose radiance each has: inside a solid, that of one beside it on its grid.
