@@ -133,8 +133,6 @@ class SampleRenderer:
         if staged.mix is not None and groups:
             scene, world = staged.mix(groups)
         world = _scale_lights(world, brightness, groups)
-        if (light := scene.baked_light) is not None and light.ranges is not None:
-            scene = replace(scene, occlusion=replace(light, ranges=brightness * light.ranges))
         choice = choose_renderer(
             recipe.renderer,
             scene,

@@ -258,6 +258,8 @@ class SceneSummary:
     """The same where the robot that carries the camera casts shadows, too."""
     light_bake: OcclusionMap | None = None
     """Map of baked light; None without."""
+    open_irradiance: Vector3 = (0.0, 0.0, 0.0)
+    """Irradiance of its factor 1."""
     max_fresnel: float = 0.0
     """Largest part of its light that a glossy surface mirrors; 0 without such surfaces."""
     camera_key: tuple[int, int] | None = None

@@ -42,6 +42,7 @@ from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
     PointLight,
+    Vector3,
     World,
     linear_from_srgb,
 )
@@ -136,6 +137,13 @@ def object_lights(world: World) -> tuple[Light, ...]:
         return world.lights
     others = (light for light in world.lights if not isinstance(light, HemisphereLight))
     return (world.object_sky, *others)
+
+
+def open_irradiance(lights: Iterable[Light]) -> Vector3:
+    """Irradiance of an upward surface that nothing is hidden from, by hemisphere lights."""
+    up = [light.up_irradiance for light in hemisphere_lights(lights)]
+    red, green, blue = (sum(values) for values in zip((0.0, 0.0, 0.0), *up, strict=True))
+    return red, green, blue
 
 
 def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
@@ -245,8 +253,8 @@ class OcclusionMap:
     texels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
     """(h, w) atlas; of 16 bits for each colour, (3, h, w)."""
     ranges: Floats | None = None
-    """(3, m, 3) least, mean and largest irradiance of each grid of baked light, errors included;
-    None for ambient occlusion."""
+    """(3, m, 3) least, mean and largest factor of each grid of baked light, errors included; None
+    for ambient occlusion."""
     stated_error: float = 0.0
     """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
     darkest: Floats = field(init=False)

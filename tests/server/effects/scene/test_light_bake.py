@@ -17,11 +17,12 @@ from helpers.worlds import CAMERA_STATE, make_omni_camera
 CAMERA = make_omni_camera()
 
 
-def make_map(least: float, mean: float, largest: float) -> OcclusionMap:
-    ranges = np.array([[[one] * 3] for one in (least, mean, largest)])
+def make_summary(least: float, mean: float, largest: float) -> SceneSummary:
+    ranges = np.array([[[one / largest] * 3] for one in (least, mean, largest)])
     rows, bounds = np.zeros((1, 4)), np.array([[0, 0, 1, 1]], dtype=np.int32)
     texels = np.arange(48, dtype=np.uint16).reshape(3, 4, 4)
-    return OcclusionMap(np.zeros(1, dtype=np.int32), rows, rows, bounds, texels, ranges)
+    light = OcclusionMap(np.zeros(1, dtype=np.int32), rows, rows, bounds, texels, ranges)
+    return SceneSummary(1.0, light_bake=light, open_irradiance=(largest,) * 3)
 
 
 @pytest.mark.parametrize("gains", [(1.0, 1.0), (0.2, 3.0)])
@@ -29,7 +30,7 @@ def make_map(least: float, mean: float, largest: float) -> OcclusionMap:
 def test_bound_covers_every_node_on_every_surface(
     light: tuple[float, float, float], gains: tuple[float, float]
 ) -> None:
-    summary = replace(SceneSummary(1.0, light_bake=make_map(*light)), gains=gains)
+    summary = replace(make_summary(*light), gains=gains)
     bound = LightBake().bound(summary, CAMERA).value
     for albedo in np.geomspace(1e-4, 1.0, 60):
         for added in (0.0, 0.002, 0.3):
@@ -42,7 +43,7 @@ def test_light_that_nobody_misses_is_left_out_of_a_camera() -> None:
     settings = name_effect(EffectSettings(), "LightBake")
     assert name_effect(settings, "LightBake") is settings
     for largest, is_drawn in ((0.502, False), (0.6, True)):
-        summary = SceneSummary(1.0, light_bake=make_map(0.5, 0.5, largest))
+        summary = make_summary(0.5, 0.5, largest)
         plan = plan_effects(settings, summary, CAMERA)
         assert apply_scene_effects(CAMERA_STATE, plan).has_light_bake is is_drawn
     bound = LightBake().bound(SceneSummary(1.0), CAMERA)

@@ -29,7 +29,7 @@ def find_grid_changes(ranges: Floats, gains: Gains) -> Floats:
     """(m,) largest changes, grey levels, between the nodes of grids and the means of these.
 
     Args:
-        ranges: (3, m, 3) as of `OcclusionMap`.
+        ranges: (3, m, 3) least, mean and largest irradiance of each.
         gains: Factors from the scene's light to that of the finished picture.
     """
     changes = find_changes(ranges[[0, 2]], ranges[[1, 1]], (0.0, gains[1]))
@@ -44,14 +44,15 @@ class LightBake:
     name: ClassVar[str] = "LightBake"
     changes_scene: ClassVar[bool] = True
     gains: ClassVar[Gains] = AVERAGING
-    reads: ClassVar[frozenset[str]] = frozenset({"light_bake"})
+    reads: ClassVar[frozenset[str]] = frozenset({"light_bake", "open_irradiance"})
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change between a node and the mean of its grid."""
         light = summary.light_bake
         if light is None or light.ranges is None:
             return EffectBound(0.0, "the world has no baked light")
-        changes = find_grid_changes(light.ranges, summary.gains)
+        ranges = light.ranges * np.array(summary.open_irradiance)
+        changes = find_grid_changes(ranges, summary.gains)
         reason = (
             f"light differs on {np.count_nonzero(~light.is_constant)} of {len(changes)} surfaces; "
             f"of 99 % of its nodes the stated error is below {light.stated_error:.3g} levels"

@@ -78,7 +78,7 @@ from catoptra_server.render.trace.trace_engine import (
 from catoptra_server.runtime.memory import release_freed_memory
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights, object_lights
+from catoptra_server.world.shading import hemisphere_lights, object_lights, open_irradiance
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:
@@ -530,7 +530,8 @@ class KernelEngine:
             # Loaded with the first map of baked light.
             from catoptra_server.effects.scene.light_bake import find_grid_changes
 
-            self._grid_changes = {gains: find_grid_changes(occlusion.ranges, gains)}
+            ranges = occlusion.ranges * np.array(open_irradiance(self._world.lights))
+            self._grid_changes = {gains: find_grid_changes(ranges, gains)}
         changes = self._grid_changes[gains][seen > 0]
         return EffectChange(float(changes.max(initial=0.0)))
 

@@ -158,7 +158,8 @@ class BakedLight:
 
     def _find_ranges(self) -> Floats:
         """(3, m, 3) as of `OcclusionMap`."""
-        return find_ranges(self._light, self.error.astype(np.float64), self._grid)
+        error = self.error.astype(np.float64)
+        return find_ranges(self._light, error, self._grid) / self.brightest
 
 
 def add_lights(parts: Mapping[str, BakedLight], factors: Mapping[str, float]) -> BakedLight:
