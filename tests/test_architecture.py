@@ -27,7 +27,7 @@ from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, command_from_mes
 from catoptra_protocol.usarsim.grammar import Message, parse_message
 from catoptra_protocol.usarsim.readings import READING_PARSERS
 from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_message
-from catoptra_server.effects import EFFECT_TYPES, EffectType
+from catoptra_server.effects import EFFECT_TYPES, WORLD_EFFECTS, EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
@@ -292,7 +292,8 @@ def msgpack_map(*, kind: str, id: int) -> bytes:
 
 def effects_without_case(names: Iterable[str]) -> list[str]:
     """Effects without a page in `make effects`."""
-    shown = {case.effect.name for case in EFFECT_CASES}
+    # Those of worlds have their pictures in docs/EFFECTS.md: the field has no such light.
+    shown = {case.effect.name for case in EFFECT_CASES} | {*WORLD_EFFECTS}
     return [name for name in names if name not in shown]
 
 

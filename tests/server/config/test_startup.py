@@ -135,3 +135,14 @@ def test_world_has_ambient_occlusion_unless_it_says_off(
     startup = read_startup_config([write_small_robot(tmp_path)], world)
     assert (startup.scene.occlusion is not None) == is_occluded
     assert (tmp_path / "cache" / "catoptra" / "occlusion").exists() == is_occluded
+
+
+def test_cameras_name_what_the_light_of_the_world_adds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    robot = write_small_robot(tmp_path)
+    for words, expected in (((), ["SelfView"]), (("LightBake=on",), ["SelfView", "LightBake"])):
+        world = write_small_world(tmp_path, "Rectangles=(Size=(X=4,Y=4))", *words)
+        (settings,) = read_startup_config([robot], world).effect_settings
+        assert [one.effect.name for one in settings.settings] == expected

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_server.datasets import sample_renderer
 from catoptra_server.datasets.sample import encode_sample
@@ -20,6 +22,7 @@ from catoptra_server.world.world_description import (
     PointLight,
     Rgb,
     World,
+    linear_from_srgb,
 )
 from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
 
@@ -107,3 +110,39 @@ def test_all_lights_are_brighter_by_the_factor_and_nothing_else_changes(
         replace(lamp, intensity=scale(lamp.intensity)),
     )
     assert (drawn[0].background, len(drawn[0].items)) == (world.background, len(world.items))
+
+
+ROOM = """[Catoptra.World]
+LightBake=on
+Lights=(Type=Rectangle,Position=(X=1,Y=0,Z=-2),Direction=(X=0,Y=0,Z=1),Size=(X=1,Y=1),Group=near)
+Lights=(Type=Point,Position=(X=-1,Y=0,Z=-2),Group=far)
+Rectangles=(Name="Floor",Size=(X=8,Y=8),Colour=(R=128,G=128,B=128))
+PlayerStarts=(Tag="Start",Location=(X=0,Y=0,Z=0),Rotation=(X=0,Y=0,Z=0))
+"""
+
+
+def test_groups_of_lights_vary_apart_without_another_bake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "room.ini").write_text(ROOM, encoding="utf-8")
+    means = {}
+    for near, far in product((0.0, 1.0), repeat=2):
+        groups = (
+            f"Groups=(Name=near,Min={near},Max={near},Levels=1)",
+            f"Groups=(Name=far,Min={far},Max={far},Levels=1)",
+        )
+        path = write_recipe(tmp_path, "[Catoptra.Lights]", *groups, world="room.ini")
+        (sample,) = render_samples(path, 0)
+        assert sample.metadata["groups"] == {"near": near, "far": far}
+        means[near, far] = linear_from_srgb(sample.rgb / 255.0).mean()
+        # Of the first one, and nothing later.
+        assert len([*(tmp_path / "cache" / "catoptra" / "light").iterdir()]) == 1
+    assert min(means[1.0, 0.0], means[0.0, 1.0]) > 2.0 * means[0.0, 0.0]
+    both = means[1.0, 0.0] + means[0.0, 1.0] - means[0.0, 0.0]
+    assert means[1.0, 1.0] == pytest.approx(both, rel=0.02)
+    path = write_recipe(
+        tmp_path, "[Catoptra.Lights]", "Groups=(Name=none,Min=1,Max=1)", world="room.ini"
+    )
+    with pytest.raises(CatoptraError, match="no world has lights of Group=none"):
+        _ = stage_recipe(path).digest

@@ -57,14 +57,19 @@ def test_picture_of_what_glows_without_any_light_has_all_effects_that_show() -> 
 # exposure, behind which light above the well spills over.
 @pytest.mark.parametrize(
     ("world", "factor", "exposure"),
-    [("four_legged_2006", 1.0, 1.0), ("corridor", 0.01, 1.0), ("incidence_rings", 1.0, 4.0)],
+    [
+        ("four_legged_2006", 1.0, 1.0),
+        ("corridor", 0.01, 1.0),
+        ("incidence_rings", 1.0, 4.0),
+        ("meadow", 1.0, 1.0),
+    ],
 )
 def test_every_number_about_a_frame_holds_in_its_picture(
     world: str, factor: float, exposure: float
 ) -> None:
     # What is off is left out, what is on is forced off.
     named = [one.effect for one in draw_pair(world, factor)[0].effect_decisions]
-    assert len(named) == 26
+    assert len(named) == 28
     for name in named:
         pair = draw_pair(world, factor, exposure=exposure, without=name)
         decision = next(one for one in pair[0].effect_decisions if one.effect == name)

@@ -94,8 +94,6 @@ def main(arguments: Sequence[str]) -> int:
         print(json.dumps([asdict(report) for report in reports], indent=2))
     else:
         print("\n\n".join(map(str, reports)) or "no robot has a camera")
-        if startup.light is not None and startup.light.note:
-            print(f"\n{startup.light.note}")
     return 0
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
@@ -20,10 +20,15 @@ from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects import EffectSettings
+from catoptra_server.effects import EffectSettings, name_effect
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.robot_description import (
+    OmniCameraDescription,
+    PerspectiveCameraDescription,
+    PlanarPose,
+    RobotDescription,
+)
 from catoptra_server.simulation.sensors import RayCaster, Triangles, casts_rays
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
@@ -35,6 +40,8 @@ if TYPE_CHECKING:
     from catoptra_server.render.trace.ray_caster import SceneRayCaster
 
 log = logging.getLogger(__name__)
+
+_CameraT = TypeVar("_CameraT", OmniCameraDescription, PerspectiveCameraDescription)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +62,11 @@ class StartupConfig:
     def with_light(self, light: LitWorld) -> StartupConfig:
         """The same with other light."""
         return replace(self, scene=light.scene, world=light.world, light=light)
+
+    def name_world_effects(self) -> StartupConfig:
+        """The same with rows for what the world's light adds to the pictures of all cameras."""
+        names = ["LightBake"] * self.world.light_bake + ["Sky"] * (self.world.sky is not None)
+        return replace(self, robots=tuple(_name_effects(robot, names) for robot in self.robots))
 
     @property
     def effect_settings(self) -> tuple[EffectSettings, ...]:
@@ -100,7 +112,7 @@ def read_startup_config(
         _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
-    startup = StartupConfig(descriptions, world_description, scene, options)
+    startup = StartupConfig(descriptions, world_description, scene, options).name_world_effects()
     if not (world_description.ambient_occlusion or world_description.light_bake):
         return startup
     # Loaded where it is needed: see `commands/server.py`.
@@ -139,6 +151,21 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
     if any(casts_rays(sensor) for robot in startup.robots for sensor in robot.sensors):
         return caster.built
     return caster
+
+
+def _name_effects(robot: RobotDescription, names: Sequence[str]) -> RobotDescription:
+    """Robot whose cameras name some effects."""
+
+    def name_all(camera: _CameraT) -> _CameraT:
+        return replace(camera, effects=reduce(name_effect, names, camera.effects))
+
+    if not names:
+        return robot
+    return replace(
+        robot,
+        omni_cameras=tuple(map(name_all, robot.omni_cameras)),
+        perspective_cameras=tuple(map(name_all, robot.perspective_cameras)),
+    )
 
 
 def _read_server_file(path: Path) -> IniFile:

@@ -292,6 +292,7 @@ def _read_light(struct: SectionReader, *, has_areas: bool) -> Light | RectangleL
         return float(x), float(y), float(z)
 
     kind = struct.get_choice("Type", ["Hemisphere", "Directional", "Point", "Rectangle"])
+    group = "" if kind == "Hemisphere" else struct.get_str("Group", "")
     if kind == "Rectangle" and not has_areas:
         raise struct.make_error("Type", expected="LightBake=on before a light of Type=Rectangle")
     match kind:
@@ -300,7 +301,9 @@ def _read_light(struct: SectionReader, *, has_areas: bool) -> Light | RectangleL
                 read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128))
             )
         case "Directional":
-            return DirectionalLight(read_direction(), read_radiance("Colour", (255, 255, 255)))
+            return DirectionalLight(
+                read_direction(), read_radiance("Colour", (255, 255, 255)), group
+            )
         case "Rectangle":
             size = struct.get_struct("Size")
             return RectangleLight(
@@ -308,10 +311,11 @@ def _read_light(struct: SectionReader, *, has_areas: bool) -> Light | RectangleL
                 read_direction(),
                 (_read_length(size, "X"), _read_length(size, "Y")),
                 read_radiance("Colour", (255, 255, 255)),
+                group,
             )
         case _:
             return PointLight(
-                _read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255))
+                _read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255)), group
             )
 
 

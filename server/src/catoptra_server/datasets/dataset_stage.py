@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 
@@ -58,6 +58,7 @@ class DatasetStage:
             if names.count(camera.name) > 1:
                 raise CatoptraError(f"{camera.choice.where}: a second camera {camera.name}")
         self._worlds: dict[str, RecipeWorld] = {}
+        self._groups: set[str] = set()
 
     def world(self, number: int) -> RecipeWorld:
         """World by number in the recipe."""
@@ -71,6 +72,10 @@ class DatasetStage:
         """SHA-256 of all that the samples follow from, whatever the paths of the files."""
         digest = hashlib.sha256(self.recipe.text.encode())
         worlds = [self.world(number) for number in range(len(self.recipe.worlds))]
+        for name in self.recipe.group_brightness.keys() - self._groups:
+            raise CatoptraError(
+                f"{self.recipe.path}: [Catoptra.Lights] Groups: no world has lights of Group={name}"
+            )
         # Sorted: in whatever order worlds were loaded.
         for file_hash in sorted(hashlib.sha256(path.read_bytes()).digest() for path in self._files):
             digest.update(file_hash)
@@ -147,10 +152,12 @@ class DatasetStage:
         # For the names of nodes, which are labels; geometry and looks count as read.
         meshes = {one.shape.path for one in world.items if isinstance(one.shape, MeshFile)}
         self._files += sorted(meshes - {*self._files})
+        self._groups |= {*world.light_groups}
         scene = build_scene(world, MemoryBudget())
-        scene, world = occlusion_cache.light_scene(scene, world)
-        caster = commit_to_kernel(scene)
-        return RecipeWorld(choice, world, scene, caster, CollisionIndex(scene, caster))
+        lit = occlusion_cache.light_scene(scene, world)
+        caster = commit_to_kernel(lit.scene)
+        index = CollisionIndex(lit.scene, caster)
+        return RecipeWorld(choice, lit.world, lit.scene, caster, index, lit.mix)
 
     def _note_files(self, file: IniFile) -> None:
         self._files += [path for path in file.paths if path not in self._files]
@@ -166,6 +173,8 @@ class RecipeWorld:
     caster: SceneRayCaster
     ground: CollisionIndex
     """What robots stand on."""
+    mix: Callable[[Mapping[str, float]], tuple[SceneMesh, World]] | None
+    """As of `occlusion_cache.LitWorld`."""
 
     @property
     def name(self) -> str:

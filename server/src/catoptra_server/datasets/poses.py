@@ -32,6 +32,7 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.world_file import MAX_LENGTH_M
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera, RecipeWorld
 from catoptra_server.datasets.recipe import (
+    BrightnessLevels,
     DrivePoses,
     GivenPose,
     GivenPoses,
@@ -106,9 +107,18 @@ def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
 
 def draw_brightness(recipe: Recipe, index: int) -> float:
     """Factor of all lights in a sample."""
-    levels = recipe.brightness.levels
-    number = random_source(recipe, "brightness").generator(index).integers(levels)
-    return recipe.brightness.level(int(number))
+    return _draw_level(recipe, recipe.brightness, "brightness", index)
+
+
+def draw_group_brightness(recipe: Recipe, index: int) -> dict[str, float]:
+    """Factors of groups of lights in a sample, by name."""
+    levels = recipe.group_brightness.items()
+    return {name: _draw_level(recipe, one, f"brightness {name}", index) for name, one in levels}
+
+
+def _draw_level(recipe: Recipe, levels: BrightnessLevels, source: str, index: int) -> float:
+    number = random_source(recipe, source).generator(index).integers(levels.levels)
+    return levels.level(int(number))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

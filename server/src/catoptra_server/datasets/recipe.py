@@ -50,6 +50,8 @@ class Recipe:
     cameras: tuple[CameraChoice, ...]
     poses: PoseRecipe
     brightness: BrightnessLevels
+    group_brightness: Mapping[str, BrightnessLevels]
+    """Factors of groups of lights by name, beside that of all."""
     effects: EffectOverrides
     channels: tuple[str, ...]
     """Names of channels of ground truth beside the picture."""

@@ -82,6 +82,10 @@ def read_recipe(path: Path) -> Recipe:
         cameras=cameras,
         poses=poses,
         brightness=_read_brightness(file.get_section(_LIGHTS)),
+        group_brightness={
+            struct.get_str("Name"): _read_levels(struct, "Groups")
+            for struct in file.get_section(_LIGHTS).get_structs("Groups")
+        },
         effects=read_effects(file),
         channels=_read_channels(section, poses),
         formats=read_words(section, "Formats", _FORMATS, ()),
@@ -141,7 +145,11 @@ def _read_brightness(section: SectionReader) -> BrightnessLevels:
     if not section.get_str("Brightness", ""):
         return BrightnessLevels(1.0, 1.0, 1)
     struct = section.get_struct("Brightness", example="(Min=0.5,Max=1.5,Levels=5)")
-    extent = read_range_struct(section, "Brightness", struct, 0.0, 1000.0)
+    return _read_levels(struct, "Brightness")
+
+
+def _read_levels(struct: SectionReader, key: str) -> BrightnessLevels:
+    extent = read_range_struct(struct, key, struct, 0.0, 1000.0)
     levels = struct.get_int("Levels", 5, min_value=1, max_value=_MAX_LEVELS)
     return BrightnessLevels(extent.low, extent.high, levels)
 

@@ -35,6 +35,7 @@ from catoptra_server.datasets.poses import (
     RobotMotion,
     SamplePlace,
     draw_brightness,
+    draw_group_brightness,
     find_place,
     random_source,
     seed_noise,
@@ -75,6 +76,8 @@ class SampleDescription:
     motion: RobotMotion
     brightness: float
     """Factor of all lights."""
+    group_brightness: Mapping[str, float]
+    """Factors of groups of lights by name, beside that of all."""
 
 
 class SampleDescriber:
@@ -112,6 +115,7 @@ class SampleDescriber:
             next_state=self._camera_state(camera, motion.next, place) if motion.next else None,
             motion=motion.now,
             brightness=draw_brightness(recipe, index),
+            group_brightness=draw_group_brightness(recipe, index),
         )
 
     def _camera_state(
@@ -232,6 +236,7 @@ def describe_sample_metadata(
         "linear_m_s": [float(one) for one in twist.linear_m_s],
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
         "brightness": description.brightness,
+        **({"groups": {**groups}} if (groups := description.group_brightness) else {}),
         "noise_seed": [*state.noise_seed.camera_key, state.noise_seed.tick],
         "plan": view.frame_plan.plan_text,
         "error_bound_px": {k: _finite(v) for k, v in (view.frame_plan.bounds or {}).items()},

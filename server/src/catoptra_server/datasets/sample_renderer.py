@@ -7,6 +7,7 @@ A brightness is a factor of all lights; luminous surfaces stay unchanged.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -54,7 +55,7 @@ class SampleRenderer:
 
     def __init__(self, stage: DatasetStage) -> None:
         self._stage = stage
-        self._views: dict[tuple[int, float], ViewCache] = {}  # the last used at the end
+        self._views: dict[tuple[float, ...], ViewCache] = {}  # the last used at the end
         self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}  # likewise
         self._annotator = SampleAnnotator()
 
@@ -65,7 +66,8 @@ class SampleRenderer:
             ViewFailedError: The renderer cannot draw the sample.
             RendererUnavailableError: The renderer cannot run on this machine.
         """
-        views = self._find_views(description.place.world, description.brightness)
+        factors = description.brightness, description.group_brightness
+        views = self._find_views(description.place.world, *factors)
         channels = self._needed_channels()
         view = views.render(ViewRequest(description.spec, description.state, tuple(channels)))
         truth, annotations = self._render_labels(description, view, channels)
@@ -116,21 +118,24 @@ class SampleRenderer:
         renderer = TraceRenderer(staged.scene, staged.world, threads=1)
         return LabelRenderer(renderer, staged.scene), renderer
 
-    def _find_views(self, world: int, brightness: float) -> ViewCache:
-        key = (world, brightness)
-        views = self._views.pop(key, None) or self._make_views(world, brightness)
+    def _find_views(self, world: int, brightness: float, groups: Mapping[str, float]) -> ViewCache:
+        key = (world, brightness, *groups.values())
+        views = self._views.pop(key, None) or self._make_views(world, brightness, groups)
         self._views[key] = views
         # At least the levels of one world, which alternate.
         while len(self._views) > max(_MIN_RENDERERS, self._stage.recipe.brightness.levels):
             self._views.pop(next(iter(self._views))).close()
         return views
 
-    def _make_views(self, number: int, brightness: float) -> ViewCache:
+    def _make_views(self, number: int, brightness: float, groups: Mapping[str, float]) -> ViewCache:
         recipe, staged = self._stage.recipe, self._stage.world(number)
-        world = _scale_lights(staged.world, brightness)
+        scene, world = staged.scene, staged.world
+        if staged.mix is not None and groups:
+            scene, world = staged.mix(groups)
+        world = _scale_lights(world, brightness, groups)
         choice = choose_renderer(
             recipe.renderer,
-            staged.scene,
+            scene,
             world,
             threads=1,
             is_reproducible=True,
@@ -139,7 +144,7 @@ class SampleRenderer:
         )
         return ViewCache(
             RenderPlanner(RendererPool(choice, may_replace=False)),
-            SceneSummarizer(staged.scene, world),
+            SceneSummarizer(scene, world),
             max_bytes=_MAX_VIEW_BYTES,
             request_labels=partial(self._request_labels, number),
         )
@@ -165,13 +170,14 @@ def _close_labels(labels: LabelRenderer, renderer: TraceRenderer) -> None:
     renderer.close()
 
 
-def _scale_lights(world: World, factor: float) -> World:
-    """World whose lights are brighter by a factor; luminous surfaces stay as they are.
+def _scale_lights(world: World, factor: float, groups: Mapping[str, float]) -> World:
+    """World whose lights are brighter by a factor and those of groups by one more; luminous
+    surfaces stay as they are.
 
-    Baked light is brighter by the same factor, which is all that its lamps differ by.
+    Baked light has the factors of groups; the one of all is all that its lamps differ by.
     """
     sky = None if world.object_sky is None else _scale_hemisphere(world.object_sky, factor)
-    lights = tuple(_scale_light(light, factor) for light in world.lights)
+    lights = tuple(_scale_light(light, factor, groups) for light in world.lights)
     return replace(world, lights=lights, object_sky=sky)
 
 
@@ -181,10 +187,11 @@ def _scale_hemisphere(light: HemisphereLight, factor: float) -> HemisphereLight:
     )
 
 
-def _scale_light(light: Light, factor: float) -> Light:
+def _scale_light(light: Light, factor: float, groups: Mapping[str, float]) -> Light:
+    if isinstance(light, HemisphereLight):
+        return _scale_hemisphere(light, factor)
+    factor *= groups.get(light.group, 1.0)
     match light:
-        case HemisphereLight():
-            return _scale_hemisphere(light, factor)
         case DirectionalLight():
             return replace(light, irradiance=_scale(light.irradiance, factor))
         case PointLight():

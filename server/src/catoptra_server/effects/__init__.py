@@ -57,6 +57,7 @@ from catoptra_protocol.lazy_table import LazyTable
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import ZERO_SEED, CameraState, NoiseSeed
+from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.world_description import AT_REST, Twist, Vector3
 
 # float64 for references, float32 where a renderer applies an effect to its images.
@@ -145,6 +146,21 @@ class ImageEffect(Effect, Protocol):
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the changed image, a new array of the same type."""
+
+
+WORLD_EFFECTS = {"LightBake": "has_light_bake", "Sky": "has_sky"}
+"""Effects that a world's file asks for, with their field of a `CameraState`: drawn where nobody
+names them."""
+
+
+def name_effect(settings: EffectSettings, name: str) -> EffectSettings:
+    """Settings that leave an effect to its criterion, unless they name it already."""
+    if any(one.effect.name == name for one in settings.settings):
+        return settings
+    added = EffectSetting(EFFECT_TYPES[name].factory(), EffectMode.AUTO)
+    order = [*EFFECT_TYPES]
+    named = sorted((*settings.settings, added), key=lambda one: order.index(one.effect.name))
+    return replace(settings, settings=tuple(named))
 
 
 def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
@@ -240,6 +256,10 @@ class SceneSummary:
     """Largest loss in the shadow of scene and dynamic objects, as light of the finished picture."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
     """The same where the robot that carries the camera casts shadows, too."""
+    light_bake: OcclusionMap | None = None
+    """Map of baked light; None without."""
+    open_irradiance: Vector3 = (0.0, 0.0, 0.0)
+    """Irradiance of its factor 1."""
     max_fresnel: float = 0.0
     """Largest part of its light that a glossy surface mirrors; 0 without such surfaces."""
     camera_key: tuple[int, int] | None = None
@@ -515,6 +535,8 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
     {
         "SelfView": "scene.self_view.EFFECT_TYPE",
         "Shadows": "scene.shadows.EFFECT_TYPE",
+        "LightBake": "scene.light_bake.EFFECT_TYPE",
+        "Sky": "scene.sky.EFFECT_TYPE",
         "Gloss": "scene.gloss.EFFECT_TYPE",
         "Fog": "scene.fog.EFFECT_TYPE",
         "RollingShutter": "scene.rolling_shutter.EFFECT_TYPE",

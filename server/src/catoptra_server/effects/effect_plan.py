@@ -19,12 +19,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import lru_cache
+from typing import Any
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
     UNCHANGED,
     VISIBLE_LEVELS,
+    WORLD_EFFECTS,
     DecisionBasis,
     EffectBound,
     EffectChange,
@@ -168,7 +170,9 @@ def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraSt
     for effect in plan.scene_effects:
         displacement_px = plan.find_displacement_px(effect.name)
         camera_state = effect.apply_to_scene(camera_state, displacement_px)
-    return camera_state
+    left_out = [one.effect for one in plan.decisions if not one.enabled]
+    fields: dict[str, Any] = {WORLD_EFFECTS[n]: False for n in left_out if n in WORLD_EFFECTS}
+    return replace(camera_state, **fields) if fields else camera_state
 
 
 def describe_changes(before: Sequence[EffectDecision], after: Sequence[EffectDecision]) -> str:

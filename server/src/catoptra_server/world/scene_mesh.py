@@ -194,6 +194,12 @@ class SceneMesh:
         reflectance, roughness = self.gloss[self.gloss[:, 0] > 0.0].T
         return float(np.maximum(reflectance, 1.0 - roughness).max(initial=0.0))
 
+    @property
+    def baked_light(self) -> OcclusionMap | None:
+        """Map of baked light; None without, or where all is ambient occlusion."""
+        has_light = self.occlusion is not None and self.occlusion.ranges is not None
+        return self.occlusion if has_light else None
+
     def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""
         if self.corner_albedo is None:

@@ -26,7 +26,7 @@ light_bake.py). Dynamic objects then have a hemisphere light of their own.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cache
 from typing import Any, Protocol
 
@@ -42,6 +42,7 @@ from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
     PointLight,
+    Vector3,
     World,
     linear_from_srgb,
 )
@@ -136,6 +137,13 @@ def object_lights(world: World) -> tuple[Light, ...]:
         return world.lights
     others = (light for light in world.lights if not isinstance(light, HemisphereLight))
     return (world.object_sky, *others)
+
+
+def open_irradiance(lights: Iterable[Light]) -> Vector3:
+    """Irradiance of an upward surface that nothing is hidden from, by hemisphere lights."""
+    up = [light.up_irradiance for light in hemisphere_lights(lights)]
+    red, green, blue = (sum(values) for values in zip((0.0, 0.0, 0.0), *up, strict=True))
+    return red, green, blue
 
 
 def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
@@ -244,16 +252,26 @@ class OcclusionMap:
     """(m, 4) first column, first row, last column, last row of each grid in the atlas."""
     texels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
     """(h, w) atlas; of 16 bits for each colour, (3, h, w)."""
+    ranges: Floats | None = None
+    """(3, m, 3) least, mean and largest factor of each grid of baked light, errors included; None
+    for ambient occlusion."""
+    stated_error: float = 0.0
+    """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
     darkest: Floats = field(init=False)
     """(m, 1) or (m, 3) smallest factors of each grid."""
+    is_constant: Bools = field(init=False)
+    """(m,) grids of baked light that have one factor."""
 
     def __post_init__(self) -> None:
-        """Find what is darkest on each grid, for bounds."""
+        """Find what is darkest on each grid, for bounds, and where nothing is brighter."""
         planes = self.planes
-        parts = (planes[:, t : b + 1, x : r + 1] for x, t, r, b in self.bounds.tolist())
-        darkest = [part.min(axis=(1, 2)) for part in parts]
-        factors = np.array(darkest, dtype=np.float64).reshape(-1, len(planes)) / self.open
-        object.__setattr__(self, "darkest", factors)
+        parts = [planes[:, t : b + 1, x : r + 1] for x, t, r, b in self.bounds.tolist()]
+        shape = (len(parts), len(planes))
+        darkest = np.array([part.min(axis=(1, 2)) for part in parts]).reshape(shape)
+        brightest = np.array([part.max(axis=(1, 2)) for part in parts]).reshape(shape)
+        object.__setattr__(self, "darkest", darkest / self.open)
+        is_constant = (darkest == brightest).all(axis=1) & (len(planes) > 1)
+        object.__setattr__(self, "is_constant", is_constant)
         for array in (self.patch_of, self.columns_from_world, self.rows_from_world, self.bounds):
             array.setflags(write=False)
         self.texels.setflags(write=False)
@@ -298,6 +316,19 @@ class OcclusionMap:
         lower = (1.0 - fx) * planes[:, yb, xa] + fx * planes[:, yb, xb]
         factors[inside] = (((1.0 - fy) * upper + fy * lower) / self.open).T
         return factors
+
+    def find_constants(self) -> tuple[Bools, Floats]:
+        """(n,) triangles whose grid has one factor, and (n, 1) or (n, 3) factors there, else 1."""
+        is_constant: Bools = np.append(self.is_constant, False)[self.patch_of]
+        return is_constant, np.where(is_constant[:, None], self.smallest_factors(), 1.0)
+
+    def average(self) -> OcclusionMap:
+        """The same with one factor on each grid, the mean of its nodes."""
+        texels = self.texels.copy()
+        for left, top, right, bottom in self.bounds.tolist():
+            part = texels[..., top : bottom + 1, left : right + 1]
+            part[...] = np.rint(part.mean(axis=(-2, -1), keepdims=True)).astype(texels.dtype)
+        return replace(self, texels=texels)
 
     def smallest_factors(self, triangles: slice | npt.NDArray[np.intp] = slice(None)) -> Floats:
         """(k, 1) or (k, 3) smallest factors of any point of each of some triangles."""

@@ -63,6 +63,13 @@ class World:
     """Hemisphere light of dynamic objects where light is baked; None: that of the lights."""
 
     @property
+    def light_groups(self) -> list[str]:
+        """Names of the groups of lights, sorted."""
+        lamps = (*self.lights, *self.area_lights)
+        names = {one.group for one in lamps if not isinstance(one, HemisphereLight)}
+        return sorted(names - {""})
+
+    @property
     def background_range(self) -> tuple[Rgb, Rgb]:
         """Least and largest linear radiance of directions without a surface."""
         if self.sky is None:
@@ -225,6 +232,8 @@ class DirectionalLight:
     """Direction in which the light travels, unit, world frame."""
     irradiance: Rgb
     """Irradiance of a surface perpendicular to the direction."""
+    group: str = ""
+    """Lights whose brightness data sets vary together; empty: with all others."""
 
     def __post_init__(self) -> None:
         _check_light("directional", self.irradiance)
@@ -237,6 +246,8 @@ class PointLight:
     position_m: tuple[float, float, float]
     intensity: Rgb
     """Irradiance at one metre."""
+    group: str = ""
+    """As of a directional light."""
 
     def __post_init__(self) -> None:
         _check_light("point", self.intensity)
@@ -254,6 +265,8 @@ class RectangleLight:
     """Its side along the horizontal, or along x where it is level, and the other."""
     intensity: Rgb
     """Irradiance at one metre in front of a small one: radiance times area over pi."""
+    group: str = ""
+    """As of a directional light."""
 
     def __post_init__(self) -> None:
         _check_light("rectangle", self.intensity)

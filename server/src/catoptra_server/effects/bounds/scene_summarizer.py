@@ -60,11 +60,14 @@ from catoptra_server.world.objects import (
     scene_twist_in_mirror,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import open_irradiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
-_RADIANCE_FIELDS = frozenset({"max_radiance", "background_radiance", "camera_key", "max_fresnel"})
+_RADIANCE_FIELDS = frozenset(
+    "max_radiance background_radiance camera_key max_fresnel light_bake open_irradiance".split()
+)
 _DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
 
@@ -77,6 +80,7 @@ class SceneSummarizer:
         self._world = world
         self._object_radiances = ObjectRadiances(world)
         self._object_bounds = _DynamicObjectBounds()
+        self._open_irradiance = open_irradiance(world.lights)
 
     # On demand: many cameras need no bounds of many triangles.
     @cached_property
@@ -148,6 +152,8 @@ class SceneSummarizer:
             "background_radiance": self._world.background_range,
             "camera_key": camera_state.noise_seed.camera_key,
             "max_fresnel": self.scene.max_fresnel,
+            "light_bake": self.scene.baked_light,
+            "open_irradiance": self._open_irradiance,
         }
         if "max_radiance" in fields:
             values["max_radiance"] = max(self.max_radiance, self._bound_objects(objects))

@@ -109,13 +109,14 @@ class FacePass(Generic[_LayoutT]):
         scene.dynamic_objects.upload(camera_state.objects, pose.translation)
         definitions = () if self._layers is None else self._layers.definitions
         batches = scene.batches.layer_batches(definitions) if definitions else []
+        scene.batches.set_light(has_bake=camera_state.has_light_bake)
         scene.set_frame(viewpoint)
         scene.set_fog(camera_state.fog)
         scene.set_spacing(self._spacing, pose.rotation[:, 2])
         fog = camera_state.fog
         self._begin(self._scene.background if fog is None else fog.airlight)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
-        if fog is None:
+        if fog is None and camera_state.has_sky:
             self._draw_sky(clip_from_scene)
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
         if self._layers is not None:

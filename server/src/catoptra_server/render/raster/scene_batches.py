@@ -128,7 +128,9 @@ class SceneBatches:
         self._lighting = lighting
         self._owned = self._upload(scene)
         self._position = position
-        self._occlusion = _upload_atlas(context, scene.occlusion)
+        self._occlusion = self._atlas = _upload_atlas(context, scene.occlusion)
+        self._baked = scene.baked_light
+        self._mean_atlas: moderngl.Texture | None = None
         self._pieces: TrianglePieces | None = None
         self._batches = [self._make_batch(scene, int(g)) for g in np.unique(clusters.groups)]
         self._layer_batches: dict[Definitions, list[Batch]] = {}
@@ -257,8 +259,8 @@ class SceneBatches:
         if pieces is not self._pieces:
             self._upload_pieces(pieces)
         calls = triangles = 0
-        if self._occlusion is not None:
-            self._occlusion.use(_OCCLUSION_UNIT)
+        if self._atlas is not None:
+            self._atlas.use(_OCCLUSION_UNIT)
         for batch in self._batches if batches is None else batches:
             offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
             runs = pieces.runs(visible[batch.clusters], offsets, len(self._clusters.order))
@@ -275,6 +277,14 @@ class SceneBatches:
             triangles += sum(count for _, count in runs)
         return calls, triangles
 
+    def set_light(self, *, has_bake: bool) -> None:
+        """Choose between baked light by nodes, and the mean of each grid."""
+        self._atlas = self._occlusion
+        if not has_bake and self._baked is not None:
+            if self._mean_atlas is None:
+                self._mean_atlas = _upload_atlas(self._context, self._baked.average())
+            self._atlas = self._mean_atlas
+
     def _upload_pieces(self, pieces: TrianglePieces) -> None:
         """Write the attributes of pieces behind those of all triangles."""
         self._pieces = pieces
@@ -288,8 +298,9 @@ class SceneBatches:
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and atlas; programs belong to the context."""
-        if self._occlusion is not None:
-            self._occlusion.release()
+        for atlas in (self._occlusion, self._mean_atlas):
+            if atlas is not None:
+                atlas.release()
         layers = (batch for batches in self._layer_batches.values() for batch in batches)
         for batch in (*self.__dict__.get("range_batches", ()), *layers):
             batch.vertices.release()

@@ -9,17 +9,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import EffectSettings, Threshold, name_effect
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
+from catoptra_server.effects.kernels.grey_levels import measure_change
+from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.occlusion import light_bake
 from catoptra_server.render.trace.occlusion.light_bake import (
     MAX_PASSES,
     RAYS_PER_PASS,
+    BakedLight,
+    LightBake,
+    add_lights,
     bake_light,
 )
+from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.world.objects import CameraState
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -33,12 +45,19 @@ from catoptra_server.world.world_description import (
 )
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.image_comparison import level_differences
+from helpers.opengl import device_or_skip
 from helpers.trace_engines import ENGINES, open_engine
 from helpers.trace_kernels import make_omni_table, open_kernel, render_filled_and_traced
-from helpers.worlds import DIRECTIONAL_LIGHT, HEMISPHERE_LIGHT, make_test_world
+from helpers.worlds import (
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+)
 
 GREY = Material((0.5, 0.5, 0.5))
-INDOORS = Path(__file__).parents[5] / "configs/worlds/warehouse.ini"
+CAMERA = make_omni_camera(width_px=96)
 
 
 def make_items(*placed: tuple[object, tuple[float, float, float]]) -> tuple[Item, ...]:
@@ -97,6 +116,13 @@ def test_bytes_depend_on_neither_threads_nor_processor() -> None:
     assert len(digests) == 1
 
 
+def find_nodes(light: BakedLight) -> Bools:
+    is_node = np.zeros(light.error.shape[:2], dtype=bool)
+    for left, top, right, bottom in light.occlusion.bounds.tolist():
+        is_node[top : bottom + 1, left : right + 1] = True
+    return is_node
+
+
 def test_errors_that_are_stated_cover_those_against_4096_rays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -105,9 +131,7 @@ def test_errors_that_are_stated_cover_those_against_4096_rays(
     scene = build_scene(world)
     light = bake_light(scene, world, MAX_PASSES, threads=2)
     exact = bake_light(scene, world, 4096 // RAYS_PER_PASS, threads=2)
-    is_node = np.zeros(light.error.shape[:2], dtype=bool)
-    for left, top, right, bottom in light.occlusion.bounds.tolist():
-        is_node[top : bottom + 1, left : right + 1] = True
+    is_node = find_nodes(light)
     values, truth = (
         (one.brightest * np.moveaxis(one.occlusion.texels, 0, -1) / 65535)[is_node]
         for one in (light, exact)
@@ -145,11 +169,126 @@ def test_both_engines_draw_baked_light_on_surfaces_and_objects() -> None:
     assert level_differences(filled, traced).max() <= 2
 
 
-def test_light_that_is_the_same_everywhere_needs_no_map() -> None:
-    world = replace(World("furnace", ROOMS["sphere"]), light_bake=True)
+def bake_furnace(world: World) -> tuple[SceneMesh, World]:
     scene = build_scene(world)
     scene = replace(scene, emission=np.full((len(scene), 3), 0.25))
-    lit, lit_world = bake_light(scene, world, 2, threads=1).apply(scene, world)
-    assert lit.occlusion is None
-    (sky,) = lit_world.lights
-    np.testing.assert_allclose(sky.up_irradiance, 0.5, rtol=1e-5)  # type: ignore[union-attr]
+    return bake_light(scene, world, 2, threads=1).apply(scene, world)
+
+
+def test_light_that_is_the_same_everywhere_is_looked_up_nowhere() -> None:
+    lit, lit_world = bake_furnace(World("furnace", ROOMS["sphere"]))
+    assert lit.occlusion is not None
+    assert lit.occlusion.is_constant.all()
+    with open_kernel(lit_world, scene=lit) as engine:
+        rays = engine.prepare(make_omni_table(width_px=64))
+        exposure = CameraState(Pose.from_rpy((0.1, 0.0, -1.5)))
+        light = rays.render_linear(exposure)
+        threshold = {"LightBake": Threshold(1.0)}
+        change = rays.render(exposure, TraceRequest(thresholds=threshold)).changes["LightBake"]
+    # Of its own 0.25, and half of 0.5.
+    np.testing.assert_allclose(light[light > 0.0], 0.5, rtol=2e-5)
+    assert change.largest == 0.0
+
+
+def bake_lamp_world() -> tuple[SceneMesh, World]:
+    world = make_lamp_world()
+    return bake_light(build_scene(world), world, 2, threads=1).apply(build_scene(world), world)
+
+
+def test_surfaces_have_their_mean_light_where_the_effect_is_left_out() -> None:
+    scene, world = bake_lamp_world()
+    exposure = CameraState(Pose.from_rpy((0.31, 0.17, -0.9), (0.02, -0.03, 0.3)), TWO_ROBOTS)
+    plain = replace(exposure, has_light_bake=False)
+    table = make_omni_table(width_px=96, samples=2)
+    pictures, changes = [], []
+    for name in ENGINES:
+        with open_engine(name, world, scene=scene) as engine:
+            rays = engine.prepare(table)
+            pictures.append(rays.render_srgb(plain))
+            request = TraceRequest(is_linear=True, thresholds={"LightBake": Threshold(1.0)})
+            frame = rays.render(exposure, request)
+            change = measure_change(frame.image, rays.render_linear(plain)).largest
+            changes.append((change, frame.changes["LightBake"].largest))
+    # Edges round to other surfaces; a pixel's centre in place of its samples' mean.
+    assert np.percentile(level_differences(*pictures), 99.5) <= 1
+    (in_pixels, of_grids), (in_own, stated) = sorted(changes, key=lambda one: one[0] == one[1])
+    assert in_own == pytest.approx(stated)
+    assert 10.0 < in_pixels <= of_grids
+    (bound,) = (one.bound for one in decide(scene, world, exposure) if one.effect == "LightBake")
+    assert of_grids <= bound
+
+
+def decide(scene: SceneMesh, world: World, state: CameraState) -> tuple[EffectDecision, ...]:
+    settings = name_effect(name_effect(EffectSettings(), "Sky"), "LightBake")
+    summary = SceneSummarizer(scene, world).summarize(state, CAMERA)
+    return plan_effects(settings, summary, CAMERA).decisions
+
+
+def test_light_is_baked_into_raster_as_into_trace() -> None:
+    scene, world = bake_lamp_world()
+    exposure = CameraState(Pose.from_rpy((0.31, 0.17, -0.9), (0.02, -0.03, 0.3)))
+    device = device_or_skip()
+    renderer = RasterRenderer(scene, world, device=device)
+    with open_kernel(world, scene=scene) as engine:
+        plan = make_plan(CAMERA, samples=4, face_size_px=512, face_samples=4)
+        view = renderer.prepare(CAMERA, plan)
+        rays = engine.prepare(omni_ray_table(CAMERA, plan))
+        for state in (exposure, replace(exposure, has_light_bake=False)):
+            difference = level_differences(view.render(state).rgb, rays.render_srgb(state))
+            assert np.percentile(difference, 95) <= 2
+
+
+def test_light_of_nothing_is_replaced_by_surfaces_own_colours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    world = World("dark", SIX_WALLS, light_bake=True)
+    lit = light_scene(build_scene(world), world)
+    assert lit.scene.occlusion is None
+    assert lit.world.lights == (HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),)
+    assert "nothing shines" in caplog.text
+
+
+def test_no_rays_are_added_where_errors_are_small() -> None:
+    world = World("furnace", ROOMS["walls"])
+    scene = build_scene(world)
+    for emission, expected in ((0.25, 2), (None, MAX_PASSES)):
+        if emission:
+            shining = replace(scene, emission=np.full((len(scene), 3), emission))
+            bake = LightBake(shining, world, threads=2)
+        else:
+            bake = LightBake(build_scene(make_lamp_world()), make_lamp_world(), threads=2)
+        bake.cast()
+        bake.cast()
+        assert max(2, bake.count_passes(bake.gather())) == expected
+        bake.close()
+
+
+def test_picture_is_the_sum_of_groups_with_a_factor_each() -> None:
+    lamps = (
+        RectangleLight((0.5, 0.0, -2.9), (0.0, 0.0, 1.0), (0.6, 0.4), (3.0, 2.0, 1.0), "one"),
+        RectangleLight((-1.0, 1.0, -2.5), (0.0, 0.0, 1.0), (0.3, 0.3), (1.0, 2.0, 3.0), "other"),
+    )
+    sky = HemisphereLight((0.4, 0.5, 0.6), (0.1, 0.1, 0.1))
+    world = World("groups", ROOMS["furnished"][1:], lights=(sky,), area_lights=lamps)
+    scene = build_scene(world)
+    factors = {"one": 0.25, "other": 2.0}
+    bright = [
+        replace(lamp, intensity=tuple(factors[lamp.group] * one for one in lamp.intensity))
+        for lamp in lamps
+    ]
+    lights = []
+    for one in (world, replace(world, area_lights=tuple(bright))):
+        bake = LightBake(scene, one, threads=2)
+        for _ in range(4):
+            bake.cast()
+        parts = {name: bake.gather(name) for name in ("", "one", "other")}
+        lights += [add_lights(parts, factors if one is world else {}), bake.gather()]
+        bake.close()
+    mixed, _, summed, whole = (one.brightest * one.occlusion.planes.T / 65535.0 for one in lights)
+    # Each map has its own steps.
+    np.testing.assert_allclose(mixed, summed, atol=2e-4)
+    # Filters decide by the noise of one group, or of all.
+    errors = (lights[0].error + lights[3].error).swapaxes(0, 1)
+    is_node = find_nodes(lights[0]).T
+    assert (np.abs(mixed - whole) <= errors)[is_node].mean() > 0.999

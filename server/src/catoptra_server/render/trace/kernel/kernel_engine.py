@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.effects import EffectChange, Threshold
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects import EffectChange, Gains, Threshold
 from catoptra_server.render.image_changer import srgb_table
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import (
@@ -76,7 +78,7 @@ from catoptra_server.render.trace.trace_engine import (
 from catoptra_server.runtime.memory import release_freed_memory
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights, object_lights
+from catoptra_server.world.shading import hemisphere_lights, object_lights, open_irradiance
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:
@@ -86,6 +88,9 @@ if TYPE_CHECKING:
 # Fewer rays take less time than proofs of what fills parts of the image, in all bundled worlds:
 # 0.08 instead of 0.35 ms at 16 px in the field.
 MIN_PROVEN_RAYS = 2**14
+
+
+_NO_GRIDS = np.zeros(0, dtype=np.uint8)
 
 
 class KernelRays:
@@ -117,10 +122,12 @@ class KernelRays:
         )
         inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
         labels, owned = self._label_beside(exposure, request.labels)
+        seen = self._engine.watch_grids(first_state(exposure), request.thresholds)
         self._render(
             exposure,
             output,
             request.thresholds,
+            seen,
             image=image.ctypes.data,
             inverse_range=None if inverse is None else inverse.ctypes.data,
             labels=None if owned is None else ctypes.addressof(owned.struct),
@@ -131,9 +138,13 @@ class KernelRays:
         counts, state = self.last_counts, first_state(exposure)
         shutter = state.shutter
         is_blurred = shutter is not None and shutter.exposure_s > 0.0
+        changes = _read_changes(self._num_pixels, state, counts, request.thresholds)
+        if len(seen):
+            gains = request.thresholds["LightBake"].gains
+            changes["LightBake"] = self._engine.measure_bake(seen, gains)
         return TracedFrame(
             image,
-            _read_changes(self._num_pixels, state, counts, request.thresholds),
+            changes,
             None if inverse is None else invert_ranges(inverse),
             {"MotionBlur": counts.blur_ms} if is_blurred else {},
             labels,
@@ -207,6 +218,7 @@ class KernelRays:
         exposure: TracedExposure,
         output: int,
         thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
+        seen: npt.NDArray[np.uint8] = _NO_GRIDS,
         **addresses: int | None,
     ) -> None:
         view = self._require_view()
@@ -217,6 +229,7 @@ class KernelRays:
             output,
             thresholds,
             self._num_pixels,
+            seen,
             has_few_rays=has_few_rays,
             **addresses,
         )
@@ -324,6 +337,7 @@ class KernelEngine:
         self._meshes: list[CommittedScene] = []
         self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
+        self._grid_changes: dict[Gains, Floats] = {}
         self._radiances: tuple[float, ObjectRadiances] | None = None
         try:
             self._scene = self._make_scene()
@@ -353,18 +367,13 @@ class KernelEngine:
             # Beside the tables: one thread alone builds the top of the hierarchy.
             arrays = scene_arrays(self.scene, self.scene.centre, textures)
             mesh = pool.submit(self._commit, arrays, self.scene)
-            radiance = radiance_table(self.scene, self._scene_lights, self._world.background)
-            encoded = encoded_table(radiance)
+            tables = self._tabulate(self.scene)
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
         sky = self._world.sky
         # The table of greys is cached for the life of the process.
-        self._owners += [radiance, encoded, lights]
+        self._owners.append(lights)
         scene = SceneStruct(
             mesh=mesh.result(),
-            sharp_radiance=radiance.ctypes.data,
-            # Read for shadows and hidden sky alone; until then the same table stands in.
-            ambient_radiance=radiance.ctypes.data,
-            encoded=encoded.ctypes.data,
             num_textures=len(self.scene.textures),
             textures=ctypes.addressof(textures),
             num_lights=num_lights,
@@ -373,22 +382,62 @@ class KernelEngine:
             object_hemisphere=hemisphere_struct(object_lights(self._world)),
             srgb_table=srgb_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
-            occlusion=self._keep(occlusion_struct(self.scene.occlusion, self.scene.centre)),
             sky=None if sky is None else sky.texels.ctypes.data,
             sky_size=0 if sky is None else sky.size,
+            **tables,
         )
-        if self.scene.occlusion is not None:
-            scene.ambient_radiance = self._tabulate_ambient()
         # Gaps: float32s of textures, boxes of the hierarchy, 60 of 625 MiB in a house.
         release_freed_memory()
         return scene
 
-    def _tabulate_ambient(self) -> int:
+    def _tabulate(self, scene: SceneMesh) -> dict[str, Any]:
+        """Members of a scene's structure that its map of light is in."""
+        radiance = radiance_table(scene, self._scene_lights, self._world.background)
+        encoded = encoded_table(radiance)
+        self._owners += [radiance, encoded]
+        # Read for shadows and hidden sky alone; until then the same table stands in.
+        has_map = scene.occlusion is not None
+        ambient = self._tabulate_ambient(scene) if has_map else radiance.ctypes.data
+        return {
+            "sharp_radiance": radiance.ctypes.data,
+            "ambient_radiance": ambient,
+            "encoded": encoded.ctypes.data,
+            "occlusion": self._keep(occlusion_struct(scene.occlusion, scene.centre)),
+        }
+
+    def _tabulate_ambient(self, scene: SceneMesh) -> int:
         """Address of the facets' radiance by hemisphere lights alone."""
         ambient = hemisphere_lights(self._scene_lights)
-        radiance = radiance_table(self.scene, ambient, self._world.background)
+        radiance = radiance_table(scene, ambient, self._world.background)
         self._owners.append(radiance)
         return radiance.ctypes.data
+
+    @cached_property
+    def _mean_tables(self) -> dict[str, Any]:
+        """Members of the structure of a scene with one light on each grid of its map."""
+        occlusion = self.scene.baked_light
+        assert occlusion is not None, "light is baked"
+        return self._tabulate(replace(self.scene, occlusion=occlusion.average()))
+
+    def _choose_scene(self, state: CameraState, seen: npt.NDArray[np.uint8]) -> SceneStruct:
+        """Structure of the scene as effects of a state show it.
+
+        Args:
+            state: The state.
+            seen: (m,) becomes 1 at the grids of baked light that are seen; none: nobody asks.
+        """
+        has_mean = self.scene.baked_light is not None and not state.has_light_bake
+        if not has_mean and not len(seen) and (state.has_sky or self._world.sky is None):
+            return self._scene
+        scene = SceneStruct.from_buffer_copy(self._scene)
+        if has_mean:
+            for name, value in self._mean_tables.items():
+                setattr(scene, name, value)
+        if not state.has_sky:
+            scene.sky = None
+        if len(seen):
+            scene.occlusion.seen = seen.ctypes.data
+        return scene
 
     def _keep(self, owned: OwningStruct) -> Any:
         """Structure whose arrays live as long as the engine."""
@@ -406,7 +455,7 @@ class KernelEngine:
         if self._has_shadow_tables:
             return
         if self.scene.occlusion is None:
-            self._scene.ambient_radiance = self._tabulate_ambient()
+            self._scene.ambient_radiance = self._tabulate_ambient(self.scene)
         # Else the triangles that are seen occlude as well: no second hierarchy.
         if not self.scene.casts_shadows.all():
             self._scene.casters = self._commit(
@@ -429,9 +478,13 @@ class KernelEngine:
         output: int,
         thresholds: Mapping[str, Threshold],
         num_pixels: int,
+        seen: npt.NDArray[np.uint8],
         **members: int | None,
     ) -> FrameCounts:
-        """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
+        """Render an exposure into arrays; further arguments are members of `FrameStruct`.
+
+        `seen` as of `_choose_scene`.
+        """
         frame = exposure_arrays(exposure, self.scene, self._objects)
         struct = frame.struct
         if struct.has_shadows:
@@ -457,7 +510,30 @@ class KernelEngine:
                 struct.limits = change_limits(one, num_pixels, _spread(thresholds))
         for name, value in members.items():
             setattr(struct, name, value)
-        return self._device.render(self._scene, view, struct)
+        scene = self._choose_scene(camera_states(exposure)[0], seen)
+        return self._device.render(scene, view, struct)
+
+    def watch_grids(
+        self, state: CameraState, thresholds: Mapping[str, Threshold]
+    ) -> npt.NDArray[np.uint8]:
+        """(m,) 0 for each grid of baked light, where a frame decides on it; else none."""
+        occlusion = self.scene.baked_light
+        if occlusion is None or not (state.has_light_bake and _measures(thresholds, "LightBake")):
+            return _NO_GRIDS
+        return np.zeros(len(occlusion.bounds), dtype=np.uint8)
+
+    def measure_bake(self, seen: npt.NDArray[np.uint8], gains: Gains) -> EffectChange:
+        """Change by the grids that a frame has seen: of nodes, wherever they are in a picture."""
+        occlusion = self.scene.baked_light
+        assert occlusion is not None and occlusion.ranges is not None, "grids have been seen"  # noqa: PT018
+        if gains not in self._grid_changes:
+            # Loaded with the first map of baked light.
+            from catoptra_server.effects.scene.light_bake import find_grid_changes
+
+            ranges = occlusion.ranges * np.array(open_irradiance(self._world.lights))
+            self._grid_changes = {gains: find_grid_changes(ranges, gains)}
+        changes = self._grid_changes[gains][seen > 0]
+        return EffectChange(float(changes.max(initial=0.0)))
 
     def _max_radiance(self, state: CameraState) -> float:
         """Largest radiance of anything that glossy surfaces may mirror."""

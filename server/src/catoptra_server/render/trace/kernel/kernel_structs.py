@@ -10,7 +10,7 @@ from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
-FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
+FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS = 1, 2, 4
 FACET_EMISSIVE, FACET_SMOOTH, FACET_TWO_SIDED, FACET_FILTERED = 16, 32, 64, 128
 LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECTANGLE = 0, 1, 2
 REST_FOUND, REST_ALOFT, REST_OVER, REST_NEEDS_TRIANGLES, REST_NO_MEMORY = range(5)
@@ -117,7 +117,7 @@ class OcclusionStruct(ctypes.Structure):
         ("height", c_int32),
         *_addresses("texels", "light", "patch_of", "patches"),
         ("num_patches", c_int32),
-        *_addresses("dark_sums"),
+        *_addresses("dark_sums", "flat_factors", "seen"),
     ]
 
 

@@ -27,7 +27,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
     FACET_EMISSIVE,
     FACET_FILTERED,
-    FACET_OCCLUDED,
     FACET_SMOOTH,
     FACET_TEXTURED,
     FACET_TWO_SIDED,
@@ -53,6 +52,7 @@ from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import MAX_FLOAT_REACH_M, SceneMesh
 from catoptra_server.world.shading import (
     OcclusionMap,
+    facet_radiance,
     hemisphere_lights,
     light_of_bytes,
     shadow_casting_lights,
@@ -108,8 +108,6 @@ def scene_arrays(
         flags += scene.two_sided * np.uint8(FACET_TWO_SIDED)
     filtered = _filter_members(scene, textures)
     flags += filtered.pop("flags", np.uint8(0))
-    if scene.occlusion is not None:
-        flags += (scene.occlusion.patch_of >= 0) * np.uint8(FACET_OCCLUDED)
     return _mesh_arrays(
         scene.corners,
         centre,
@@ -268,6 +266,11 @@ def radiance_table(
     """(n + 1, 3) radiance of the facets without point lights and textures; background last."""
     table = np.zeros((len(scene) + 1, 3), dtype=np.float32)
     write_facet_radiance(scene, lights, table[:-1])
+    if scene.occlusion is not None and scene.occlusion.is_constant.any():
+        is_constant, factors = scene.occlusion.find_constants()
+        rows = np.flatnonzero(is_constant)
+        of_sky = facet_radiance(scene, hemisphere_lights(lights))[rows]
+        table[rows] -= ((1.0 - factors[rows]) * of_sky).astype(np.float32)
     table[-1] = background
     return table
 
@@ -387,17 +390,22 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     structs = patch_structs(occlusion, centre)
     height, width = occlusion.texels.shape[-2:]
     sums = _sum_dark_nodes(occlusion)
+    # A grid with one factor is in the tables of facets: no ray looks it up.
+    is_constant, factors = occlusion.find_constants()
+    patch_of = np.where(is_constant, np.int32(-1), occlusion.patch_of)
+    constants = _float32(factors) if is_constant.any() else None
     struct = OcclusionStruct(
         width=width,
         height=height,
         texels=occlusion.texels.ctypes.data,
         light=occlusion.texels.ctypes.data if occlusion.texels.ndim == 3 else None,
-        patch_of=occlusion.patch_of.ctypes.data,
+        patch_of=patch_of.ctypes.data,
         patches=ctypes.addressof(structs),
         num_patches=len(structs),
         dark_sums=sums.ctypes.data,
+        flat_factors=None if constants is None else constants.ctypes.data,
     )
-    return OwningStruct(struct, (occlusion, structs, sums))
+    return OwningStruct(struct, (occlusion, structs, sums, patch_of, constants))
 
 
 def patch_structs(occlusion: OcclusionMap, centre: Floats) -> ctypes.Array[OcclusionPatchStruct]:
@@ -456,7 +464,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "albedo": scene.albedo,
         "uv": scene.uv if scene.textures else None,
         "texture": scene.texture_index,
-        "object": scene.object_index + _number_glosses(scene) * np.int32(len(scene.objects)),
+        "object": scene.object_index + _number_looks(scene) * np.int32(len(scene.objects)),
         "unlit": scene.unlit,
         "has_colours": _has_own_shading(scene),
     }
@@ -470,11 +478,15 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
     return FlatSurfaces(surface, outer_edges, largest[:count].copy())
 
 
-def _number_glosses(scene: SceneMesh) -> _Indices:
-    """(n,) numbers of materials by their gloss, of which a surface has one."""
-    if scene.gloss is None:
+def _number_looks(scene: SceneMesh) -> _Indices:
+    """(n,) numbers of gloss and grid of baked light, of which a surface has one each."""
+    looks = [] if scene.gloss is None else [*scene.gloss.T]
+    if scene.baked_light is not None:
+        looks.append(scene.baked_light.patch_of)
+    if not looks:
         return np.zeros(len(scene), dtype=np.int32)
-    return np.unique(scene.gloss, axis=0, return_inverse=True)[1].astype(np.int32).reshape(-1)
+    numbers = np.unique(np.stack(looks, axis=-1), axis=0, return_inverse=True)[1]
+    return numbers.astype(np.int32).reshape(-1)
 
 
 def surfaces_struct(surfaces: FlatSurfaces) -> OwningStruct:

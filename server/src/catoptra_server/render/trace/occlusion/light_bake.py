@@ -16,7 +16,8 @@ A reflected part of the scene is seen by many nodes, so its own error hardly add
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +27,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import UNCHANGED, VISIBLE_LEVELS
+from catoptra_server.effects.scene.light_bake import find_grid_changes
 from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
 from catoptra_server.render.trace.kernel.kernel_structs import (
     LIGHT_DIRECTIONAL,
@@ -73,6 +76,7 @@ RAYS_PER_PASS = 16
 FIRST_PASSES = 2
 """Before the first picture: the fewest from which an error can be estimated."""
 MAX_PASSES = 16
+"""However large the errors are."""
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
 _MIN_NODE_DISTANCE_M = 0.05
@@ -83,6 +87,8 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
+# Irradiance below which nothing is lit.
+_LEAST_LIGHT = 1e-6
 _GOLDEN = 0.6180339887
 _MAX_BOUNCES = 48
 # Before the first picture; the rest is that of one factor a bounce.
@@ -92,8 +98,8 @@ _REMAINDER = 1e-6
 _FINEST = 1e-5
 # Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
 SIGMAS = 3.0
-MAX_CHANGE = 1.0
-"""Grey levels that nobody misses: the default of `EffectSettings.max_change`."""
+MAX_ERROR = 1.0
+"""Grey levels that nobody misses, of 99 of 100 nodes: from there on no rays are added."""
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
@@ -111,55 +117,87 @@ class BakedLight:
     error: npt.NDArray[np.float16]
     """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
 
-    def bound_changes(self) -> tuple[float, float]:
-        """Grey levels of a white surface: the largest change of a node by one light for all, and
-        that by the stated errors at 99 of 100 nodes.
-        """
-        planes, is_node = self.occlusion.planes, np.zeros(self.error.shape[:2], dtype=bool)
-        for left, top, right, bottom in self.occlusion.bounds.tolist():
-            is_node[top : bottom + 1, left : right + 1] = True
-        light = self.brightest * (planes[:, is_node].T / OPEN_LIGHT)
-        error = self.error[is_node].astype(np.float64)
-        levels = 255.0 * srgb_from_linear(light)
-        mean = 255.0 * srgb_from_linear(light.mean(axis=0, keepdims=True))
-        stated = 255.0 * srgb_from_linear(light + error) - levels
-        # Errors count, too: nodes that seem to agree may not.
-        change = np.abs(levels - mean) + stated
-        return float(change.max(initial=0.0)), float(np.percentile(stated, 99.0))
+    @property
+    def stated_error(self) -> float:
+        """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
+        is_node = self._grid >= 0
+        light, error = self._light[is_node], self.error[is_node].astype(np.float64)
+        levels = 255.0 * (srgb_from_linear(light + error) - srgb_from_linear(light))
+        return float(np.percentile(levels, 99.0)) if len(levels) else 0.0
 
-    def is_uniform(self) -> bool:
-        """Whether one light for all changes no node by more than `MAX_CHANGE`."""
-        # Some darkest or brightest node mostly decides, without the others.
-        ends = self.occlusion.darkest.min(axis=0, initial=1.0), np.ones(3)
-        dark, bright = (255.0 * srgb_from_linear(self.brightest * end) for end in ends)
-        is_near = bool((bright - dark <= 2.0 * MAX_CHANGE).all())
-        return is_near and self.bound_changes()[0] <= MAX_CHANGE
-
-    def describe(self) -> str:
-        """Row of `explain`."""
-        change, error = self.bound_changes()
-        state = "off: one light for all" if self.is_uniform() else "on"
-        return (
-            f"baked light {state}; nodes differ from their mean by at most {change:.3g} levels, "
-            f"threshold {MAX_CHANGE:g}; the stated error of 99 % of them is below {error:.3g}"
-        )
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing is lit."""
+        return bool(self.brightest.max() <= _LEAST_LIGHT)
 
     def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
-        """The scene and its world, lit by this light instead of hemisphere lights.
-
-        Without a map where one light for all nodes changes no pixel by more than `MAX_CHANGE`.
-        """
+        """The scene and its world, lit by this light instead of hemisphere lights."""
         brightest, up, down = (
             (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
         )
-        if self.is_uniform():
-            lights = (HemisphereLight(up, down), *shadow_casting_lights(world.lights))
-            return scene, replace(world, lights=lights, area_lights=())
         lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
+        occlusion = replace(
+            self.occlusion, ranges=self._find_ranges(), stated_error=self.stated_error
+        )
         return (
-            replace(scene, occlusion=self.occlusion),
+            replace(scene, occlusion=occlusion),
             replace(world, lights=lights, area_lights=(), object_sky=HemisphereLight(up, down)),
         )
+
+    @property
+    def _grid(self) -> npt.NDArray[np.int32]:
+        """(h, w) grid of each node; -1 elsewhere."""
+        grid = np.full(self.error.shape[:2], -1, dtype=np.int32)
+        for number, (left, top, right, bottom) in enumerate(self.occlusion.bounds.tolist()):
+            grid[top : bottom + 1, left : right + 1] = number
+        return grid
+
+    @property
+    def _light(self) -> Floats:
+        """(h, w, 3) irradiance."""
+        light: Floats = self.brightest * np.moveaxis(self.occlusion.planes / OPEN_LIGHT, 0, -1)
+        return light
+
+    def _find_ranges(self) -> Floats:
+        """(3, m, 3) as of `OcclusionMap`."""
+        error = self.error.astype(np.float64)
+        return find_ranges(self._light, error, self._grid) / self.brightest
+
+
+def add_lights(parts: Mapping[str, BakedLight], factors: Mapping[str, float]) -> BakedLight:
+    """Sum of the lights of groups, brighter by a factor each; 1 where none is named."""
+    if len(parts) == 1:
+        return parts[""]
+    first, scales = parts[""], [factors.get(name, 1.0) for name in parts]
+    pairs = [*zip(scales, parts.values(), strict=True)]
+    light = sum((scale * part._light for scale, part in pairs), np.zeros(3))
+    error = sum((scale * part.error.astype(np.float32) for scale, part in pairs), np.float32(0.0))
+    at_nodes = light[first._grid >= 0]
+    brightest = np.maximum(at_nodes.max(axis=0, initial=0.0), _LEAST_LIGHT)
+    texels = np.rint(np.minimum(light / brightest, 1.0) * OPEN_LIGHT).astype(np.uint16)
+    return BakedLight(
+        replace(first.occlusion, texels=np.ascontiguousarray(np.moveaxis(texels, -1, 0))),
+        brightest,
+        sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
+        np.asarray(1.001 * error + 0.5 * brightest / OPEN_LIGHT).astype(np.float16),
+    )
+
+
+def find_ranges(light: Floats, error: Floats, grid: npt.NDArray[np.int32]) -> Floats:
+    """(3, m, 3) least, mean and largest light on m grids.
+
+    Args:
+        light: (h, w, 3) light of nodes.
+        error: (h, w, 3) errors, which widen the extremes.
+        grid: (h, w) grid of each node, -1 for none.
+    """
+    order = np.argsort(grid, axis=None, kind="stable")[np.count_nonzero(grid < 0) :]
+    first = np.flatnonzero(np.diff(grid.reshape(-1)[order], prepend=-1))
+    light, error = light.reshape(-1, 3)[order], error.reshape(-1, 3)[order]
+    count = np.diff(np.append(first, len(order)))[:, None]
+    least = np.maximum(np.minimum.reduceat(light - error, first), 0.0)
+    mean = np.add.reduceat(light, first) / count
+    return np.stack((least, mean, np.maximum.reduceat(light + error, first)))
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
@@ -312,12 +350,23 @@ class LightBake:
         self._device.bake(self._job)
         self.num_passes += 1
 
+    def count_passes(self, light: BakedLight) -> int:
+        """Passes from which the stated error of light so far is `MAX_ERROR`, or all."""
+        # Errors fall with the square root of the number of rays.
+        needed = self.num_passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
+        return min(math.ceil(needed), len(self._light))
+
     @np.errstate(under="ignore")  # an underflow is black
-    def gather(self) -> BakedLight:
-        """Light of the scene after all bounces, from the passes so far; two at least."""
-        lit, reflected = self._find_lamp_light()
+    def gather(self, group: str | None = None) -> BakedLight:
+        """Light of the scene after all bounces, from the passes so far; two at least.
+
+        Args:
+            group: Group of lamps that shine alone; empty: what is in no group; None: all lights.
+        """
+        shine = 0.0 if group else 1.0  # of sky and luminous surfaces
+        lit, reflected = self._find_lamp_light(group)
         albedo, emission = self._find_materials()
-        table = self._make_table()
+        emission, table = shine * emission, np.float32(shine) * self._make_table()
         is_inside = self._backs > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
         if self._has_spare:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
@@ -333,7 +382,7 @@ class LightBake:
             radiance = albedo * (irradiance + lamp_light + reflected) + emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
             mean = np.average(irradiance + lamp_light, axis=0)
-            table[size : size + len(self._rows)] = self._triangle_radiance(mean)
+            table[size : size + len(self._rows)] = self._triangle_radiance(mean, shine)
             self._gather_means(table, means)
             gathered = means.mean(axis=0, dtype=np.float64)
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
@@ -351,12 +400,14 @@ class LightBake:
         means += (change * ratio / (1.0 - ratio)).astype(np.float32)
         return self._finish(means, is_inside)
 
-    def _find_lamp_light(self) -> tuple[_Float32s, Floats]:
+    def _find_lamp_light(self, group: str | None) -> tuple[_Float32s, Floats]:
         """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
         light = self._light[: self.num_passes]
         areas = np.zeros((len(light), light.shape[1], 3), dtype=np.float32)
         others = np.zeros((light.shape[1], 3))
         for number, lamp in enumerate(self._lamps):
+            if group is not None and lamp.group != group:
+                continue
             if isinstance(lamp, RectangleLight):
                 areas += light[:, :, number, None] * np.asarray(lamp.intensity, dtype=np.float32)
             else:
@@ -388,11 +439,11 @@ class LightBake:
         table[self._job.sky_slot :] = sky_radiance(self._world, directions)
         return table
 
-    def _triangle_radiance(self, irradiance: Floats) -> Floats:
+    def _triangle_radiance(self, irradiance: Floats, shine: float) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
         scene, rows = self._scene, self._rows
-        radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], 1.0, irradiance)
-        return radiance if scene.emission is None else radiance + scene.emission[rows]
+        radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
+        return radiance if scene.emission is None else radiance + shine * scene.emission[rows]
 
     def _find_sources(self, is_inside: Bools) -> npt.NDArray[np.intp]:
         """(k,) node whose radiance each has: inside a solid, that of one beside it on its grid.
@@ -460,18 +511,30 @@ class LightBake:
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
             error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
-        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), 1e-6)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), _LEAST_LIGHT)
         values[~self._is_node] = brightest
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[grid == len(self._frames.origin) - 1] = mean_light
-        texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
         error += 0.5 * brightest / OPEN_LIGHT
+        self._level_grids(values, error)
+        texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
         sky = self._mean_sky(at_nodes, is_inside)
         texels = np.ascontiguousarray(texels)
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)
         return BakedLight(self._make_map(texels), brightest, sky, stated)
+
+    def _level_grids(self, values: Floats, error: Floats) -> None:
+        """Give the nodes of a grid their mean where nobody misses the rest."""
+        grid = self._grid_at
+        ranges = find_ranges(values, error, grid)
+        # Errors count, too: nodes that seem to agree may not.
+        is_level = np.append(find_grid_changes(ranges, UNCHANGED) <= VISIBLE_LEVELS, False)
+        at = is_level[grid]
+        mean = ranges[1, grid[at]]
+        error[at] += np.abs(values[at] - mean)
+        values[at] = mean
 
     def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> Floats:
         """(2, 3) mean light on facets that face up and down; that of all nodes where none do."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,9 +20,13 @@ from catoptra_server import __version__
 from catoptra_server.runtime.array_cache import ArrayCache, find_cache_folder
 from catoptra_server.runtime.memory import count_processors, release_freed_memory
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import BLOCK, OcclusionMap, hemisphere_lights
+from catoptra_server.world.shading import (
+    BLOCK,
+    OcclusionMap,
+    hemisphere_lights,
+)
 from catoptra_server.world.triangles import row_blocks, triangle_boxes
-from catoptra_server.world.world_description import World
+from catoptra_server.world.world_description import HemisphereLight, World
 
 if TYPE_CHECKING:
     from catoptra_server.render.trace.occlusion.light_bake import BakedLight
@@ -32,7 +36,7 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 # The same of baked light.
-_LIGHT_VERSION = 1
+_LIGHT_VERSION = 2
 _LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
@@ -40,14 +44,13 @@ _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texel
 MANY_TRIANGLES, MIN_SIDE_M = 12_000, 0.1
 
 
-def light_scene(scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
+def light_scene(scene: SceneMesh, world: World) -> LitWorld:
     """A scene with its map of baked light or ambient occlusion, and the world's lights beside it.
 
     Where neither is wanted, both as they are.
     """
     lit = begin_light(scene, world)
-    lit = lit if lit.refine is None else lit.refine(lambda: False)
-    return lit.scene, lit.world
+    return lit if lit.refine is None else lit.refine(lambda: False)
 
 
 def begin_light(scene: SceneMesh, world: World) -> LitWorld:
@@ -66,9 +69,24 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
     from catoptra_server.render.trace.occlusion import light_bake
 
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
-    light = _read_light(cache, key, len(scene))
-    if light is not None:
-        return LitWorld(*light.apply(scene, world), note=light.describe())
+
+    def apply(parts: Mapping[str, BakedLight]) -> LitWorld:
+        def mix(factors: Mapping[str, float]) -> tuple[SceneMesh, World]:
+            return light_bake.add_lights(parts, factors).apply(scene, world)
+
+        if light_bake.add_lights(parts, {}).is_dark:
+            log.warning(
+                "LightBake=on, but nothing shines: no lamp, window, sky or luminous surface; "
+                "surfaces are shown at their own colours"
+            )
+            white = HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
+            return LitWorld(scene, replace(world, lights=(white,), area_lights=()))
+        return LitWorld(*mix({}), mix=mix)
+
+    names = ["", *world.light_groups]
+    stored = _read_light(cache, key, len(scene), names)
+    if stored is not None:
+        return apply(stored)
     start = time.perf_counter()
     try:
         bake = light_bake.LightBake(scene, world, threads=count_processors())
@@ -79,24 +97,31 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
         bake.cast()
     first = bake.gather()
     rays = light_bake.FIRST_PASSES * light_bake.RAYS_PER_PASS
-    stage = f"light by {rays} of {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS} rays a node"
+    stage = f"light by {rays} rays a node, up to {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS}"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
     def refine(is_stopped: Callable[[], bool]) -> LitWorld:
         bake.use_calling_thread()
         try:
-            while bake.num_passes < light_bake.MAX_PASSES and not is_stopped():
-                bake.cast()
-            light = bake.gather()
+            light = first
+            while (passes := bake.count_passes(light)) > bake.num_passes and not is_stopped():
+                while bake.num_passes < passes and not is_stopped():
+                    bake.cast()
+                light = bake.gather()
+            parts = {"": light}
+            if len(names) > 1:
+                parts = {name: bake.gather(name) for name in names}
         finally:
             bake.close()
         release_freed_memory()
         if not is_stopped():
-            log.info("light baked in %.2f s", time.perf_counter() - start)
-            _store_light(cache, key, light)
-        return LitWorld(*light.apply(scene, world), note=light.describe())
+            rays = bake.num_passes * light_bake.RAYS_PER_PASS
+            seconds = time.perf_counter() - start
+            log.info("light baked in %.2f s by %d rays a node", seconds, rays)
+            _store_light(cache, key, parts)
+        return apply(parts)
 
-    return LitWorld(*first.apply(scene, world), "", stage, refine)
+    return replace(apply({"": first}), stage=stage, refine=refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,30 +130,39 @@ class LitWorld:
 
     scene: SceneMesh
     world: World
-    note: str = ""
-    """What a bake changes, for `explain`; empty without one."""
     stage: str = ""
     """How much of it is computed; empty for all."""
     refine: Callable[[Callable[[], bool]], LitWorld] | None = None
     """Compute the rest on the calling thread, unless a function says to stop; None: nothing is
     left to do."""
+    mix: Callable[[Mapping[str, float]], tuple[SceneMesh, World]] | None = None
+    """Make both with the baked light of groups brighter by factors; None without a bake."""
 
 
-def _read_light(cache: ArrayCache, key: str, num_triangles: int) -> BakedLight | None:
-    arrays = cache.read(key, len(_ARRAYS) + len(_LIGHT_ARRAYS))
+def _read_light(
+    cache: ArrayCache, key: str, num_triangles: int, names: Sequence[str]
+) -> dict[str, BakedLight] | None:
+    """Baked light of groups by their names."""
+    size = len(_ARRAYS) + len(_LIGHT_ARRAYS)
+    arrays = cache.read(key, size * len(names))
     if arrays is None:
         return None
     from catoptra_server.render.trace.occlusion.light_bake import BakedLight
 
-    occlusion, rest = OcclusionMap(*arrays[: len(_ARRAYS)]), arrays[len(_ARRAYS) :]
-    light = BakedLight(occlusion, *rest)
-    return light if _is_sound(occlusion, num_triangles) else None
+    parts = {}
+    for number, name in enumerate(names):
+        own = arrays[size * number : size * (number + 1)]
+        parts[name] = BakedLight(_make_map(own), *own[len(_ARRAYS) :])
+    return parts if all(_is_sound(one.occlusion, num_triangles) for one in parts.values()) else None
 
 
-def _store_light(cache: ArrayCache, key: str, light: BakedLight) -> None:
-    """Store baked light."""
-    arrays = [getattr(light.occlusion, name) for name in _ARRAYS]
-    cache.write(key, [*arrays, *(getattr(light, name) for name in _LIGHT_ARRAYS)])
+def _store_light(cache: ArrayCache, key: str, parts: Mapping[str, BakedLight]) -> None:
+    """Store baked light of groups."""
+    arrays = []
+    for light in parts.values():
+        arrays += [getattr(light.occlusion, name) for name in _ARRAYS]
+        arrays += [getattr(light, name) for name in _LIGHT_ARRAYS]
+    cache.write(key, arrays)
 
 
 def hash_light(scene: SceneMesh, world: World) -> str:
@@ -172,7 +206,7 @@ def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None
     cache = ArrayCache(folder)
     key = "" if folder is None else hash_scene(scene)
     arrays = cache.read(key, len(_ARRAYS))
-    cached = None if arrays is None else OcclusionMap(*arrays)
+    cached = None if arrays is None else _make_map(arrays)
     if cached is not None and _is_sound(cached, len(scene)):
         return cached if len(cached.bounds) else None
     # Loaded where it is needed: most starts find a map.
@@ -208,6 +242,10 @@ def hash_scene(scene: SceneMesh) -> str:
             digest.update(repr(array.shape).encode())
             digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
+
+
+def _make_map(arrays: Sequence[Any]) -> OcclusionMap:
+    return OcclusionMap(*arrays[: len(_ARRAYS)])
 
 
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:

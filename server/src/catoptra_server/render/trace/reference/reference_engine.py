@@ -112,16 +112,23 @@ class ReferenceEngine:
         )
         return _Frame(
             tuple(self._relative(state.world_from_mirror) for state in states),
-            ((self._scene, (Pose.identity(),)), *objects),
+            ((self._find_scene(states[0]), (Pose.identity(),)), *objects),
             Lighting(
                 self._centre,
                 self._world.background,
                 states[0].has_shadows,
                 states[0].has_gloss,
                 states[0].fog,
-                self._world.sky,
+                self._world.sky if states[0].has_sky else None,
             ),
         )
+
+    def _find_scene(self, state: CameraState) -> TracedMesh:
+        """The static scene, with one light on each grid where a state has no more."""
+        occlusion = self._scene.occlusion
+        if state.has_light_bake or occlusion is None or occlusion.ranges is None:
+            return self._scene
+        return replace(self._scene, occlusion=occlusion.average())
 
     def _relative(self, pose: Pose) -> Pose:
         """Pose relative to the scene's centre. Both may be far from the world's origin."""
@@ -202,6 +209,11 @@ class _ReferenceRays:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
         if "Gloss" in measured and first_state(exposure).has_gloss:
             changes["Gloss"] = self._measure(sharp, request.thresholds["Gloss"], has_gloss=False)
+        if "LightBake" in measured and first_state(exposure).has_light_bake:
+            threshold = request.thresholds["LightBake"]
+            changes["LightBake"] = self._measure(sharp, threshold, has_light_bake=False)
+        if "Sky" in measured and first_state(exposure).has_sky:
+            changes["Sky"] = self._measure(sharp, request.thresholds["Sky"], has_sky=False)
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             threshold = request.thresholds["SelfView"]
             changes["SelfView"] = self._measure(sharp, threshold, unseen=number)

@@ -19,7 +19,6 @@ enum {
     FACET_UNLIT = 1,
     FACET_TEXTURED = 2,
     FACET_CORNER_COLOURS = 4,
-    FACET_OCCLUDED = 8,
     FACET_EMISSIVE = 16,
     FACET_SMOOTH = 32,    /* lit by normals between those at its corners */
     FACET_TWO_SIDED = 64, /* its back is lit by the opposite normal */
@@ -135,10 +134,12 @@ typedef struct {
     int32_t width, height;         /* of the atlas */
     const uint8_t *texels;         /* (h, w), 255 = open */
     const uint16_t *light;         /* (3, h, w) of colours instead, 65535 = open; or NULL */
-    const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open */
+    const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open, or one factor */
     const OcclusionPatch *patches; /* (m,) */
     int32_t num_patches;           /* m */
     const int32_t *dark_sums;      /* (h + 1, w + 1) nodes above and left that are not open */
+    const float *flat_factors;        /* (n, 3) factors of facets without a grid; NULL: all 1 */
+    uint8_t *seen;                 /* (m,) becomes 1 for grids that a frame looks up; or NULL */
 } Occlusion;
 
 typedef struct {

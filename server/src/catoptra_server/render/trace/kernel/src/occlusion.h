@@ -14,11 +14,15 @@ typedef enum { SKY_MIXED = 0, SKY_OPEN, SKY_HIDDEN } SkyView;
 
 /* Whether the sky is hidden from any point of a static facet. */
 static inline int has_occlusion(const Scene *scene, int32_t triangle) {
-    return (scene->mesh->arrays.flags[triangle] & FACET_OCCLUDED) != 0;
+    return scene->occlusion.patch_of && scene->occlusion.patch_of[triangle] >= 0;
 }
 
 static inline const OcclusionPatch *patch_of(const Scene *scene, int32_t triangle) {
-    return scene->occlusion.patches + scene->occlusion.patch_of[triangle];
+    int32_t grid = scene->occlusion.patch_of[triangle];
+    /* Of several threads each writes the same. */
+    if (scene->occlusion.seen)
+        __atomic_store_n(scene->occlusion.seen + grid, 1, __ATOMIC_RELAXED);
+    return scene->occlusion.patches + grid;
 }
 
 /* Column or row of a point in the atlas. */

@@ -135,7 +135,11 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, int
         return table_entry(state, object, triangle);
     const Hemisphere *sky = object == OBJECT_STATIC ? &state->scene->hemisphere
                                                     : &state->scene->object_hemisphere;
-    return multiply(albedo, ambient_irradiance(sky, normal));
+    Vec3 irradiance = ambient_irradiance(sky, normal);
+    if (object == OBJECT_STATIC && state->scene->occlusion.flat_factors)
+        irradiance =
+            multiply(irradiance, vec3(state->scene->occlusion.flat_factors + 3 * (size_t)triangle));
+    return multiply(albedo, irradiance);
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */

@@ -177,7 +177,7 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
     if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
         state->frame->inverse_range || has_fog(state) || state->scene->mesh->arrays.blended)
         return 0;
-    int meets_object = 0, meets_gloss = 0;
+    int meets_object = 0, is_special = 0;
     uint8_t flags = 0;
     if (state->scene->sky && bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active)
         return 0;
@@ -189,10 +189,11 @@ static int has_table_colours(const FrameState *state, const RayBlock *rays, cons
         if (!(rays->active >> lane & 1 && object == OBJECT_STATIC))
             continue;
         flags |= facets[hits->triangle[lane]];
-        meets_gloss |= is_glossy(state, hits->triangle[lane]);
+        is_special |= is_glossy(state, hits->triangle[lane]) ||
+                      has_occlusion(state->scene, hits->triangle[lane]);
     }
-    return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_OCCLUDED | FACET_TWO_SIDED)) &&
-           !meets_gloss &&
+    return !(flags & (FACET_TEXTURED | FACET_COMPUTED | FACET_TWO_SIDED)) &&
+           !is_special &&
            (!meets_object || state->object_radiance) &&
            (state->is_constant || sees_all_lights(state, rays, hits));
 }

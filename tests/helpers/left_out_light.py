@@ -1,0 +1,88 @@
+"""Baked light and sky by their criteria beside both forced on, at random poses in shipped worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.effects import (
+    NO_EFFECT_SETTINGS,
+    WORLD_EFFECTS,
+    EffectMode,
+    EffectSettings,
+    name_effect,
+)
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.plans import RenderSettings
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
+from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
+from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from helpers.configs import WORLDS
+from helpers.worlds import make_omni_camera
+
+# Within these distances of a start, and heights above its floor.
+_REACH_M, _HEIGHTS_M = 3.0, (0.3, 1.2)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One pose."""
+
+    decisions: dict[str, EffectDecision]
+    """By the name of the effect."""
+    largest: float
+    """Difference of the picture from the one with both effects, grey levels."""
+    visible_share: float
+    """Pixels that differ by more than a level, which rounding alone may make."""
+
+
+def draw_poses(
+    world_name: str,
+    num_poses: int,
+    *,
+    max_change: float = 1.0,
+    visible_share: float = 1.0,
+    width_px: int = 160,
+) -> Iterator[LeftOut]:
+    """Pictures at random poses, with the light of the world baked whatever its file says."""
+    world, _ = read_world(WORLDS / f"{world_name}.ini")
+    world = replace(world, light_bake=True)
+    lit = light_scene(build_scene(world), world)
+    auto = reduce(name_effect, WORLD_EFFECTS, NO_EFFECT_SETTINGS)
+    auto = replace(auto, max_change=max_change, visible_share=visible_share)
+    forced = replace(
+        auto, settings=tuple(replace(one, mode=EffectMode.ALWAYS) for one in auto.settings)
+    )
+    choice = choose_renderer("trace", lit.scene, lit.world, threads=2, gains=(1.0, 1.0))
+    summarizer = SceneSummarizer(lit.scene, lit.world)
+    views = ViewCache(RenderPlanner(RendererPool(choice)), summarizer)
+    camera = make_omni_camera(width_px=width_px)
+
+    def draw(effects: EffectSettings, state: CameraState):  # type: ignore[no-untyped-def]
+        return views.render(ViewRequest(OmniCameraSpec(camera, RenderSettings(), effects), state))
+
+    generator = np.random.default_rng(7)
+    start = np.array(world.starts[0].location_m if world.starts else (0.0, 0.0, 0.0))
+    try:
+        for _ in range(num_poses):
+            x, y = generator.uniform(-_REACH_M, _REACH_M, 2)
+            place = start + np.array([x, y, -generator.uniform(*_HEIGHTS_M)])
+            pose = Pose.from_rpy(tuple(place), (0.0, 0.0, generator.uniform(-np.pi, np.pi)))
+            one, other = (draw(effects, CameraState(pose)) for effects in (auto, forced))
+            pictures = [view.image.rgb.astype(np.float64) for view in (one, other)]
+            difference = np.abs(pictures[0] - pictures[1]).max(axis=-1)
+            decisions = {decision.effect: decision for decision in one.effect_decisions}
+            yield LeftOut(decisions, float(difference.max()), float((difference > 1.0).mean()))
+    finally:
+        views.close()
