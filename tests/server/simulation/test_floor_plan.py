@@ -125,3 +125,25 @@ def test_start_is_on_the_floor_and_without_any_between_obstacles() -> None:
     assert 1.2 < abs(x) < 1.8
     assert abs(y) < 0.1
     assert find_start(build_scene(World("w", ()))) is not None
+
+
+def test_plan_for_a_base_ends_behind_what_it_reaches_from_the_points() -> None:
+    shapes: list[tuple[Shape, tuple[float, float, float]]] = [
+        (Rectangle((60.0, 60.0)), (0.0, 0.0, 0.0)),
+        (Box((0.2, 60.0, 2.0)), (4.0, 0.0, -1.0)),  # a wall, and a post behind it
+        (Box((0.2, 0.2, 2.0)), (25.0, 20.0, -1.0)),
+        (Box((0.2, 60.0, 2.0)), (-4.0, 0.0, -1.0)),
+        (Box((8.0, 0.2, 2.0)), (0.0, 3.0, -1.0)),
+        (Box((6.0, 0.2, 2.0)), (-1.0, -3.0, -1.0)),  # a door of 0.9 m into a room
+        (Box((8.0, 0.2, 2.0)), (0.0, -9.0, -1.0)),
+    ]
+    items = tuple(Item(f"{i}", s, Pose.from_rpy(p), GREY) for i, (s, p) in enumerate(shapes))
+    scene = build_scene(World("w", items))
+    for radius_m, least_y_m in ((0.3, -10.5), (0.6, -4.5)):
+        plan = draw_floor_plan(
+            scene, height_m=0.6, points_m=np.zeros((1, 2)), size_px=300, radius_m=radius_m
+        )
+        high_m = plan.origin_m[0] + plan.obstacles.shape[1] / plan.px_per_m
+        assert plan.origin_m[0] == pytest.approx(-5.5, abs=1.0)
+        assert high_m == pytest.approx(5.5, abs=1.0)
+        assert plan.origin_m[1] == pytest.approx(least_y_m, abs=1.2)

@@ -86,6 +86,7 @@ def _draw_map(
         height_m=height_m,
         points_m=np.array(marks or [(0.0, 0.0)]),
         size_px=_SCALE * size_px,
+        radius_m=radius_m,
     )
     pixels = plan.colour(scene, radius_m)
     height, width = pixels.shape[:2]

@@ -51,6 +51,8 @@ FREE = tuple(
 )
 # A mast that carries an omnidirectional camera; a Pioneer turns within 0.36 m.
 _START_HEIGHT_M = 1.0
+# Plan by which a larger one is cut, and what is shown around the free places of that.
+_COARSE_PX, _SURROUNDINGS_M = 160, 1.5
 # Free on all sides of a start, as much as there is.
 _START_RADII_M = (2.0, 1.2, 0.8, 0.6, 0.4)
 _START_PLAN_PX = 800
@@ -78,6 +80,27 @@ class FloorPlan:
     def find_free(self, radius_m: float) -> Bools:
         """(h, w) places with floor and no obstacle all over a square of a half size."""
         return _has_none_near(self.obstacles | ~self.has_floor, math.ceil(radius_m * self.px_per_m))
+
+    def find_reach(self, points_m: Floats, radius_m: float) -> tuple[Floats, Floats] | None:
+        """Least and largest x and y, (2,) each, of the free places to which (n, 2) points lead.
+
+        None where no point is near a free place.
+        """
+        free, reached = self.find_free(radius_m), np.zeros_like(self.obstacles)
+        sides = np.array(reached.shape[::-1]) - 1
+        columns, rows = self.pixels(points_m).clip(0, sides).astype(np.intp).T
+        reached[rows, columns] = True
+        grown = ~_has_none_near(reached, 2) & free
+        while (grown != reached).any():
+            reached, grown = grown, ~_has_none_near(grown, 1) & free
+        if not reached.any():
+            return None
+        rows, columns = np.nonzero(reached)
+        pixels = np.stack((columns, rows), axis=-1)
+        origin_m = np.array(self.origin_m)
+        low_m: Floats = origin_m + pixels.min(axis=0) / self.px_per_m
+        high_m: Floats = origin_m + (pixels.max(axis=0) + 1) / self.px_per_m
+        return low_m, high_m
 
     def colour(self, scene: SceneMesh, radius_m: float) -> npt.NDArray[np.uint8]:
         """(h, w, 3) picture, free for a base of a radius."""
@@ -147,6 +170,7 @@ def draw_floor_plan(
     points_m: Floats,
     size_px: int,
     margin_m: float = _MARGIN_M,
+    radius_m: float | None = None,
 ) -> FloorPlan:
     """Floor plan of a scene.
 
@@ -156,6 +180,8 @@ def draw_floor_plan(
         points_m: (n, 2) points that the plan contains, too.
         size_px: Number of pixels of the longer side.
         margin_m: Distance from the outermost obstacle or point to the border.
+        radius_m: Radius of a base: the plan ends behind what it reaches from the points, and leaves
+            out a garden behind windows. None: it shows all.
     """
     # Loaded by who needs plans: with Pillow in 20 ms.
     from PIL import Image, ImageDraw
@@ -167,6 +193,11 @@ def draw_floor_plan(
     if not len(outlines) and len(scene):
         extent = np.concatenate((extent, scene.box_min[None, :2], scene.box_max[None, :2]))
     low, high = extent.min(axis=0) - margin_m, extent.max(axis=0) + margin_m
+    if radius_m is not None:
+        coarse = draw_floor_plan(scene, height_m=height_m, points_m=points_m, size_px=_COARSE_PX)
+        if (reach := coarse.find_reach(points_m, radius_m)) is not None:
+            low = np.maximum(low, np.minimum(reach[0], points_m.min(axis=0)) - _SURROUNDINGS_M)
+            high = np.minimum(high, np.maximum(reach[1], points_m.max(axis=0)) + _SURROUNDINGS_M)
     px_per_m = size_px / float((high - low).max())
     width, height = (max(round(float(side) * px_per_m), 1) for side in high - low)
     image = Image.new("1", (width, height))

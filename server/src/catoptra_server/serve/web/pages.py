@@ -320,7 +320,9 @@ def floor_plan(
     points = [start.location_m[:2] for start in info.start_poses]
     points += [(landmark.x_m, landmark.y_m) for landmark in info.landmarks]
     points_m = np.array(points or [(0.0, 0.0)])
-    plan = draw_floor_plan(scene, height_m=height_m, points_m=points_m, size_px=_PLAN_PX)
+    plan = draw_floor_plan(
+        scene, height_m=height_m, points_m=points_m, size_px=_PLAN_PX, radius_m=radius_m
+    )
     picture = encode_image(plan.colour(scene, radius_m), ImageEncoding.PNG)
     x, y = plan.origin_m
     height, width = plan.obstacles.shape
