@@ -26,7 +26,7 @@ _TEXT = """\
 A robot drives the paper's route and localizes itself by landmarks; Ctrl-C ends it.
 Programs reach its server on ports {control} (control), {image} (images), {stream} (stream).
 To try: drive the robot by the arrow keys; it returns to its route 3 s after the last one.
-        choose 64 polygons, or force an effect: the page shows the difference and its cost.
+        move the slider of accuracy, or force an effect: the page shows what changes, and its cost.
 Watch it at {link}"""
 
 
@@ -97,7 +97,7 @@ def _make_parser() -> CommandParser:
     add = parser.add_argument
     add("--robot", default="p2at_omni_live", metavar="FILE",
         help="robot ini, or the name of a bundled one")  # fmt: skip
-    add("--world", default="four_legged_2006", metavar="FILE",
+    add("--world", default="laboratory", metavar="FILE",
         help="world ini with landmarks, or the name of a bundled one")  # fmt: skip
     add("--view", type=parse_port, default=_DEFAULT_VIEW_PORT, metavar="PORT",
         help="port of the page; 0 = free ports for page, control, images and stream")  # fmt: skip
