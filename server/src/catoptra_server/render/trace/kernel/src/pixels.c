@@ -29,6 +29,19 @@ int pixel_of_lane(const FrameState *state, int block, int lane) {
     return pixel_of(row, reciprocal) * TILE_PX + pixel_of(column, reciprocal);
 }
 
+void spread_pixels(const FrameState *state, const RayBlock *rays, const float pixels[3][BLOCK_RAYS],
+                   float values[3][BLOCK_RAYS]) {
+    int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
+    int block = (int)(rays->index % (size_t)(samples * samples)), pixel[BLOCK_RAYS];
+    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        pixel[lane] = pixel_of(top + lane / TILE_PX, reciprocal) * TILE_PX +
+                      pixel_of(left + lane % TILE_PX, reciprocal);
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            values[channel][lane] = pixels[channel][pixel[lane]];
+}
+
 /* Two samples a side: a block has a quarter of the tile's pixels, of two lanes in two rows each. In
  * the order of the lanes, so that sums have the same last bit as one by one. */
 static void add_quarter(int block, const float values[BLOCK_RAYS], float sums[TILE_PX * TILE_PX]) {
