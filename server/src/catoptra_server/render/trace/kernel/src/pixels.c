@@ -31,15 +31,11 @@ int pixel_of_lane(const FrameState *state, int block, int lane) {
 
 void spread_pixels(const FrameState *state, const RayBlock *rays, const float pixels[3][BLOCK_RAYS],
                    float values[3][BLOCK_RAYS]) {
-    int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
-    int block = (int)(rays->index % (size_t)(samples * samples)), pixel[BLOCK_RAYS];
-    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        pixel[lane] = pixel_of(top + lane / TILE_PX, reciprocal) * TILE_PX +
-                      pixel_of(left + lane % TILE_PX, reciprocal);
-    for (int channel = 0; channel < 3; channel++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            values[channel][lane] = pixels[channel][pixel[lane]];
+    size_t blocks = (size_t)state->rays->samples * (size_t)state->rays->samples;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int pixel = pixel_of_lane(state, (int)(rays->index % blocks), lane);
+        set_lane(values, lane, get_lane(pixels, pixel));
+    }
 }
 
 /* Two samples a side: a block has a quarter of the tile's pixels, of two lanes in two rows each. In
