@@ -15,11 +15,11 @@ from catoptra_server.world import sky
 from catoptra_server.world.panorama import (
     MAX_RADIANCE,
     Panorama,
+    load_panorama,
     make_panorama,
     solid_angles,
     texel_directions,
 )
-from catoptra_server.world.panorama import load_panorama
 from catoptra_server.world.sky import SkyDescription, compute_sky, find_sky
 from catoptra_server.world.world_description import DirectionalLight, HemisphereLight
 from helpers.worlds import make_smooth_sky

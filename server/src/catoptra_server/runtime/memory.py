@@ -33,9 +33,9 @@ DEFAULT_LIMIT_BYTES = 1024 * MIB
 # A tebibyte: a larger number is taken for bytes.
 MAX_LIMIT_MIB = 2**20
 
-# A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 540 to 610
-# (370). Colours at its corners add 80, texture coordinates 60, emission 130 and gloss 20 (20 each
-# in trace): all at once, 100 more than this, are those of no file that has been seen.
+# A triangle in NumPy arrays and in the structures of raster: 540 to 610, of trace 370. Colours at
+# its corners add 80, texture coordinates 60, emission 130 and gloss 20 (in trace 20 each): all at
+# once, 100 more than this, are those of no file that has been seen.
 BYTES_PER_TRIANGLE = 750
 # Held: three bytes, which both renderers share; trace adds two of coarser levels, and six of light
 # but in large scenes; raster four on the device with a third more for coarser levels.

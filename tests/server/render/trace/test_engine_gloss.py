@@ -128,8 +128,7 @@ def test_gloss_is_measured_and_left_out_where_nobody_misses_it(engine: EngineNam
 
 
 def test_gloss_when_moving_is_the_mean_of_sharp_frames() -> None:
-    # Samples share what a rougher surface mirrors in a sharp frame alone.
-    world = make_glossy_world(SurfaceGloss(0.3, 0.05))
+    world = make_glossy_world(SurfaceGloss(0.3, 0.1))
     moving = replace(place_cube(0.9, 0.3, -0.3), twist=Twist((0.5, 0.0, 0.0)))
     state = replace(GLOSSY, objects=(moving,), shutter=Shutter(0.02, 0.0, 4.0))
     native, reference = (grey_levels(trace(engine, world, state).image) for engine in ENGINES)

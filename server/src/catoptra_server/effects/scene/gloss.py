@@ -4,13 +4,13 @@ L' = (1 - F) L + F ((1 - r) M + r E), M the light along the mirrored ray, r the 
 sky's irradiance, which stands for the mean of what a rough surface spreads. F is Fresnel's
 reflectance, F0 + (max(1 - r, F0) - F0) (1 - cos)^5. The mirrored ray averages textures over the
 square of the roughness, radians. Source: Schlick 1994; for rough surfaces Lagarde 2011. Domain:
-static surfaces with `Gloss` in the world's file; one ray a sample, from a roughness of 0.1 on, which
-spreads it over more than a pixel, one a pixel and facet (a glossy floor: +27 to 36 % instead of +62
-to 84 % of a frame); it shows other surfaces without their gloss, and edges that are sharp at any
-roughness. As a mean of radiances the light exceeds that of
-no surface. Criterion: a black surface that mirrors the brightest, at a grazing angle. In mode auto
-the native kernel casts no ray where neither the brightest light nor black in the mirror would
-change the pixel by more than the threshold. Raster draws no gloss: its rows say so.
+static surfaces with `Gloss` in the world's file; one ray a sample, which shows other surfaces
+without their gloss, and edges that are sharp at any roughness. Where roughness spreads it over more
+than a pixel, the native kernel casts one a pixel in tiles of which all meet one facet. As a mean of
+radiances the light exceeds that of no surface. Criterion: a black surface that mirrors the
+brightest, at a grazing angle. In mode auto the native kernel casts no ray where neither the
+brightest light nor black in the mirror would change the pixel by more than the threshold. Raster
+draws no gloss: its rows say so.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
@@ -65,30 +64,26 @@ class Response:
             return EffectBound(0.0, f"no light reaches {self.knee:.3g}, where the curve bends")
         # Between two steps the change is below that from the lower one's curve to the upper light.
         light = np.linspace(self.knee, brightest, _NUM_STEPS + 1)
-        shown = srgb_from_linear(self._curve(light))
+        shown = srgb_from_linear(self._bend(light))
         change = 255.0 * float((srgb_from_linear(light)[1:] - shown[:-1]).max())
         return EffectBound(change, reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of the brightest light's response."""
-        brightest = float(self._curve(np.array([summary.max_radiance]))[0])
+        brightest = float(self._bend(np.array([summary.max_radiance]))[0])
         return replace(summary, max_radiance=brightest)
-
-    def _curve(self, light: Floats) -> Floats:
-        knee, above, inverse = self.numbers
-        x = np.maximum(light - knee, 0.0) / above
-        shoulder = knee + above * (x * (1.0 + x * inverse) / (1.0 + x))
-        return np.where(light > knee, np.minimum(shoulder, 1.0), light)
 
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Bend the light of each pixel and colour."""
-        knee, above, inverse = (image.dtype.type(number) for number in self.numbers)
-        one = image.dtype.type(1.0)
-        x = np.maximum(image - knee, image.dtype.type(0.0)) / above
+        return self._bend(image)
+
+    def _bend(self, light: npt.NDArray[Real]) -> npt.NDArray[Real]:
+        knee, above, inverse, one = (light.dtype.type(number) for number in (*self.numbers, 1.0))
+        x = np.maximum(light - knee, light.dtype.type(0.0)) / above
         shoulder = knee + above * (x * (one + x * inverse) / (one + x))
-        return np.where(image > knee, np.minimum(shoulder, one), image)
+        return np.where(light > knee, np.minimum(shoulder, one), light)
 
 
 EFFECT_TYPE = EffectType(

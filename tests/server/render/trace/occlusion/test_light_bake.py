@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.transforms import Pose
@@ -167,6 +168,25 @@ def test_both_engines_draw_baked_light_on_surfaces_and_objects() -> None:
         filled, traced, share = render_filled_and_traced(engine, rays, exposure)
     assert share > 0.2
     assert level_differences(filled, traced).max() <= 2
+
+
+def test_filled_tiles_of_textures_have_the_light_of_their_own_pixels(tmp_path: Path) -> None:
+    Image.new("RGB", (4, 4), "white").save(tmp_path / "white.png")
+    world = make_test_world(lights=(HEMISPHERE_LIGHT,), texture=tmp_path / "white.png")
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=1).apply(scene, world)
+    assert scene.occlusion is not None
+    # Light that is much steeper than that of lamps.
+    shape = scene.occlusion.texels.shape
+    texels = np.random.default_rng(5).integers(45000, 65536, shape, np.uint16)
+    scene = replace(scene, occlusion=replace(scene.occlusion, texels=texels))
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=2))
+        filled, traced, share = render_filled_and_traced(
+            engine, rays, CameraState(Pose.from_rpy((0.31, 0.17, -0.6)))
+        )
+    assert share > 0.2
+    assert np.percentile(level_differences(filled, traced), 99.9) <= 3
 
 
 def bake_furnace(world: World) -> tuple[SceneMesh, World]:

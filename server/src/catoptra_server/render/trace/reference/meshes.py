@@ -43,8 +43,6 @@ class WorldRays:
     """(n, 3) unit."""
     steps: Floats
     """(n, 2, 3) from a direction to its neighbours to the right and below."""
-    pixels: npt.NDArray[np.intp]
-    """(n,) numbers of their pixels, whose samples may share what they mirror."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

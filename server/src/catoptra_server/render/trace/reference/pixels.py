@@ -133,36 +133,16 @@ def _mix_reflection(
     spread = np.hypot(length, roughness[:, None] ** 2) / np.where(length > 0.0, length, 1.0)
     steps = spread * (rays.steps - 2.0 * _dot(rays.steps, normals[:, None]) * normals[:, None])
     directions = rays.directions + 2.0 * cosine * normals
-    origins = positions + _SHADOW_BIAS * largest * normals
-    mirrored = WorldRays(origins, directions, steps, rays.pixels)
+    mirrored = WorldRays(positions + _SHADOW_BIAS * largest * normals, directions, steps)
     seen = find_first_hits(meshes, mirrored)
     # As from the mirrored viewpoint, so that footprints grow from there.
     apart = replace(mirrored, origins=mirrored.origins - hits.distance[:, None] * directions)
     far = replace(seen, distance=seen.distance + hits.distance)
     light = shade_hits(meshes, apart, far, replace(lighting, has_gloss=False))
     light = light if lighting.fog is None else lighting.fog.mix(light, seen.distance)
-    light = light[_find_casters(rays.pixels, hits.triangle, roughness[:, 0])]
     mean = facet_irradiance(hemisphere_lights(scene.lights), normals)
     mixed: Floats = own + fresnel * (light + roughness * (mean - light) - own)
     return mixed
-
-
-# As SHARED_ROUGHNESS in kernel/src/gloss.h.
-_SHARED_ROUGHNESS = 0.1
-
-
-def _find_casters(
-    pixels: npt.NDArray[np.intp], triangles: npt.NDArray[np.int32], roughness: Floats
-) -> npt.NDArray[np.intp]:
-    """(n,) samples whose mirrored ray each sample of a rough triangle shows: the first in a row
-    of a pixel's samples on one triangle."""
-    order = np.argsort(pixels, kind="stable")
-    begins = np.ones(len(order), dtype=bool)
-    begins[1:] = (np.diff(pixels[order]) != 0) | (np.diff(triangles[order]) != 0)
-    begins |= roughness[order] < _SHARED_ROUGHNESS
-    casters = np.arange(len(order))
-    casters[order] = order[np.maximum.accumulate(np.where(begins, casters, 0))]
-    return casters
 
 
 def _dot(one: Floats, other: Floats) -> Floats:

@@ -163,7 +163,7 @@ class _Frame:
         # Between two poses a rotation's entries shorten: distances are metres of unit directions.
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         steps = np.stack([camera.vectors(batch.steps[:, i]) for i in range(2)], axis=1)
-        rays = WorldRays(camera.points(batch.origins), directions, steps, batch.pixels)
+        rays = WorldRays(camera.points(batch.origins), directions, steps)
         meshes = tuple(
             PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
         )
@@ -358,8 +358,6 @@ class _RayBatch:
     """Tiles in the table."""
     rays: npt.NDArray[np.intp]
     """(n,) flat indices of the valid rays in (tiles, samples^2, 16)."""
-    pixels: npt.NDArray[np.intp]
-    """(n,) numbers of their pixels; of samples where these have times of their own."""
     directions: Floats
     """(n, 3) unit."""
     origins: Floats
@@ -381,7 +379,6 @@ def _read_batch(table: RayTable, tiles: slice) -> _RayBatch:
     return _RayBatch(
         tiles,
         rays,
-        rays // is_valid[0].size * BLOCK_RAYS + rays % BLOCK_RAYS if times is None else rays,
         # Unit in float32 only.
         directions / np.linalg.norm(directions, axis=-1, keepdims=True),
         np.zeros_like(directions) if origins is None else origins,

@@ -4,10 +4,12 @@
 #include "gloss.h"
 
 #include "bvh.h"
+#include "camera_rays.h"
 #include "fog.h"
 #include "hit_points.h"
 #include "instances.h"
 #include "measures.h"
+#include "pixels.h"
 #include "shading.h"
 
 #include <math.h>
@@ -85,8 +87,9 @@ static void set_mirrored(const RayBlock *rays, const HitPoints *points, Vec3 nor
     }
 }
 
-/* Light along mirrored rays, by footprints as from the mirrored viewpoint. */
-static void shade_mirrored(const FrameState *state, const HitPoints *points, RayBlock *rays,
+/* Light along mirrored rays, by footprints as from the mirrored viewpoint; whether all meet one
+ * facet. */
+static int shade_mirrored(const FrameState *state, const HitPoints *points, RayBlock *rays,
                            float light[3][BLOCK_RAYS], LostLight *lost) {
     HitBlock hits;
     memset(hits.triangle, 0xff, sizeof hits.triangle);
@@ -101,42 +104,29 @@ static void shade_mirrored(const FrameState *state, const HitPoints *points, Ray
     shade_block(state, &apart, &hits, NULL, NULL, 0, light, lost);
     if (has_fog(state))
         fog_block(state, rays, &hits, 0, light, lost);
+    return !(rays->active & ~find_same(&hits, __builtin_ctz(rays->active)));
 }
 
-/* Light that some lanes mirror, all of one plane and roughness, into `mirrored`. */
-static void cast_mirrored(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                          const GlossBlock *gloss, uint32_t lanes, int has_lost,
-                          MirroredPixels *mirrored) {
+/* Light that some lanes mirror, all of one plane and roughness; whether they meet one facet. */
+static int cast_mirrored(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                         const GlossBlock *gloss, uint32_t lanes, float light[3][BLOCK_RAYS],
+                         LostLight *lost) {
     int first = __builtin_ctz(lanes);
-    float roughness = gloss->roughness[first];
-    MirrorPlane plane = {get_lane(gloss->normal, first), roughness * roughness};
+    MirrorPlane plane = {get_lane(gloss->normal, first),
+                         gloss->roughness[first] * gloss->roughness[first]};
     FrameState once = *state;
     once.mirror = &plane;
-    RayBlock turned = *rays;
-    _Alignas(64) float light[3][BLOCK_RAYS];
-    LostLight lost = {.rays = 0};
+    RayBlock mirrored = *rays;
     HitPoints points;
     find_hit_points(state, rays, hits, lanes, &points);
-    set_mirrored(rays, &points, plane.normal, gloss->cosine, lanes, &turned);
-    shade_mirrored(&once, &points, &turned, light, has_lost ? &lost : NULL);
-    Ints16 cast = mask16(lanes);
-    mirrored->pixels |= lanes;
-    mirrored->lost.rays = (mirrored->lost.rays & ~lanes) | (lost.rays & lanes);
-    store_ints16((cast & load_ints16(hits->triangle)) | (~cast & load_ints16(mirrored->triangle)),
-                 mirrored->triangle);
-    for (int channel = 0; channel < 3; channel++) {
-        store16(select16(cast, load16(light[channel]), load16(mirrored->light[channel])),
-                mirrored->light[channel]);
-        store16(select16(cast, load16(lost.radiance[channel]),
-                         load16(mirrored->lost.radiance[channel])),
-                mirrored->lost.radiance[channel]);
-    }
+    set_mirrored(rays, &points, plane.normal, gloss->cosine, lanes, &mirrored);
+    return shade_mirrored(&once, &points, &mirrored, light, lost);
 }
 
 /* Mix what some lanes mirror, all of one plane and roughness, into their radiance. */
 static void mix_mirrored(const FrameState *state, const GlossBlock *gloss, uint32_t lanes,
-                         const MirroredPixels *mirrored, float radiance[3][BLOCK_RAYS],
-                         LostLight *lost) {
+                         const float light[3][BLOCK_RAYS], const LostLight *own,
+                         float radiance[3][BLOCK_RAYS], LostLight *lost) {
     int first = __builtin_ctz(lanes);
     float roughness = gloss->roughness[first];
     /* Of a plane that is seen from both sides, which takes rays with origins of their own, each
@@ -148,17 +138,16 @@ static void mix_mirrored(const FrameState *state, const GlossBlock *gloss, uint3
     Ints16 chosen = mask16(lanes), is_back = load16(gloss->cosine) > splat16(0.0f);
     for (int channel = 0; channel < 3; channel++) {
         Floats16 mean = select16(is_back, splat16(backs[channel]), splat16(fronts[channel]));
-        Floats16 matt = load16(radiance[channel]), seen = load16(mirrored->light[channel]);
+        Floats16 matt = load16(radiance[channel]), seen = load16(light[channel]);
         seen = seen + roughness * (mean - seen);
         store16(select16(chosen, matt + load16(gloss->part) * (seen - matt), matt),
                 radiance[channel]);
     }
-    for (uint32_t left = lost ? lanes & (lost->rays | mirrored->lost.rays) : 0; left;
-         left &= left - 1) {
+    for (uint32_t left = lost ? lanes & (lost->rays | own->rays) : 0; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         Vec3 none = {0, 0, 0};
         Vec3 before = lost->rays >> lane & 1 ? get_lane(lost->radiance, lane) : none;
-        Vec3 there = mirrored->lost.rays >> lane & 1 ? get_lane(mirrored->lost.radiance, lane) : none;
+        Vec3 there = own->rays >> lane & 1 ? get_lane(own->radiance, lane) : none;
         set_lane(lost->radiance, lane,
                  mix(gloss->part[lane], before, scale(1.0f - roughness, there)));
         lost->rays |= 1u << lane;
@@ -173,47 +162,77 @@ static uint32_t find_alike(const GlossBlock *gloss, uint32_t among, int lane) {
     return (bits16(alike) & among) | 1u << lane;
 }
 
-void add_gloss(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int is_noted,
-               MirroredPixels *shared, float radiance[3][BLOCK_RAYS], LostLight *lost) {
+/* Bit mask of the rays that meet glossy facets, and what these are. */
+static uint32_t find_gloss(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                           GlossBlock *gloss) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    uint32_t lanes = 0;
-    /* A mirrored ray shows facets without their gloss. */
-    if (state->mirror || !state->frame->has_gloss || !mesh->gloss)
-        return;
-    GlossBlock gloss;
-    memset(&gloss, 0, sizeof gloss);
-    for (uint32_t left = rays->active & bits16(load_ints16(hits->object) == OBJECT_STATIC), same;
-         left; left &= ~same) {
+    uint32_t lanes = 0, left = rays->active & bits16(load_ints16(hits->object) == OBJECT_STATIC);
+    if (!state->frame->has_gloss || !mesh->gloss)
+        return 0;
+    memset(gloss, 0, sizeof *gloss);
+    for (uint32_t same; left; left &= ~same) {
         int lane = __builtin_ctz(left);
-        size_t triangle = (size_t)hits->triangle[lane];
+        const float *own = mesh->gloss + 2 * (size_t)hits->triangle[lane];
         same = find_same(hits, lane) & left;
-        if (mesh->gloss[2 * triangle] == 0.0f)
+        if (own[0] == 0.0f)
             continue;
         Ints16 chosen = mask16(same);
-        store16(select16(chosen, splat16(mesh->gloss[2 * triangle]), load16(gloss.reflectance)),
-                gloss.reflectance);
-        store16(select16(chosen, splat16(mesh->gloss[2 * triangle + 1]), load16(gloss.roughness)),
-                gloss.roughness);
-        set_lanes(gloss.normal, same, vec3(mesh->normals + 3 * triangle));
+        store16(select16(chosen, splat16(own[0]), load16(gloss->reflectance)), gloss->reflectance);
+        store16(select16(chosen, splat16(own[1]), load16(gloss->roughness)), gloss->roughness);
+        set_lanes(gloss->normal, same, vec3(mesh->normals + 3 * (size_t)hits->triangle[lane]));
         lanes |= same;
     }
+    if (lanes)
+        find_parts(rays, gloss);
+    return lanes;
+}
+
+int mirror_pixels(const FrameState *state, int tile, int32_t triangle,
+                  float light[3][BLOCK_RAYS]) {
+    const float *own = state->scene->mesh->arrays.gloss + 2 * (size_t)triangle;
+    int samples = state->rays->samples, blocks = samples * samples;
+    _Alignas(64) float sums[3][BLOCK_RAYS] = {{0}};
+    RayBlock rays;
+    HitBlock hits;
+    GlossBlock gloss;
+    if (samples == 1 || own[1] < SHARED_ROUGHNESS)
+        return 0;
+    for (int block = blocks - 1; block >= 0; block--) {
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+        for (int axis = 0; axis < 3; axis++)
+            add_lanes(samples, block, rays.direction[axis], sums[axis]);
+    }
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        Vec3 sum = get_lane(sums, i);
+        set_lane(rays.direction, i, scale(1.0f / sqrtf(dot(sum, sum)), sum));
+        hits.triangle[i] = triangle;
+        hits.object[i] = OBJECT_STATIC;
+    }
+    return !rays.has_origins && find_gloss(state, &rays, &hits, &gloss) == 0xffff &&
+           cast_mirrored(state, &rays, &hits, &gloss, 0xffff, light, NULL);
+}
+
+void add_gloss(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int is_noted,
+               const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS], LostLight *lost) {
+    GlossBlock gloss;
+    /* A mirrored ray shows facets without their gloss. */
+    uint32_t lanes = state->mirror ? 0 : find_gloss(state, rays, hits, &gloss);
     if (!lanes)
         return;
-    find_parts(rays, &gloss);
     uint32_t seen = find_seen(state->frame, gloss.part, lanes, radiance);
+    if (!seen)
+        return;
     _Alignas(64) float matt[3][BLOCK_RAYS];
     memcpy(matt, radiance, sizeof matt);
     for (uint32_t left = seen, same; left; left &= ~same) {
-        int lane = __builtin_ctz(left);
-        MirroredPixels own = {.pixels = 0}, *mirrored = &own;
-        if (shared && gloss.roughness[lane] >= SHARED_ROUGHNESS)
-            mirrored = shared;
-        same = find_alike(&gloss, left, lane);
-        Ints16 is_known = load_ints16(mirrored->triangle) == load_ints16(hits->triangle);
-        uint32_t missing = same & ~(mirrored->pixels & bits16(is_known));
-        if (missing)
-            cast_mirrored(state, rays, hits, &gloss, missing, lost != NULL, mirrored);
-        mix_mirrored(state, &gloss, same, mirrored, radiance, lost);
+        same = find_alike(&gloss, left, __builtin_ctz(left));
+        _Alignas(64) float light[3][BLOCK_RAYS];
+        LostLight own = {.rays = 0};
+        if (known)
+            spread_pixels(state, rays, known, light);
+        else
+            cast_mirrored(state, rays, hits, &gloss, same, light, lost ? &own : NULL);
+        mix_mirrored(state, &gloss, same, (const float(*)[BLOCK_RAYS])light, &own, radiance, lost);
     }
     if (is_noted && state->frame->measures_gloss)
         note_samples(state, &state->measures->gloss, seen, matt, radiance);

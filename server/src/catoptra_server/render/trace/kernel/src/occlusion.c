@@ -3,6 +3,8 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "occlusion.h"
 
+#include "pixels.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -325,12 +327,13 @@ void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock
     if (!known) {
         find_positions(state, triangle, rays, columns, rows);
         find_factors(state->scene, triangle, columns, rows, factors);
-        known = (const float(*)[BLOCK_RAYS])factors;
     }
+    if (known)
+        spread_pixels(state, rays, known, factors);
     Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
     float share[3] = {share_of(ambient.x, light.x), share_of(ambient.y, light.y),
                       share_of(ambient.z, light.z)};
     for (int channel = 0; channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] -= share[channel] * (1.0f - known[channel][i]) * radiance[channel][i];
+            radiance[channel][i] -= share[channel] * (1.0f - factors[channel][i]) * radiance[channel][i];
 }

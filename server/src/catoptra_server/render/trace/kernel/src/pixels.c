@@ -29,6 +29,15 @@ int pixel_of_lane(const FrameState *state, int block, int lane) {
     return pixel_of(row, reciprocal) * TILE_PX + pixel_of(column, reciprocal);
 }
 
+void spread_pixels(const FrameState *state, const RayBlock *rays, const float pixels[3][BLOCK_RAYS],
+                   float values[3][BLOCK_RAYS]) {
+    size_t blocks = (size_t)state->rays->samples * (size_t)state->rays->samples;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int pixel = pixel_of_lane(state, (int)(rays->index % blocks), lane);
+        set_lane(values, lane, get_lane(pixels, pixel));
+    }
+}
+
 /* Two samples a side: a block has a quarter of the tile's pixels, of two lanes in two rows each. In
  * the order of the lanes, so that sums have the same last bit as one by one. */
 static void add_quarter(int block, const float values[BLOCK_RAYS], float sums[TILE_PX * TILE_PX]) {

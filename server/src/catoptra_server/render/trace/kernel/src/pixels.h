@@ -21,6 +21,10 @@ typedef struct {
 /* Pixel of the tile, row by row, of a lane of one of the table's blocks. */
 int pixel_of_lane(const FrameState *state, int block, int lane);
 
+/* Values, (3, 16), of a tile's pixels for the rays of one of its blocks. */
+void spread_pixels(const FrameState *state, const RayBlock *rays, const float pixels[3][BLOCK_RAYS],
+                   float values[3][BLOCK_RAYS]);
+
 TilePixels find_pixels(const FrameState *state, int tile);
 
 /* Add a value of each of a block's rays, one channel, to the sums of its pixels; `samples`

@@ -428,7 +428,6 @@ static void shade_hidden(const FrameState *state, const RayBlock *source, uint32
     RayBlock rays = *source;
     HitBlock hits;
     without.unseen_object = state->frame->watched_object;
-    rest.mirrored = NULL;
     if (rest.object == without.unseen_object)
         rest.object = OBJECT_NONE;
     rays.active = lanes;
@@ -790,10 +789,14 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     }
     TileLabels labels;
-    MirroredPixels mirrored;
-    mirrored.pixels = mirrored.lost.rays = 0;
-    if (!state->is_rolling && !state->scene->mesh->arrays.blended)
-        known.mirrored = &mirrored;
+    _Alignas(64) float mirrored[3][BLOCK_RAYS];
+    /* What shadows take of mirrored light is measured by samples. */
+    int measures_lost = state->frame->measures_shadows && state->frame->has_shadows;
+    if (!state->is_rolling && !measures_lost && content->triangle >= 0 &&
+        content->object == OBJECT_NONE && is_wholly_valid(state, tile) &&
+        is_glossy(state, content->triangle) &&
+        mirror_pixels(state, tile, content->triangle, mirrored))
+        known.mirrored = (const float(*)[BLOCK_RAYS])mirrored;
     if (state->frame->labels)
         label_centres(state, tile, content, &labels);
     if (state->is_rolling)

@@ -24,7 +24,7 @@ typedef struct {
     const struct FacetPlane *plane; /* of the triangle; NULL: not found yet */
     /* (3, 16) of baked light, the same for all samples of a pixel; NULL: not known */
     const float (*factors)[BLOCK_RAYS];
-    struct MirroredPixels *mirrored; /* for rough surfaces, of the samples before; NULL: none */
+    const float (*mirrored)[BLOCK_RAYS]; /* likewise of light that a glossy facet mirrors */
 } TileContent;
 
 #define UNKNOWN_CONTENT \
