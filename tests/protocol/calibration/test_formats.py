@@ -243,13 +243,20 @@ OCAM_FILES = {
 }
 
 
+# The same camera without a rig.
+OCAM_FILES["svo_omni alone"] = (
+    OCAM_FILES["svo_omni"][0].partition("camera:\n")[2],
+    *OCAM_FILES["svo_omni"][1:],
+)
+
+
 @pytest.mark.parametrize("name", OCAM_FILES)
 def test_rays_of_a_published_polynomial_are_its_own(name: str, tmp_path: Path) -> None:
     text, matrix, rim_deg = OCAM_FILES[name]
     path = tmp_path / "calibration"
     path.write_text(text)
     found, camera = read_calibration(path, size_px=(754, 480))
-    assert (found, camera.width_px, camera.height_px) == (name, 754, 480)
+    assert (found, camera.width_px, camera.height_px) == (name.split()[0], 754, 480)
     if rim_deg is not None:
         assert math.degrees(camera.rim_rad) == pytest.approx(rim_deg)
     pixels = np.random.default_rng(3).uniform((0.0, 0.0), (753.0, 479.0), (5000, 2))
