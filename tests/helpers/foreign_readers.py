@@ -198,10 +198,9 @@ def _kalibr(path: Path, _: str) -> Project:
     _check(v["resolution"], int, 2)
     lengths = {"omni": 5, "eucm": 6, "ds": 6, "pinhole": 4}
     *shape, fu, fv, pu, pv = _check(v["intrinsics"], float, lengths[v["camera_model"]])
-    assert fu > 0.0 and fv > 0.0
+    assert min(fu, fv, pu, pv) > 0.0
     numbers, d = (fu, fv, pu, pv), v["distortion_coeffs"]
-    if v["distortion_model"] != "none":
-        _check(d, float, 4)
+    _check(d, float, 0 if v["distortion_model"] == "none" else 4)
     if v["camera_model"] == "omni":
         return mei(numbers, *shape, d=d)
     if v["camera_model"] == "pinhole":

@@ -8,9 +8,11 @@ import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.model_fits import compute_residual
+from catoptra_protocol.errors import ConfigError
 from catoptra_server.__main__ import main
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
+from helpers.configs import ROBOTS, write_edited_copy
 
 
 def test_folder_has_the_files_and_the_report(
@@ -36,6 +38,19 @@ def test_second_run_writes_the_same_bytes(tmp_path: Path) -> None:
         assert main(words) == 0
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_camera_too_large_to_be_drawn_is_written(tmp_path: Path) -> None:
+    robot = write_edited_copy(ROBOTS / "p2at.ini", tmp_path).with_name("robot.ini")
+    robot.write_text(
+        "[Configuration]\nBasedOn=p2at.ini\n[USARBot.P2AT]\nCameras=(ItemClass=class'Catoptra.Eye',"
+        "ItemName=Eye,Position=(X=0,Y=0,Z=-0.5))\n[Catoptra.Eye]\nLens=equidistant\nSamples=16\n"
+        "FieldOfView=170\nResolutionX=1200\nResolutionY=1200\n"
+    )
+    with pytest.raises(ConfigError, match="MiB"):
+        read_robot(robot)
+    assert main(["calibration", "--robot", str(robot), "--out", str(tmp_path)]) == 0
+    assert camera_from_file(tmp_path / "kalibr_equi.yaml").width_px == 1200
 
 
 def test_camera_is_chosen_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

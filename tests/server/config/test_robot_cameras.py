@@ -142,6 +142,17 @@ def test_calibration_file_that_does_not_fit_is_rejected(
         read_eye(tmp_path, *lines, lens="")
 
 
+def test_calibration_file_without_a_size_takes_that_of_the_section(tmp_path: Path) -> None:
+    (tmp_path / "kd.yaml").write_text(
+        "K: [190.0, 0, 319.5, 0, 191.0, 239.5, 0, 0, 1]\nD: [0.0, 0.0, 0.0, 0.0]\n"
+    )
+    lines = ("CalibrationFile=kd.yaml", "ResolutionX=640", "ResolutionY=480")
+    camera = read_eye(tmp_path, *lines, lens="").camera
+    assert (camera.width_px, camera.height_px, camera.centre_px) == (640, 480, (320.0, 240.0))
+    with pytest.raises(ConfigError, match=r"kd\.yaml: size='missing'.*ResolutionX"):
+        read_eye(tmp_path, lines[0], lens="")
+
+
 def test_lens_when_larger_than_the_memory_limit_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="ResolutionX='8192 x 8192 px"):
         read_eye(tmp_path, "FieldOfView=90", "ResolutionX=8192", "ResolutionY=8192", "Samples=4")

@@ -88,11 +88,15 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
     Raises:
         ConfigError: The file is broken, of no format, or wrong in a field; or has no such camera.
     """
+    document = parse_document(text, file)
+    if isinstance(document, dict) and {"intrinsics", "distortion"} <= document.keys():
+        # A camera of maplab or SVO alone.
+        document = {"cameras": [{"camera": document}]}
     # Most objects of a large file, such as nerfstudio's frames, have a key of no format.
     keys = [(each, keys_of(each.template)) for each in FORMATS]
     matches = [
         (each, match(each.template, node, path, camera))
-        for path, node in iter_objects(parse_document(text, file))
+        for path, node in iter_objects(document)
         for here in (keys_of(node),)
         for each, wanted in keys
         if not wanted.isdisjoint(here)
