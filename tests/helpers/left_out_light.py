@@ -1,4 +1,4 @@
-"""Baked light and sky by their criteria beside both forced on, at random poses in shipped worlds."""
+"""Baked light and sky by their criteria beside both forced on, at poses in shipped worlds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import RenderSettings
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
-from catoptra_server.frames.views import ViewCache
+from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
@@ -45,6 +45,8 @@ class LeftOut:
     """Difference of the picture from the one with both effects, grey levels."""
     visible_share: float
     """Pixels that differ by more than a level, which rounding alone may make."""
+    contribution: float
+    """Difference of the picture with both effects from the one with none."""
 
 
 def draw_poses(
@@ -61,15 +63,16 @@ def draw_poses(
     lit = light_scene(build_scene(world), world)
     auto = reduce(name_effect, WORLD_EFFECTS, NO_EFFECT_SETTINGS)
     auto = replace(auto, max_change=max_change, visible_share=visible_share)
-    forced = replace(
-        auto, settings=tuple(replace(one, mode=EffectMode.ALWAYS) for one in auto.settings)
+    forced, none = (
+        replace(auto, settings=tuple(replace(one, mode=mode) for one in auto.settings))
+        for mode in (EffectMode.ALWAYS, EffectMode.NEVER)
     )
     choice = choose_renderer("trace", lit.scene, lit.world, threads=2, gains=(1.0, 1.0))
     summarizer = SceneSummarizer(lit.scene, lit.world)
     views = ViewCache(RenderPlanner(RendererPool(choice)), summarizer)
     camera = make_omni_camera(width_px=width_px)
 
-    def draw(effects: EffectSettings, state: CameraState):  # type: ignore[no-untyped-def]
+    def draw(effects: EffectSettings, state: CameraState) -> RenderedView:
         return views.render(ViewRequest(OmniCameraSpec(camera, RenderSettings(), effects), state))
 
     generator = np.random.default_rng(7)
@@ -79,10 +82,14 @@ def draw_poses(
             x, y = generator.uniform(-_REACH_M, _REACH_M, 2)
             place = start + np.array([x, y, -generator.uniform(*_HEIGHTS_M)])
             pose = Pose.from_rpy(tuple(place), (0.0, 0.0, generator.uniform(-np.pi, np.pi)))
-            one, other = (draw(effects, CameraState(pose)) for effects in (auto, forced))
-            pictures = [view.image.rgb.astype(np.float64) for view in (one, other)]
-            difference = np.abs(pictures[0] - pictures[1]).max(axis=-1)
-            decisions = {decision.effect: decision for decision in one.effect_decisions}
-            yield LeftOut(decisions, float(difference.max()), float((difference > 1.0).mean()))
+            views_drawn = [draw(effects, CameraState(pose)) for effects in (auto, forced, none)]
+            chosen, both, plain = (view.image.rgb.astype(np.float64) for view in views_drawn)
+            difference = np.abs(chosen - both).max(axis=-1)
+            yield LeftOut(
+                {decision.effect: decision for decision in views_drawn[0].effect_decisions},
+                float(difference.max()),
+                float((difference > 1.0).mean()),
+                float(np.abs(both - plain).max()),
+            )
     finally:
         views.close()

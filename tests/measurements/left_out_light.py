@@ -16,7 +16,7 @@ from helpers.left_out_light import draw_poses
 def main(num_poses: int = 20) -> None:
     """Print a line for each world and rule."""
     for path in sorted(WORLDS.glob("*.ini")):
-        for max_change, share in ((1.0, 1.0), (2.0, 0.01), (8.0, 1.0)):
+        for max_change, share in ((1.0, 1.0), (2.0, 0.01), (250.0, 1.0)):
             poses = [*draw_poses(path.stem, num_poses, max_change=max_change, visible_share=share)]
             states = ", ".join(
                 f"{name} on at {sum(pose.decisions[name].enabled for pose in poses)}"
@@ -26,7 +26,8 @@ def main(num_poses: int = 20) -> None:
             print(
                 f"{path.stem:20} MaxChange {max_change:g} VisibleShare {share:4g}: {states}; "
                 f"bounds {bounds}; differences {max(pose.largest for pose in poses):g}, "
-                f"above 1 in {100.0 * max(pose.visible_share for pose in poses):.2g} %",
+                f"above 1 in {100.0 * max(pose.visible_share for pose in poses):.2g} %; "
+                f"without both {max(pose.contribution for pose in poses):g}",
                 flush=True,
             )
 

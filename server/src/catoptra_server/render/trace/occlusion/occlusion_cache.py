@@ -55,7 +55,7 @@ def light_scene(scene: SceneMesh, world: World) -> LitWorld:
 
 def begin_light(scene: SceneMesh, world: World) -> LitWorld:
     """The same by a few rays, to be refined, where light is baked and not in the cache."""
-    if world.light_bake:
+    if world.light_bake and not scene.unlit.all():
         return _begin_bake(scene, world)
     if wants_occlusion(scene, world):
         occlusion = find_occlusion(scene, find_cache_folder("occlusion"))
