@@ -253,7 +253,7 @@ def furnish_offices(scenery: Scenery) -> None:
             **dict.fromkeys(("RoomLeft", "RoomRight"), paint(216, 224, 232, "plaster")),
             "pillar": paint(214, 208, 196, "concrete"),
             "Floor": paint(174, 166, 150, "felt", tile_m=0.8),
-            "floor": paint(124, 138, 144, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
+            "floor": paint(92, 104, 110, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
         }
     )
     ceiling = Thing()
@@ -309,7 +309,7 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
     random = scenery.random
     for x in (-8.0, -4.0, 0.0, 4.0, 8.0):
         for y in (-3.0, 3.0):
-            scenery.hang_lamp(x, y, height, (1.2, 0.24), 2.6)
+            scenery.hang_lamp(x, y, height, (1.2, 0.24), 2.3)
     for y in (-2.2, 2.2):
         scenery.place("pipe", f.pipe(19.8, 0.05), 0.0, y, 90.0, height - 0.14)
     leaf = Thing()
