@@ -93,7 +93,9 @@ def furnish_desk(scenery: Scenery, wall: Wall, along: float) -> None:
     if random.random() < 0.6:
         wall.put(scenery, "desk_lamp", f.desk_lamp(random), along + 0.68, 0.25, 0.74, -40.0)
     turn = 180.0 + float(random.uniform(-40, 40))
-    wall.put(scenery, "chair", f.office_chair(random), along, float(random.uniform(0.8, 0.95)), 0.0, turn)
+    wall.put(
+        scenery, "chair", f.office_chair(random), along, float(random.uniform(0.8, 0.95)), 0.0, turn
+    )
 
 
 def furnish_laboratory(scenery: Scenery) -> None:
@@ -126,7 +128,9 @@ def furnish_laboratory(scenery: Scenery) -> None:
         left.put(scenery, "window", f.window(width, high - low), along, -0.1, low)
         left.put(scenery, "radiator", f.radiator(1.6), along, 0.09)
         drawn = float(random.uniform(0.25, 0.6))
-        left.put(scenery, "blind", f.blind(width + 0.1, drawn), along, 0.05 + 0.01 * number, high + 0.06)
+        left.put(
+            scenery, "blind", f.blind(width + 0.1, drawn), along, 0.05 + 0.01 * number, high + 0.06
+        )
     for along in (-1.55, 1.55, 4.6):
         left.put(scenery, "plant", f.plant(random, float(random.uniform(0.8, 1.3))), along, 0.4)
     for along in (-3.4, -1.5, 0.4, 2.3):
@@ -149,7 +153,9 @@ def furnish_laboratory(scenery: Scenery) -> None:
     north.put(scenery, "sign", f.sign(20, 130, 70), -2.2, 0.0, 2.5)
     for along in (3.3, 2.25, 1.2):
         south.put(scenery, "shelf", f.shelf(random), along, 0.155)
-        south.put(scenery, "box", f.cardboard_box(random), along, 0.2, 2.0, float(random.uniform(-9, 9)))
+        south.put(
+            scenery, "box", f.cardboard_box(random), along, 0.2, 2.0, float(random.uniform(-9, 9))
+        )
     south.put(scenery, "sofa", f.sofa(random), -0.45, 0.45)
     south.put(scenery, "poster", f.poster(random, 0.7), -0.9, 0.0, 1.3)
     south.put(scenery, "poster", f.poster(random, 0.7), 0.0, 0.0, 1.3)
@@ -162,7 +168,13 @@ def furnish_laboratory(scenery: Scenery) -> None:
     lawn = Thing()
     lawn.box(shine(200, 220, 190, "grass"), (0, 0, -0.1), (80, 40, 0.2))
     scenery.place("grass", lawn, 0, -24.3, 0, -0.6)
-    for x, y, size in ((-7, -13, 4.2), (1.2, -17, 5.0), (6.5, -12.5, 4.0), (15, -21, 6.0), (-17, -22, 6)):
+    for x, y, size in (
+        (-7, -13, 4.2),
+        (1.2, -17, 5.0),
+        (6.5, -12.5, 4.0),
+        (15, -21, 6.0),
+        (-17, -22, 6),
+    ):
         scenery.place("tree", o.tree(random, size, is_lit=False), x, y, 0, -0.6)
     hedge = Thing()
     hedge.box(shine(150, 170, 120, "leaves"), (0, 0, 0.6), (60, 1.2, 1.2))
@@ -202,13 +214,24 @@ def furnish_yard(scenery: Scenery) -> None:
     scenery.place("wall", wall, -5.5, -12.4, 90)
     for x, y, size in _TREES:
         scenery.place("tree", o.tree(random, size), x, y, float(random.uniform(0, 360)))
-    for x, y, size in ((8.7, 7.4, 1.2), (8.9, -5.9, 1.1), (-12.6, 9.6, 1.4), (-11.4, 10.3, 1.0), (5, 10.4, 1.3)):
+    for x, y, size in (
+        (8.7, 7.4, 1.2),
+        (8.9, -5.9, 1.1),
+        (-12.6, 9.6, 1.4),
+        (-11.4, 10.3, 1.0),
+        (5, 10.4, 1.3),
+    ):
         scenery.place("bush", o.bush(random, size), x, y)
     for x, y in ((-8.2, 5.1), (-8.9, 4.8), (-8.5, 5.8), (6.3, -6.6), (5.8, -7.2), (8.8, 4.6)):
         scenery.place("barrel", o.barrel(random), x, y, float(random.uniform(0, 360)))
     for x, y in ((2.3, 2.0), (2.9, 0.6), (2.4, -1.0), (-2.0, 3.6), (-5.5, -2.6), (4.6, 4.6)):
         scenery.place("cone", o.cone(), x, y, float(random.uniform(0, 90)))
-    for x, y, yaw, load in ((-1.0, -7.0, 10, 2), (0.6, -7.4, -8, 3), (3.9, -6.9, 30, 0), (-7.9, 1.2, 85, 1)):
+    for x, y, yaw, load in (
+        (-1.0, -7.0, 10, 2),
+        (0.6, -7.4, -8, 3),
+        (3.9, -6.9, 30, 0),
+        (-7.9, 1.2, 85, 1),
+    ):
         scenery.place("pallet", o.pallet(random, load), x, y, yaw)
     for x, y, yaw in ((-1.2, 5.2, 90), (1.2, 5.3, 88), (6.6, 3.1, 8)):
         scenery.place("barrier", o.barrier(), x, y, yaw)
@@ -233,8 +256,20 @@ def furnish_yard(scenery: Scenery) -> None:
 
 
 _TREES = (
-    *((-16.5, -9.0, 7.0), (-17.0, 3.0, 8.0), (-15.5, 12.0, 6.5), (-6.0, 15.5, 7.5), (2.5, 15.0, 6.0)),
-    *((10.5, 13.0, 8.0), (13.0, -11.0, 7.0), (4.0, -16.5, 7.5), (-9.5, -16.0, 6.5), (20.0, 4.0, 9.0)),
+    *(
+        (-16.5, -9.0, 7.0),
+        (-17.0, 3.0, 8.0),
+        (-15.5, 12.0, 6.5),
+        (-6.0, 15.5, 7.5),
+        (2.5, 15.0, 6.0),
+    ),
+    *(
+        (10.5, 13.0, 8.0),
+        (13.0, -11.0, 7.0),
+        (4.0, -16.5, 7.5),
+        (-9.5, -16.0, 6.5),
+        (20.0, 4.0, 9.0),
+    ),
 )
 
 
@@ -272,8 +307,11 @@ def furnish_offices(scenery: Scenery) -> None:
             outer.put(scenery, "radiator", f.radiator(0.9), sign * x + 1.5, 0.07)
             middle = -sign * 5.5
             _furnish_office(
-                scenery, Wall(x, outer.y, outer.yaw_deg), Wall(edges[side][number], middle, 0),
-                Wall(ends[side][number], middle, 180), sign,
+                scenery,
+                Wall(x, outer.y, outer.yaw_deg),
+                Wall(edges[side][number], middle, 0),
+                Wall(ends[side][number], middle, 180),
+                sign,
             )
             scenery.hang_lamp(x, middle, height, (1.2, 0.3), 3.4)
     for x, yaw in ((-10.0, 0.0), (10.0, 180.0)):
@@ -282,7 +320,15 @@ def furnish_offices(scenery: Scenery) -> None:
             furnish_desk(scenery, wall, 0.0)
             wall.put(scenery, "poster", f.poster(random), 0.0, 0.0, 1.5)
             scenery.hang_lamp(0.75 * x, y, height, (1.2, 0.3), 3.0)
-            wall.put(scenery, "shelf", f.shelf(random, 0.9), math.copysign(0.77, y * x), 3.4, 0.0, math.copysign(90.0, -y * x))
+            wall.put(
+                scenery,
+                "shelf",
+                f.shelf(random, 0.9),
+                math.copysign(0.77, y * x),
+                3.4,
+                0.0,
+                math.copysign(90.0, -y * x),
+            )
     _furnish_corridors(scenery, height)
 
 
@@ -321,7 +367,12 @@ def _furnish_corridors(scenery: Scenery, height: float) -> None:
         scenery.place("door", leaf, x - 0.49, 4.1, 180.0)
     outer, inner = Wall(0, -3.94, 90), Wall(0, -2.06, -90)
     far, near = Wall(0, 3.94, -90), Wall(0, 2.06, 90)
-    for wall, places in ((outer, (-5.2, 0.9, 5.6)), (inner, (-1.6, 6.2)), (far, (-4.0, 1.6, 5.2)), (near, (-1.4, 0.6, 9.0))):
+    for wall, places in (
+        (outer, (-5.2, 0.9, 5.6)),
+        (inner, (-1.6, 6.2)),
+        (far, (-4.0, 1.6, 5.2)),
+        (near, (-1.4, 0.6, 9.0)),
+    ):
         for along in places:
             wall.put(scenery, "poster", f.poster(random), along, 0.0, 1.15)
     outer.put(scenery, "copier", f.copier(), -0.9, 0.3)
@@ -452,7 +503,14 @@ def furnish_arena(scenery: Scenery) -> None:
     ):
         for along in places:
             wall.put(scenery, "poster", f.poster(random, 0.5), along, 0.0, 0.42)
-    for x, y in ((-3.05, -3.45), (2.3, -3.5), (-6.65, -2.9), (6.65, 2.3), (3.1, 3.3), (-3.2, -0.75)):
+    for x, y in (
+        (-3.05, -3.45),
+        (2.3, -3.5),
+        (-6.65, -2.9),
+        (6.65, 2.3),
+        (3.1, 3.3),
+        (-3.2, -0.75),
+    ):
         scenery.place("cone", o.cone(), x, y)
     for x, y in ((-6.5, 5.6), (6.6, -4.2), (-6.65, 3.3)):
         scenery.place("debris", o.bricks(random, 24, 0.35), x, y)
