@@ -257,7 +257,13 @@ def _fill(image: Floats, area: tuple[float, ...], colour: _Colour) -> None:
 def _make_books(random: _Random) -> Floats:
     """Two rows of spines, one above the other, each half a tile high."""
     image = np.full((SIDE_PX, SIDE_PX, 3), 26.0)
-    cloth = ((146, 40, 36), (32, 64, 116), (52, 96, 60), (214, 196, 150), (60, 58, 62))
+    cloth: tuple[_Colour, ...] = (
+        (146, 40, 36),
+        (32, 64, 116),
+        (52, 96, 60),
+        (214, 196, 150),
+        (60, 58, 62),
+    )
     cloth = (*cloth, (196, 120, 44), (232, 230, 222), (92, 44, 84), (28, 108, 124))
     for bottom in (0.5, 1.0):
         left = 0.0

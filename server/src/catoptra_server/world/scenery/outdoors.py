@@ -6,6 +6,7 @@ Each function returns one `Thing`, whose front is +x.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -37,7 +38,7 @@ YELLOW = paint(232, 186, 36, "plaster", tile_m=0.8)
 def tree(random: Random, height: float, *, is_lit: bool = True) -> Thing:
     """Tree with boughs and a crown of several parts."""
     thing = Thing()
-    make = paint if is_lit else shine
+    make: Callable[..., Material] = paint if is_lit else shine
     bark, trunk = make(220, 210, 200, "bark"), 0.03 * height
     profile = [(1.7 * trunk, 0), (trunk, 0.08 * height), (0.6 * trunk, 0.6 * height)]
     thing.lathe(bark, (0, 0, 0), profile, is_round=True, sectors=10)
@@ -91,7 +92,7 @@ def container(random: Random, length: float = 6.0) -> Thing:
     return thing
 
 
-def car(red: int, green: int, blue: int) -> Thing:
+def car(red: float, green: float, blue: float) -> Thing:
     """Passenger car of a colour."""
     thing, half, body = Thing(), 0.84, paint(red, green, blue, gloss=(0.05, 0.06))
     hull = [(-2.05, 0.3), (2.0, 0.26), (2.12, 0.5), (2.02, 0.68), (1.0, 0.88), (-1.85, 0.92)]
@@ -178,14 +179,14 @@ def cone() -> Thing:
     return thing
 
 
-def pallet(random: Random, load: int = 0) -> Thing:
+def pallet(random: Random, load: float = 0) -> Thing:
     """Pallet, with boxes on it in layers of two by three."""
     thing = Thing()
     for x in (-0.35, 0.0, 0.35):
         thing.stand(PLANKS, x, 0, 0, (0.1, 1.2, 0.1))
     for board in range(7):
         thing.stand(PLANKS, 0, 0.18 * board - 0.54, 0.1, (0.8, 0.11, 0.022))
-    for layer in range(load):
+    for layer in range(round(load)):
         for x in (-0.2, 0.2):
             for y in (-0.4, 0.0, 0.4):
                 if layer < load - 1 or random.random() < 0.7:
@@ -250,10 +251,10 @@ def street_lamp(height: float = 4.5) -> Thing:
     return thing
 
 
-def tyres(random: Random, count: int = 4) -> Thing:
+def tyres(random: Random, count: float = 4) -> Thing:
     """Pile of tyres."""
     thing = Thing()
-    for number in range(count):
+    for number in range(round(count)):
         x, y = random.uniform(-0.04, 0.04, 2).tolist()
         outer = [(0.18, 0.0), (0.27, 0.0), (0.31, 0.04), (0.31, 0.15), (0.27, 0.19), (0.18, 0.19)]
         thing.lathe(RUBBER, (x, y, 0.195 * number), [*outer, (0.17, 0.1), (0.18, 0.0)], sectors=20)
@@ -290,10 +291,10 @@ def concrete_pipe(length: float = 1.6, radius: float = 0.45) -> Thing:
     return thing
 
 
-def bricks(random: Random, count: int = 40, spread: float = 0.5) -> Thing:
+def bricks(random: Random, spread: float = 0.5, count: float = 40) -> Thing:
     """Heap of bricks and lumps of concrete."""
     thing = Thing()
-    for number in range(count):
+    for number in range(round(count)):
         out, angle = spread * float(random.random()) ** 0.6, float(random.uniform(0, 360))
         turn = (*random.uniform(-30, 30, 2).tolist(), float(random.uniform(0, 180)))
         z = 0.03 + 0.34 * max(0.0, spread - out) * float(random.random())
@@ -427,7 +428,7 @@ def _load(thing: Thing, random: Random, at: float, z: float) -> float:
         int(random.integers(4)),
         random.uniform((0.4, 0.35, 0.25), (0.7, 0.55, 0.6)).tolist(),
     )
-    deep, length, high = bulk
+    deep, length, high = map(float, bulk)
     y = at + 0.5 * length
     if kind < 2:
         thing.stand(CARDBOARD, 0, y, z, (deep, length, high))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -39,9 +39,9 @@ _FLIP = np.array((1.0, -1.0, -1.0))
 
 @lru_cache(maxsize=256)
 def paint(
-    red: int,
-    green: int,
-    blue: int,
+    red: float,
+    green: float,
+    blue: float,
     texture: str = "",
     *,
     tile_m: float = 0.0,
@@ -59,7 +59,7 @@ def paint(
     )
 
 
-def shine(red: int, green: int, blue: int, texture: str = "") -> Material:
+def shine(red: float, green: float, blue: float, texture: str = "") -> Material:
     """Material shown as it is, whatever the light, for what is far outside a window."""
     return replace(paint(red, green, blue, texture), unlit=True)
 
@@ -257,6 +257,14 @@ class Scenery:
             shape = Facets(corners * _FLIP, uv, normals * _FLIP)
             item = Item(f"{name}.{number}", shape, pose, material, casts_shadows)
             self.items.append(replace(item, object_name=name, class_name=class_name))
+
+    def spread(self, class_name: str, make: Callable[..., Thing], table: str) -> None:
+        """Place things by `x y yaw numbers; ...`; yaw in degrees or ~ for any, numbers for make."""
+        for row in table.split(";"):
+            x, y, yaw, *numbers = row.split()
+            thing = make(*map(float, numbers))
+            turn = float(self.random.uniform(0, 360)) if yaw == "~" else float(yaw)
+            self.place(class_name, thing, float(x), float(y), turn)
 
     def dress(self, looks: dict[str, Material]) -> None:
         """Give items of the file another material, by name, without its number, or by class."""
