@@ -1,12 +1,14 @@
-"""How much a camera sees in the shipped worlds: structure, entropy and range of perspective pictures.
+"""Structure, entropy and range of greys in perspective pictures of the furnished worlds.
 
 Run: .venv/bin/python tests/measurements/world_pictures.py [WORLD ...]
 
-Twenty random free poses of the P2AT for each world, a perspective camera 0.6 m high, 640 x 480 and 320 x 240 px, with
-shadows and gloss, without noise. Medians over the poses: blocks of 8 x 8 px whose grey deviates by less than 0.6 levels,
-entropy of the grey levels in bit, share of greys below 5 and above 250. Aims: at most 15 %, at least 6.3, at most 10 %.
+Twenty random free poses of the P2AT for each world, a perspective camera 0.6 m high, 640 x 480 and
+320 x 240 px, with shadows and gloss, without noise. Medians over the poses: blocks of 8 x 8 px
+whose grey deviates by less than 0.6 levels, entropy of the grey levels in bit, share of greys below
+5 and above 250. Aims: at most 15 %, at least 6.3, at most 10 %.
 
-With --sheet FILE.png: a sheet of all worlds from fixed poses, the plain worlds left; the same bytes at each run.
+With --sheet FILE.png: a sheet of all worlds from fixed poses, the plain worlds left; the same bytes
+at each run.
 """
 
 from __future__ import annotations
@@ -51,7 +53,9 @@ def main(worlds: list[str]) -> None:
             camera = PerspectiveCamera(width, height, math.radians(75.0))
             pictures = render_perspective(world, camera, poses)
             flat, bits, ends = np.median([measure_structure(one) for one in pictures], axis=0)
-            print(f"{name:20} {width:5d} {100 * flat:7.1f} {bits:5.2f} {100 * ends:7.1f}", flush=True)
+            print(
+                f"{name:20} {width:5d} {100 * flat:7.1f} {bits:5.2f} {100 * ends:7.1f}", flush=True
+            )
 
 
 def draw_sheet(path: str) -> None:

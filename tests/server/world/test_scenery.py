@@ -43,8 +43,11 @@ def test_laboratory_has_a_hundred_objects_and_the_landmarks_of_the_field() -> No
 
 def test_furnished_arena_has_the_solids_of_the_plain_one() -> None:
     site, arena = (read_world(WORLDS / f"{name}.ini")[0] for name in ("rescue_site", "arena"))
-    places = {(item.name, item.shape, item.world_from_item.translation.tobytes()) for item in
-              site.items if not isinstance(item.shape, Facets)}
+    places = {
+        (item.name, item.shape, item.world_from_item.translation.tobytes())
+        for item in site.items
+        if not isinstance(item.shape, Facets)
+    }
     assert places == {
         (item.name, item.shape, item.world_from_item.translation.tobytes()) for item in arena.items
     }

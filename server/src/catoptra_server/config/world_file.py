@@ -4,10 +4,10 @@ Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, Play
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off; LightBake
 is off or on, which lights of Type=Rectangle need. Background is a colour or a Radiance HDR file;
 Sky=(Elevation=,Azimuth=,Turbidity=,Clouds=), in degrees, stands for it and adds a sun and a
-hemisphere light; Scenery=(Name=,Seed=) adds furniture and lamps, written by a script. Positions are in metres, SAE (z down: the top of a table is at Z=-0.75), rotations
-in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and
-textures are loaded by `world/scene_mesh.py`. A new shape is a reader and a line of
-`_SHAPE_READERS`.
+hemisphere light; Scenery=(Name=,Seed=) adds furniture and lamps, written by a script. Positions are
+in metres, SAE (z down: the top of a table is at Z=-0.75), rotations in radians, colours in sRGB
+bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and textures are loaded by
+`world/scene_mesh.py`. A new shape is a reader and a line of `_SHAPE_READERS`.
 """
 
 from __future__ import annotations

@@ -42,7 +42,9 @@ def table(length: float = 1.6, depth: float = 0.75, height: float = 0.74) -> Thi
     """Table, its long side along y, with a frame of steel."""
     thing = Thing()
     thing.box(WOOD, (0, 0, height - 0.015), (depth, length, 0.03))
-    thing.box(paint(120, 92, 64, "wood"), (0, 0, height - 0.04), (depth - 0.02, length - 0.02, 0.02))
+    thing.box(
+        paint(120, 92, 64, "wood"), (0, 0, height - 0.04), (depth - 0.02, length - 0.02, 0.02)
+    )
     for x in (-0.5 * depth + 0.06, 0.5 * depth - 0.06):
         for y in (-0.5 * length + 0.06, 0.5 * length - 0.06):
             thing.stand(STEEL, x, y, 0.0, (0.05, 0.05, height - 0.05))
@@ -86,10 +88,14 @@ def office_chair(random: Random) -> Thing:
 def stool(random: Random) -> Thing:
     """Stool of wood with four legs."""
     thing, height = Thing(), 0.46
-    thing.lathe(choose(random, OAK, WOOD), (0, 0, height), [(0, -0.03), (0.17, -0.03), (0.17, 0), (0, 0)])
+    thing.lathe(
+        choose(random, OAK, WOOD), (0, 0, height), [(0, -0.03), (0.17, -0.03), (0.17, 0), (0, 0)]
+    )
     for x in (-0.1, 0.1):
         for y in (-0.1, 0.1):
-            thing.rod(OAK, (1.35 * x, 1.35 * y, 0), 0.016, height - 0.03, turn_deg=(60 * y, -60 * x, 0))
+            thing.rod(
+                OAK, (1.35 * x, 1.35 * y, 0), 0.016, height - 0.03, turn_deg=(60 * y, -60 * x, 0)
+            )
     return thing
 
 
@@ -165,11 +171,15 @@ def _fill_shelf(thing: Thing, random: Random, width: float, z: float, height: fl
             left, row = float(random.uniform(0.0, 0.4)), 0.5 * int(random.integers(2))
             cell = (left, row + 0.1, left + 0.9 * length, row + 0.495)
             size = (0.2, length, min(0.27, height))
-            thing.box(picture("books"), (0.0, at - 0.5 * length, z + 0.5 * size[2]), size, cell=cell)
+            thing.box(
+                picture("books"), (0.0, at - 0.5 * length, z + 0.5 * size[2]), size, cell=cell
+            )
         elif kind == 3:
             length = min(0.3, room)
             for folder in range(int(length / 0.075)):
-                spine = choose(random, BLACK, paint(38, 66, 128, "felt"), paint(170, 52, 44, "felt"))
+                spine = choose(
+                    random, BLACK, paint(38, 66, 128, "felt"), paint(170, 52, 44, "felt")
+                )
                 y = at - 0.0375 - 0.075 * folder
                 thing.stand(spine, 0.01, y, z, (0.24, 0.07, min(0.3, height)))
                 thing.box(WHITE, (0.132, y, z + 0.17), (0.004, 0.045, 0.1))
@@ -188,9 +198,17 @@ def cupboard(random: Random, width: float = 1.0, height: float = 1.95) -> Thing:
     thing.stand(DARK, -0.01, 0, 0, (depth - 0.06, width - 0.04, 0.06))
     for side in (-1, 1):
         y = side * 0.25 * width
-        thing.box(body, (0.5 * depth + 0.008, y, 0.5 * height + 0.03), (0.016, 0.5 * width - 0.02, height - 0.12))
+        thing.box(
+            body,
+            (0.5 * depth + 0.008, y, 0.5 * height + 0.03),
+            (0.016, 0.5 * width - 0.02, height - 0.12),
+        )
         for slot in range(5):
-            thing.box(DARK, (0.5 * depth + 0.017, y, height - 0.2 - 0.035 * slot), (0.004, 0.26 * width, 0.012))
+            thing.box(
+                DARK,
+                (0.5 * depth + 0.017, y, height - 0.2 - 0.035 * slot),
+                (0.004, 0.26 * width, 0.012),
+            )
         thing.box(CHROME, (0.5 * depth + 0.03, side * 0.05, 0.52 * height), (0.03, 0.02, 0.16))
     return thing
 
@@ -200,7 +218,9 @@ def lockers(random: Random, count: int = 4, height: float = 1.8) -> Thing:
     thing, width = Thing(), 0.32
     for number in range(count):
         y = (number - 0.5 * (count - 1)) * width
-        body = paint(*((72, 98, 132), (142, 150, 158), (166, 108, 58))[number % 3], "plaster", tile_m=1.0)
+        body = paint(
+            *((72, 98, 132), (142, 150, 158), (166, 108, 58))[number % 3], "plaster", tile_m=1.0
+        )
         thing.stand(body, 0, y, 0.05, (0.48, width - 0.006, height))
         thing.box(body, (0.247, y, 0.5 * height + 0.05), (0.014, width - 0.04, height - 0.06))
         for slot in range(4):
@@ -216,10 +236,20 @@ def cardboard_box(random: Random) -> Thing:
     x, y, z = random.uniform((0.28, 0.3, 0.22), (0.45, 0.6, 0.42)).tolist()
     thing.stand(CARDBOARD, 0, 0, 0, (x, y, z))
     thing.box(paint(196, 170, 120), (0, 0, z), (0.06, y + 0.004, 0.004))
-    thing.box(picture("posters"), (0.5 * x + 0.001, 0.2 * y, 0.6 * z), (0.002, 0.12, 0.09), cell=(0, 0.1, 0.25, 0.3))
+    thing.box(
+        picture("posters"),
+        (0.5 * x + 0.001, 0.2 * y, 0.6 * z),
+        (0.002, 0.12, 0.09),
+        cell=(0, 0.1, 0.25, 0.3),
+    )
     if random.random() < 0.4:
         for side in (-1, 1):
-            thing.box(CARDBOARD, (side * (0.5 * x + 0.06), 0, z + 0.05), (0.16, y, 0.006), (0, 40 * side, 0))
+            thing.box(
+                CARDBOARD,
+                (side * (0.5 * x + 0.06), 0, z + 0.05),
+                (0.16, y, 0.006),
+                (0, 40 * side, 0),
+            )
     return thing
 
 
@@ -227,7 +257,19 @@ def bin_(random: Random) -> Thing:
     """Waste bin with a rim, and paper in it."""
     thing = Thing()
     body = choose(random, DARK, paint(40, 84, 140, "felt"), paint(60, 110, 70, "felt"))
-    thing.lathe(body, (0, 0, 0), [(0, 0), (0.12, 0), (0.155, 0.36), (0.165, 0.36), (0.165, 0.38), (0.145, 0.38), (0.12, 0.2)])
+    thing.lathe(
+        body,
+        (0, 0, 0),
+        [
+            (0, 0),
+            (0.12, 0),
+            (0.155, 0.36),
+            (0.165, 0.36),
+            (0.165, 0.38),
+            (0.145, 0.38),
+            (0.12, 0.2),
+        ],
+    )
     for _ in range(2):
         x, y = random.uniform(-0.07, 0.07, 2).tolist()
         thing.ball(WHITE, (x, y, 0.27 + 0.06 * float(random.random())), 0.07, 0.8)
@@ -238,14 +280,32 @@ def plant(random: Random, height: float = 1.1) -> Thing:
     """Plant in a pot: stems with leaves that hang."""
     thing = Thing()
     pot = choose(random, paint(176, 96, 66, "plaster"), WHITE, paint(80, 86, 96, "plaster"))
-    thing.lathe(pot, (0, 0, 0), [(0, 0), (0.13, 0), (0.18, 0.28), (0.2, 0.28), (0.2, 0.32), (0.17, 0.32), (0.165, 0.29)])
+    thing.lathe(
+        pot,
+        (0, 0, 0),
+        [(0, 0), (0.13, 0), (0.18, 0.28), (0.2, 0.28), (0.2, 0.32), (0.17, 0.32), (0.165, 0.29)],
+    )
     thing.lathe(paint(58, 44, 34, "gravel"), (0, 0, 0.285), [(0.17, 0), (0, 0.01)])
     for _ in range(5):
         lean, turn = float(random.uniform(3, 16)), float(random.uniform(0, 360))
-        thing.rod(paint(86, 96, 52), (0, 0, 0.28), 0.009, 0.7 * height, turn_deg=(0, lean, turn), sectors=5)
+        thing.rod(
+            paint(86, 96, 52),
+            (0, 0, 0.28),
+            0.009,
+            0.7 * height,
+            turn_deg=(0, lean, turn),
+            sectors=5,
+        )
     green = paint(*random.integers((150, 200, 130), (220, 255, 180)).tolist(), "leaves")
     reach = 0.3 * height
-    thing.leaves(green, random, (0, 0, 0.32 + 0.55 * height), (reach, reach, 0.38 * height), 90, 0.1 + 0.05 * height)
+    thing.leaves(
+        green,
+        random,
+        (0, 0, 0.32 + 0.55 * height),
+        (reach, reach, 0.38 * height),
+        90,
+        0.1 + 0.05 * height,
+    )
     return thing
 
 
@@ -265,7 +325,16 @@ def toolbox(random: Random) -> Thing:
 def extinguisher() -> Thing:
     """Fire extinguisher."""
     thing, red = Thing(), paint(196, 30, 26, gloss=(0.04, 0.2))
-    body = [(0, 0), (0.075, 0), (0.08, 0.02), (0.08, 0.36), (0.06, 0.42), (0.025, 0.45), (0.025, 0.48), (0, 0.48)]
+    body = [
+        (0, 0),
+        (0.075, 0),
+        (0.08, 0.02),
+        (0.08, 0.36),
+        (0.06, 0.42),
+        (0.025, 0.45),
+        (0.025, 0.48),
+        (0, 0.48),
+    ]
     thing.lathe(red, (0, 0, 0), body)
     thing.box(WHITE, (0.079, 0, 0.2), (0.006, 0.07, 0.14))
     thing.box(BLACK, (0.03, 0, 0.5), (0.14, 0.03, 0.03))
@@ -281,7 +350,9 @@ def sofa(random: Random, width: float = 1.7) -> Thing:
     for side in (-1, 1):
         thing.box(cover, (0, side * (0.5 * width - 0.07), 0.42), (0.8, 0.16, 0.36))
         thing.box(cover, (0.06, side * 0.21 * width, 0.43), (0.6, 0.42 * width - 0.14, 0.13))
-        thing.box(cloth(random), (-0.14, side * 0.3 * width, 0.64), (0.12, 0.36, 0.34), (0, -20, 8 * side))
+        thing.box(
+            cloth(random), (-0.14, side * 0.3 * width, 0.64), (0.12, 0.36, 0.34), (0, -20, 8 * side)
+        )
         for x in (-0.3, 0.3):
             thing.rod(OAK, (x, side * (0.5 * width - 0.1), 0), 0.025, 0.13)
     return thing
@@ -297,7 +368,12 @@ def radiator(length: float = 1.6) -> Thing:
     for z in (0.16, 0.64):
         thing.box(white, (0, 0, z), (0.06, length, 0.05))
     thing.rod(CHROME, (0, 0.5 * length + 0.03, 0), 0.012, 0.2)
-    thing.lathe(WHITE, (0, 0.5 * length, 0.16), [(0, 0), (0.025, 0), (0.025, 0.08), (0, 0.08)], turn_deg=(-90, 0, 0))
+    thing.lathe(
+        WHITE,
+        (0, 0.5 * length, 0.16),
+        [(0, 0), (0.025, 0), (0.025, 0.08), (0, 0.08)],
+        turn_deg=(-90, 0, 0),
+    )
     return thing
 
 
@@ -319,7 +395,11 @@ def blind(width: float, length: float) -> Thing:
     """Roller blind, drawn down by a length from z = 0."""
     thing = Thing()
     thing.rod(STEEL, (0, -0.5 * width, 0), 0.03, width, turn_deg=(-90, 0, 0))
-    thing.box(paint(214, 196, 160, "felt", tile_m=0.4), (0.012, 0, -0.5 * length), (0.006, width - 0.04, length))
+    thing.box(
+        paint(214, 196, 160, "felt", tile_m=0.4),
+        (0.012, 0, -0.5 * length),
+        (0.006, width - 0.04, length),
+    )
     thing.box(STEEL, (0.012, 0, -length), (0.02, width - 0.03, 0.025))
     return thing
 
@@ -366,11 +446,24 @@ def whiteboard(width: float = 2.4, height: float = 1.2) -> Thing:
 def clock() -> Thing:
     """Clock on a wall, at ten past ten."""
     thing, flat = Thing(), (0.0, 90.0, 0.0)
-    thing.lathe(BLACK, (0, 0, 0), [(0, -0.03), (0.16, -0.03), (0.16, 0.03), (0.15, 0.04), (0.145, 0.03), (0, 0.03)], turn_deg=flat, sectors=24)
-    thing.lathe(paint(244, 243, 238), (0.0305, 0, 0), [(0.145, 0.0), (0, 0.002)], turn_deg=flat, sectors=24)
+    thing.lathe(
+        BLACK,
+        (0, 0, 0),
+        [(0, -0.03), (0.16, -0.03), (0.16, 0.03), (0.15, 0.04), (0.145, 0.03), (0, 0.03)],
+        turn_deg=flat,
+        sectors=24,
+    )
+    thing.lathe(
+        paint(244, 243, 238), (0.0305, 0, 0), [(0.145, 0.0), (0, 0.002)], turn_deg=flat, sectors=24
+    )
     for angle, length in ((60.0, 0.11), (-55.0, 0.075)):
         y, z = -math.sin(math.radians(angle)), math.cos(math.radians(angle))
-        thing.box(BLACK, (0.038, 0.5 * length * y, 0.5 * length * z), (0.004, 0.012, length), (angle, 0, 0))
+        thing.box(
+            BLACK,
+            (0.038, 0.5 * length * y, 0.5 * length * z),
+            (0.004, 0.012, length),
+            (angle, 0, 0),
+        )
     return thing
 
 
@@ -384,7 +477,13 @@ def copier() -> Thing:
         thing.box(paint(206, 206, 200), (0.304, 0, z), (0.012, 0.56, 0.13))
         thing.box(DARK, (0.312, 0, z + 0.03), (0.008, 0.2, 0.025))
     thing.box(BLACK, (0.3, 0, 0.72), (0.01, 0.5, 0.12))
-    thing.box(shine(255, 255, 255, "screens"), (0.26, -0.2, 1.0), (0.1, 0.16, 0.008), (0, 25, 0), cell=(0, 0, 0.5, 0.5))
+    thing.box(
+        shine(255, 255, 255, "screens"),
+        (0.26, -0.2, 1.0),
+        (0.1, 0.16, 0.008),
+        (0, 25, 0),
+        cell=(0, 0, 0.5, 0.5),
+    )
     thing.stand(WHITE, 0.36, 0, 0.68, (0.16, 0.3, 0.02))
     return thing
 
@@ -419,7 +518,11 @@ def ladder() -> Thing:
 def ball(random: Random, radius: float = 0.1) -> Thing:
     """Ball on the floor."""
     thing = Thing()
-    thing.ball(choose(random, paint(230, 226, 214, "felt"), paint(206, 96, 40, "felt")), (0, 0, radius), radius)
+    thing.ball(
+        choose(random, paint(230, 226, 214, "felt"), paint(206, 96, 40, "felt")),
+        (0, 0, radius),
+        radius,
+    )
     return thing
 
 
@@ -437,7 +540,9 @@ def cup(random: Random) -> Thing:
     """Cup with a handle."""
     thing = Thing()
     colour = choose(random, WHITE, paint(40, 90, 150), paint(200, 70, 50), paint(230, 180, 60))
-    thing.lathe(colour, (0, 0, 0), [(0, 0), (0.036, 0), (0.042, 0.09), (0.036, 0.09), (0, 0.03)], sectors=10)
+    thing.lathe(
+        colour, (0, 0, 0), [(0, 0), (0.036, 0), (0.042, 0.09), (0.036, 0.09), (0, 0.03)], sectors=10
+    )
     thing.box(colour, (0.055, 0, 0.05), (0.03, 0.012, 0.05))
     return thing
 
@@ -447,7 +552,13 @@ def papers(random: Random) -> Thing:
     thing = Thing()
     for sheet in range(3):
         x, y, turn = random.uniform((-0.06, -0.12, -25), (0.06, 0.12, 25)).tolist()
-        thing.box(picture("posters"), (x, y, 0.002 + 0.004 * sheet), (0.297, 0.21, 0.003), (0, 0, turn), cell=(0, 0, 0.5, 0.5))
+        thing.box(
+            picture("posters"),
+            (x, y, 0.002 + 0.004 * sheet),
+            (0.297, 0.21, 0.003),
+            (0, 0, turn),
+            cell=(0, 0, 0.5, 0.5),
+        )
     thing.box(cloth(random), (0.02, 0.3, 0.02), (0.24, 0.17, 0.035), (0, 0, 12))
     return thing
 
@@ -479,7 +590,9 @@ def sign(red: int, green: int, blue: int, width: float = 0.4) -> Thing:
     thing = Thing()
     thing.box(paint(red, green, blue, emission=0.6), (0.0, 0, 0), (0.08, width, 0.5 * width))
     white = paint(255, 255, 255, emission=0.7)
-    thing.box(white, (0.042, 0.2 * width, 0.05 * width), (0.004, 0.05 * width, 0.2 * width), (20, 0, 0))
+    thing.box(
+        white, (0.042, 0.2 * width, 0.05 * width), (0.004, 0.05 * width, 0.2 * width), (20, 0, 0)
+    )
     thing.box(white, (0.042, -0.15 * width, 0), (0.004, 0.3 * width, 0.05 * width))
     thing.box(white, (0.043, -0.27 * width, 0), (0.004, 0.1 * width, 0.1 * width), (45, 0, 0))
     return thing

@@ -6,6 +6,10 @@ Each function returns one `Thing`, whose front is +x.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
 
 from catoptra_server.world.scenery.furniture import (
     BLACK,
@@ -34,7 +38,7 @@ YELLOW = paint(232, 186, 36, "plaster", tile_m=0.8)
 def tree(random: Random, height: float, *, is_lit: bool = True) -> Thing:
     """Tree with boughs and a crown of several parts."""
     thing = Thing()
-    make = paint if is_lit else shine
+    make: Callable[..., Material] = paint if is_lit else shine
     bark, trunk = make(220, 210, 200, "bark"), 0.03 * height
     profile = [(1.7 * trunk, 0), (trunk, 0.08 * height), (0.6 * trunk, 0.6 * height)]
     thing.lathe(bark, (0, 0, 0), profile, is_round=True, sectors=10)
@@ -88,7 +92,7 @@ def container(random: Random, length: float = 6.0) -> Thing:
     return thing
 
 
-def car(red: int, green: int, blue: int) -> Thing:
+def car(red: float, green: float, blue: float) -> Thing:
     """Passenger car of a colour."""
     thing, half, body = Thing(), 0.84, paint(red, green, blue, gloss=(0.05, 0.06))
     hull = [(-2.05, 0.3), (2.0, 0.26), (2.12, 0.5), (2.02, 0.68), (1.0, 0.88), (-1.85, 0.92)]
@@ -105,7 +109,9 @@ def car(red: int, green: int, blue: int) -> Thing:
             arch = (x, side * (half - 0.1) - 0.11, 0.33)
             thing.rod(BLACK, arch, 0.37, 0.22, turn_deg=(-90, 0, 0), sectors=20)
     for side in (-1, 1):
-        thing.box(paint(250, 246, 230, gloss=(0.06, 0.1)), (2.03, side * 0.6, 0.6), (0.1, 0.34, 0.12))
+        thing.box(
+            paint(250, 246, 230, gloss=(0.06, 0.1)), (2.03, side * 0.6, 0.6), (0.1, 0.34, 0.12)
+        )
         thing.box(paint(170, 20, 22), (-2.05, side * 0.66, 0.74), (0.08, 0.28, 0.14))
         thing.box(body, (0.72, side * (half + 0.08), 0.96), (0.14, 0.18, 0.12))
         thing.box(CHROME, (-0.3, side * (half + 0.005), 0.76), (0.16, 0.03, 0.03))
@@ -122,7 +128,12 @@ def _add_wheel(thing: Thing, at: Vector3, radius: float, width: float) -> None:
     tyre = [(0.6 * radius, -half), (0.94 * radius, -half), (radius, -0.7 * half)]
     tyre += [(radius, 0.7 * half), (0.94 * radius, half), (0.6 * radius, half)]
     thing.lathe(RUBBER, at, tyre, turn_deg=lie, sectors=20)
-    rim = [(0, 0.7 * -half), (0.6 * radius, 0.8 * -half), (0.6 * radius, 0.8 * half), (0, 0.7 * half)]
+    rim = [
+        (0, 0.7 * -half),
+        (0.6 * radius, 0.8 * -half),
+        (0.6 * radius, 0.8 * half),
+        (0, 0.7 * half),
+    ]
     thing.lathe(STEEL, (x, y, z), rim, turn_deg=lie, sectors=14)
     for spoke in range(5):
         size = (0.14 * radius, 1.62 * half, 0.5 * radius)
@@ -162,20 +173,20 @@ def cone() -> Thing:
     thing = Thing()
     thing.stand(BLACK, 0, 0, 0, (0.36, 0.36, 0.03))
     rings = ((0.15, 0.03), (0.115, 0.2), (0.095, 0.3), (0.07, 0.42), (0.055, 0.5), (0.025, 0.62))
-    for number, (low, high) in enumerate(zip(rings, rings[1:], strict=False)):
+    for number, (low, high) in enumerate(pairwise(rings)):
         thing.lathe(WHITE if number % 2 else ORANGE, (0, 0, 0), [low, high], sectors=14)
     thing.lathe(ORANGE, (0, 0, 0.62), [(0.025, 0), (0, 0.005)], sectors=14)
     return thing
 
 
-def pallet(random: Random, load: int = 0) -> Thing:
+def pallet(random: Random, load: float = 0) -> Thing:
     """Pallet, with boxes on it in layers of two by three."""
     thing = Thing()
     for x in (-0.35, 0.0, 0.35):
         thing.stand(PLANKS, x, 0, 0, (0.1, 1.2, 0.1))
     for board in range(7):
         thing.stand(PLANKS, 0, 0.18 * board - 0.54, 0.1, (0.8, 0.11, 0.022))
-    for layer in range(load):
+    for layer in range(round(load)):
         for x in (-0.2, 0.2):
             for y in (-0.4, 0.0, 0.4):
                 if layer < load - 1 or random.random() < 0.7:
@@ -183,7 +194,9 @@ def pallet(random: Random, load: int = 0) -> Thing:
                     size = (0.385, 0.385, 0.298)
                     thing.stand(CARDBOARD, x + shift, y - shift, 0.122 + 0.3 * layer, size)
                     z = 0.122 + 0.3 * layer + 0.15
-                    thing.box(WHITE, (x + shift + math.copysign(0.193, x), y, z), (0.003, 0.1, 0.07))
+                    thing.box(
+                        WHITE, (x + shift + math.copysign(0.193, x), y, z), (0.003, 0.1, 0.07)
+                    )
     return thing
 
 
@@ -201,13 +214,15 @@ def house(random: Random, length: float = 11.0, depth: float = 6.0, height: floa
         at = (back + side * (0.25 * depth + 0.16), 0, height + 0.18 * depth + 0.0)
         thing.box(roof, at, size, (0, side * slope, 0))
     thing.stand(BRICK, back - 0.6, 0.3 * length, height + 0.2 * depth, (0.6, 0.6, 1.4))
-    thing.rod(STEEL, (0.42, -0.5 * length - 0.3, height - 0.08), 0.07, length + 0.6, turn_deg=(-90, 0, 0))
+    thing.rod(
+        STEEL, (0.42, -0.5 * length - 0.3, height - 0.08), 0.07, length + 0.6, turn_deg=(-90, 0, 0)
+    )
     thing.rod(STEEL, (0.06, 0.47 * length, 0), 0.045, height - 0.1)
     for share in (-0.34, -0.1, 0.36):
         _add_window(thing, share * length)
-    leaf = door(random)
+    leaf, shift = door(random), np.array((0.02, 0.14 * length, 0.0))
     for material, parts in leaf.parts.items():
-        moved = [(corners + (0.02, 0.14 * length, 0.0), uv, normals) for corners, uv, normals in parts]
+        moved = [(corners + shift, uv, normals) for corners, uv, normals in parts]
         thing.parts[material] += moved
     thing.stand(CONCRETE, 0.4, 0.14 * length, 0, (0.8, 1.5, 0.05))
     return thing
@@ -227,17 +242,19 @@ def _add_window(thing: Thing, y: float) -> None:
 def street_lamp(height: float = 4.5) -> Thing:
     """Lamp on a post with an arm."""
     thing = Thing()
-    thing.lathe(STEEL, (0, 0, 0), [(0.09, 0), (0.085, 0.7), (0.055, 0.75), (0.04, height), (0, height)])
+    thing.lathe(
+        STEEL, (0, 0, 0), [(0.09, 0), (0.085, 0.7), (0.055, 0.75), (0.04, height), (0, height)]
+    )
     thing.rod(STEEL, (0, 0, height - 0.05), 0.03, 0.9, turn_deg=(0, 80, 0))
     thing.box(DARK, (0.95, 0, height + 0.1), (0.55, 0.24, 0.1), (0, -8, 0))
     thing.box(WHITE, (0.95, 0, height + 0.045), (0.45, 0.18, 0.02), (0, -8, 0))
     return thing
 
 
-def tyres(random: Random, count: int = 4) -> Thing:
+def tyres(random: Random, count: float = 4) -> Thing:
     """Pile of tyres."""
     thing = Thing()
-    for number in range(count):
+    for number in range(round(count)):
         x, y = random.uniform(-0.04, 0.04, 2).tolist()
         outer = [(0.18, 0.0), (0.27, 0.0), (0.31, 0.04), (0.31, 0.15), (0.27, 0.19), (0.18, 0.19)]
         thing.lathe(RUBBER, (x, y, 0.195 * number), [*outer, (0.17, 0.1), (0.18, 0.0)], sectors=20)
@@ -258,23 +275,33 @@ def barrier(length: float = 2.0) -> Thing:
 def concrete_pipe(length: float = 1.6, radius: float = 0.45) -> Thing:
     """Pipe of a sewer that lies along y."""
     thing = Thing()
-    wall = [(0.8 * radius, 0), (radius, 0), (radius, length), (0.8 * radius, length), (0.8 * radius, 0)]
+    wall = [
+        (0.8 * radius, 0),
+        (radius, 0),
+        (radius, length),
+        (0.8 * radius, length),
+        (0.8 * radius, 0),
+    ]
     at = (0.0, -0.5 * length, radius)
     thing.lathe(CONCRETE, at, wall, turn_deg=(-90, 0, 0), sectors=24)
     for side in (-1, 1):
-        thing.extrude(PLANKS, (side * 0.8 * radius, 0, 0), [(-0.12, 0), (0.12, 0), (0, 0.14)], 0.8 * length)
+        thing.extrude(
+            PLANKS, (side * 0.8 * radius, 0, 0), [(-0.12, 0), (0.12, 0), (0, 0.14)], 0.8 * length
+        )
     return thing
 
 
-def bricks(random: Random, count: int = 40, spread: float = 0.5) -> Thing:
+def bricks(random: Random, spread: float = 0.5, count: float = 40) -> Thing:
     """Heap of bricks and lumps of concrete."""
     thing = Thing()
-    for number in range(count):
+    for number in range(round(count)):
         out, angle = spread * float(random.random()) ** 0.6, float(random.uniform(0, 360))
         turn = (*random.uniform(-30, 30, 2).tolist(), float(random.uniform(0, 180)))
         z = 0.03 + 0.34 * max(0.0, spread - out) * float(random.random())
         if number % 6:
-            thing.box(paint(196, 110, 88, "plaster"), (*_polar(out, angle), z), (0.24, 0.115, 0.071), turn)
+            thing.box(
+                paint(196, 110, 88, "plaster"), (*_polar(out, angle), z), (0.24, 0.115, 0.071), turn
+            )
         else:
             size = tuple(random.uniform(0.1, 0.3, 3).tolist())
             thing.box(CONCRETE, (*_polar(out, angle), z), size, turn)
@@ -366,7 +393,9 @@ def dummy(random: Random) -> Thing:
         lean = float(random.uniform(4, 16)) * side
         thing.rod(trousers, (-0.1, 0.1 * side, 0.1), 0.085, 0.75, turn_deg=(0, -90, -lean))
         thing.box(BLACK, (-0.88, 0.1 * side + 0.013 * lean, 0.12), (0.1, 0.1, 0.2))
-        thing.rod(shirt, (0.36, 0.18 * side, 0.1), 0.055, 0.34, turn_deg=(-90 * side, 0, -20 * side))
+        thing.rod(
+            shirt, (0.36, 0.18 * side, 0.1), 0.055, 0.34, turn_deg=(-90 * side, 0, -20 * side)
+        )
         thing.ball(skin, (0.25, 0.6 * side, 0.1), 0.05)
     return thing
 
@@ -395,15 +424,20 @@ def rack(random: Random, length: float = 3.6, levels: int = 3) -> Thing:
 
 def _load(thing: Thing, random: Random, at: float, z: float) -> float:
     """Put something on a board from `at` on; its length."""
-    kind, bulk = int(random.integers(4)), random.uniform((0.4, 0.35, 0.25), (0.7, 0.55, 0.6)).tolist()
-    deep, length, high = bulk
+    kind, bulk = (
+        int(random.integers(4)),
+        random.uniform((0.4, 0.35, 0.25), (0.7, 0.55, 0.6)).tolist(),
+    )
+    deep, length, high = map(float, bulk)
     y = at + 0.5 * length
     if kind < 2:
         thing.stand(CARDBOARD, 0, y, z, (deep, length, high))
         thing.box(WHITE, (0.5 * deep, y, z + 0.5 * high), (0.006, 0.15, 0.1))
     elif kind == 2:
         radius = 0.5 * length
-        colour = choose(random, paint(40, 86, 150, "plaster"), YELLOW, paint(180, 50, 40, "plaster"))
+        colour = choose(
+            random, paint(40, 86, 150, "plaster"), YELLOW, paint(180, 50, 40, "plaster")
+        )
         thing.rod(colour, (0, y, z), radius, min(0.6, 2.4 * radius), sectors=12)
         thing.rod(BLACK, (0, y, z + 0.02), 0.6 * radius, min(0.6, 2.4 * radius) + 0.01, sectors=8)
     else:
@@ -417,7 +451,9 @@ def _load(thing: Thing, random: Random, at: float, z: float) -> float:
 def forklift() -> Thing:
     """Fork-lift truck."""
     thing = Thing()
-    thing.extrude(YELLOW, (0, 0, 0), [(-1.1, 0.25), (0.5, 0.25), (0.5, 0.7), (-0.3, 0.8), (-1.1, 1.0)], 1.0)
+    thing.extrude(
+        YELLOW, (0, 0, 0), [(-1.1, 0.25), (0.5, 0.25), (0.5, 0.7), (-0.3, 0.8), (-1.1, 1.0)], 1.0
+    )
     thing.stand(DARK, -0.9, 0, 0.35, (0.5, 1.04, 0.5))
     thing.box(BLACK, (-0.25, 0, 0.88), (0.5, 0.5, 0.14))
     thing.box(BLACK, (-0.5, 0, 1.15), (0.12, 0.5, 0.5), (0, -10, 0))
@@ -441,5 +477,7 @@ def banner(text_colour: Material, width: float = 2.0) -> Thing:
     thing = Thing()
     thing.box(WHITE, (-0.01, 0, 0), (0.04, width, 0.5))
     for stripe in range(5):
-        thing.box(text_colour, (0, 0.18 * width * (stripe - 2), 0), (0.036, 0.09 * width, 0.5), (18, 0, 0))
+        thing.box(
+            text_colour, (0, 0.18 * width * (stripe - 2), 0), (0.036, 0.09 * width, 0.5), (18, 0, 0)
+        )
     return thing

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -39,9 +39,9 @@ _FLIP = np.array((1.0, -1.0, -1.0))
 
 @lru_cache(maxsize=256)
 def paint(
-    red: int,
-    green: int,
-    blue: int,
+    red: float,
+    green: float,
+    blue: float,
     texture: str = "",
     *,
     tile_m: float = 0.0,
@@ -59,7 +59,7 @@ def paint(
     )
 
 
-def shine(red: int, green: int, blue: int, texture: str = "") -> Material:
+def shine(red: float, green: float, blue: float, texture: str = "") -> Material:
     """Material shown as it is, whatever the light, for what is far outside a window."""
     return replace(paint(red, green, blue, texture), unlit=True)
 
@@ -164,9 +164,13 @@ class Thing:
     ) -> None:
         """Solid along y of an outline (x, z), counter-clockwise from the right, a star's shape."""
         flat = np.array([(x, 0.0, z) for x, z in outline])
-        near, far = flat - (0.0, 0.5 * width, 0.0), flat + (0.0, 0.5 * width, 0.0)
+        side = np.array((0.0, 0.5 * width, 0.0))
+        near, far = flat - side, flat + side
         after, beyond = np.roll(near, -1, axis=0), np.roll(far, -1, axis=0)
-        caps = np.broadcast_to(near.mean(axis=0), near.shape), np.broadcast_to(far.mean(0), far.shape)
+        caps = (
+            np.broadcast_to(near.mean(axis=0), near.shape),
+            np.broadcast_to(far.mean(0), far.shape),
+        )
         triangles = [
             np.stack(corners, axis=1)
             for corners in (
@@ -181,14 +185,19 @@ class Thing:
         self.add(material, Patch(corners, uv))
 
     def leaves(
-        self, material: Material, random: np.random.Generator, at: Vector3, reach: Vector3,
-        count: int, size: float,
+        self,
+        material: Material,
+        random: np.random.Generator,
+        at: Vector3,
+        reach: Vector3,
+        count: int,
+        size: float,
     ) -> None:
         """Kites of leaves near the surface of an ellipsoid, which face outwards and up."""
         out = random.normal(size=(count, 3))
         out /= np.linalg.norm(out, axis=1, keepdims=True)
         centre = np.asarray(at) + out * reach * random.uniform(0.72, 1.04, (count, 1))
-        normal = out + random.uniform(-0.5, 0.5, (count, 3)) + (0.0, 0.0, 0.5)
+        normal = out + random.uniform(-0.5, 0.5, (count, 3)) + np.array((0.0, 0.0, 0.5))
         along = np.cross(normal, random.normal(size=(count, 3)))
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         across = np.cross(normal, along)
@@ -199,10 +208,11 @@ class Thing:
         mirrored = np.stack((centre - tip, centre + tip, centre - side), axis=1)
         corners = np.concatenate((corners, mirrored))
         facets, _ = facet_normals(corners)
-        corners = np.where((facets * np.tile(out, (2, 1))).sum(-1)[:, None, None] < 0,
-                           corners[:, ::-1], corners)
+        corners = np.where(
+            (facets * np.tile(out, (2, 1))).sum(-1)[:, None, None] < 0, corners[:, ::-1], corners
+        )
         # Lit as the crown is, not each by its own normal: foliage is soft.
-        soft = np.repeat((np.tile(out, (2, 1)) + (0.0, 0.0, 0.35))[:, None], 3, axis=1)
+        soft = np.repeat((np.tile(out, (2, 1)) + np.array((0.0, 0.0, 0.35)))[:, None], 3, axis=1)
         soft /= np.linalg.norm(soft, axis=-1, keepdims=True)
         uv = random.uniform(0.0, 1.0, (len(corners), 1, 2)) + 0.1 * np.eye(3)[:, :2]
         self.add(material, Patch(corners, uv), soft)
@@ -247,6 +257,14 @@ class Scenery:
             shape = Facets(corners * _FLIP, uv, normals * _FLIP)
             item = Item(f"{name}.{number}", shape, pose, material, casts_shadows)
             self.items.append(replace(item, object_name=name, class_name=class_name))
+
+    def spread(self, class_name: str, make: Callable[..., Thing], table: str) -> None:
+        """Place things by `x y yaw numbers; ...`; yaw in degrees or ~ for any, numbers for make."""
+        for row in table.split(";"):
+            x, y, yaw, *numbers = row.split()
+            thing = make(*map(float, numbers))
+            turn = float(self.random.uniform(0, 360)) if yaw == "~" else float(yaw)
+            self.place(class_name, thing, float(x), float(y), turn)
 
     def dress(self, looks: dict[str, Material]) -> None:
         """Give items of the file another material, by name, without its number, or by class."""
