@@ -23,6 +23,10 @@ Joints of the chassis are hinges of `JointParts=`, the list from which UT2004 bu
 A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed and MotorTorque.
 Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base are
 enough. Source: JointPart of KRobot.uc.
+
+Boxes=, Meshes= and the other lists of shapes of a world file are the body that cameras show, in the
+chassis frame, in place of chassis and wheels; with colours, textures and the mesh files' own.
+Collisions and sensors keep the base's dimensions.
 """
 
 from __future__ import annotations
@@ -49,6 +53,7 @@ from catoptra_server.config.robot_cameras import (
     read_perspective_camera,
 )
 from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.config.world_file import read_items
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.simulation.drive import STANDARD_BASES
 from catoptra_server.simulation.robot_description import (
@@ -379,6 +384,7 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         chassis_joints=read_joint_parts(section),
         stand_in=section.get_str("StandIn", ""),
         is_smooth=section.get_bool("SmoothShading", False),
+        items=tuple(read_items(section, file.path.parent)),
     )
 
 

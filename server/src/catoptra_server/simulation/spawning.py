@@ -36,8 +36,9 @@ from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shapes import Patch, box, build_shape, grid
-from catoptra_server.world.world_description import Box, Cylinder, Material
+from catoptra_server.world.world_description import Box, Cylinder, Material, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,8 @@ class RobotDimensions:
     """Distance of the axles; 0 for one pair of wheels, in the centre."""
     is_smooth: bool = False
     """Whether round parts are lit as such, and not facet by facet."""
+    body: SceneMesh | None = None
+    """What is shown in place of chassis and wheels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +68,10 @@ class OmniCameraTower:
 
 def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = None) -> ObjectMesh:
     """Build the mesh of a class of robots; `tower` None: without an omnidirectional camera."""
-    parts = [*_chassis_parts(shape), *_wheel_parts(shape)]
+    parts = _body_parts(shape)
     if tower is not None:
         parts += _tower_parts(tower, deck_z=_deck_z(shape))
-    return build_object_mesh(parts, is_smooth=shape.is_smooth)
+    return build_object_mesh(parts, is_smooth=shape.is_smooth, body=shape.body)
 
 
 def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
@@ -78,11 +81,11 @@ def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> Objec
     """
     return build_object_mesh(
         [
-            *_chassis_parts(shape),
-            *_wheel_parts(shape),
+            *_body_parts(shape),
             *_capture_camera_parts(tower, deck_z=_deck_z(shape)),
         ],
         is_smooth=shape.is_smooth,
+        body=shape.body,
     )
 
 
@@ -113,6 +116,10 @@ def _deck_z(shape: RobotDimensions) -> float:
     # The UDK's P3AT reports no height: its wheels' then.
     height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
     return shape.ride_height_m - height
+
+
+def _body_parts(shape: RobotDimensions) -> list[_MaterialPatch]:
+    return [*_chassis_parts(shape), *_wheel_parts(shape)] if shape.body is None else []
 
 
 def _chassis_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
@@ -443,7 +450,17 @@ def _dimensions(description: RobotDescription) -> RobotDimensions:
         drive.wheel_radius_m,
         drive.wheel_base_m,
         description.is_smooth,
+        _build_body(description),
     )
+
+
+# A class has two meshes, of one body.
+@lru_cache(maxsize=4)
+def _build_body(description: RobotDescription) -> SceneMesh | None:
+    """Body of a class whose file has items; raises ConfigError as `build_scene`."""
+    if not description.items:
+        return None
+    return build_scene(World(description.class_name, description.items))
 
 
 def _tower(description: RobotDescription) -> OmniCameraTower | None:
