@@ -67,6 +67,7 @@ from catoptra_server.simulation.robot_description import (
     SensorDescription,
 )
 from catoptra_server.simulation.sensors import SENSOR_KINDS
+from catoptra_server.world.world_description import Item
 
 log = logging.getLogger(__name__)
 
@@ -384,8 +385,20 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         chassis_joints=read_joint_parts(section),
         stand_in=section.get_str("StandIn", ""),
         is_smooth=section.get_bool("SmoothShading", False),
-        items=tuple(read_items(section, file.path.parent)),
+        items=tuple(_read_body(section, file.path.parent)),
     )
+
+
+def _read_body(section: SectionReader, folder: Path) -> Iterator[Item]:
+    for item in read_items(section, folder):
+        look = item.material
+        if look is not None and (any(look.emission) or look.gloss is not None):
+            where, expected = (
+                item.where or section.where,
+                "no Emission and Gloss: what moves is matt",
+            )
+            raise ConfigError(where, key=item.name, value="Emission, Gloss", expected=expected)
+        yield item
 
 
 def _require_few_items(section: SectionReader) -> None:
