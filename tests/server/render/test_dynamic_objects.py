@@ -9,7 +9,6 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,9 +23,14 @@ from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Light, Material, World
-from helpers.dynamic_objects import ROBOT_MESH, SMOOTH_ROBOTS, TWO_ROBOTS, place_cube
+from helpers.dynamic_objects import (
+    ROBOT_MESH,
+    SMOOTH_ROBOTS,
+    TWO_ROBOTS,
+    build_textured_mesh,
+    place_cube,
+)
 from helpers.image_comparison import level_differences, mask_away_from_edges
-from helpers.mesh_file_samples import make_quadrant_image
 from helpers.renderers import RendererFactory
 from helpers.worlds import (
     CAMERA_STATE,
@@ -106,17 +110,9 @@ def test_raster_shows_robots_in_a_perspective_image_as_trace_does(device: GlDevi
 @pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT,), (DIRECTIONAL_LIGHT, POINT_LIGHT)])
 @pytest.mark.parametrize("has_shadows", [False, True])
 def test_raster_shows_textured_bodies_as_trace_does(
-    device: GlDevice, tmp_path: Path, lights: tuple[Light, ...], has_shadows: bool
+    device: GlDevice, lights: tuple[Light, ...], has_shadows: bool
 ) -> None:
-    make_quadrant_image().save(tmp_path / "t.png")
-    crates = tuple(
-        Item(name, Box((0.5, 0.5, 0.3)), Pose.from_rpy((0, 0, z)), Material((0.9, 0.9, 0.9), look))
-        for name, look, z in (("low", tmp_path / "t.png", 0.0), ("high", "brick", -0.4))
-    )
-    body = build_scene(World("body", crates))
-    mesh = build_object_mesh(
-        [(primitives.box(Box((0.2, 0.2, 1.4))), Material((0.2, 0.6, 0.3)))], body=body
-    )
+    mesh = build_textured_mesh()
     objects = tuple(dataclasses.replace(robot, mesh=mesh) for robot in TWO_ROBOTS)
     state = dataclasses.replace(
         CAMERA_STATE, objects=(TWO_ROBOTS[0], *objects[1:]), has_shadows=has_shadows

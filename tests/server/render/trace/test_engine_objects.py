@@ -164,7 +164,8 @@ def test_textured_object_shows_what_the_same_item_of_the_scene_shows(
     mesh = build_object_mesh((), body=build_scene(World("body", (crate, ball))))
     there = CameraState(Pose.identity(), (DynamicObject(mesh, place),))
     # Parts of the way apart, at the place in the middle of the exposure.
-    before, after = (Pose(place.rotation, place.translation + (0.0, dy, 0.0)) for dy in (-0.1, 0.1))
+    aside = np.array((0.0, 0.1, 0.0))
+    before, after = (Pose(place.rotation, place.translation + by) for by in (-aside, aside))
     moving = MovingExposure(
         tuple(replace(there, objects=(DynamicObject(mesh, at),)) for at in (before, after))
     )
