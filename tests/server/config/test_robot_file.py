@@ -16,6 +16,7 @@ from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.simulation.sensors.odometry import OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS
+from helpers.mesh_file_samples import export_mesh, make_textured_square
 
 BARE = """\
 [USARBot.P2AT]
@@ -79,6 +80,28 @@ def test_robot_when_its_shading_is_smooth_has_normals_at_its_wheels(
     # Of 24 triangles of two boxes, and four wheels' 40 of walls and 40 of ends.
     assert (0 if mesh.bent is None else mesh.bent.sum()) == 160 * is_smooth
     assert (mesh.corner_normals is not None) == is_smooth
+
+
+def test_robot_when_its_file_has_shapes_is_shown_by_these_with_their_textures(
+    tmp_path: Path,
+) -> None:
+    export_mesh(make_textured_square(pbr=True), tmp_path / "deck.glb")
+    body = (
+        "Boxes=(Size=(X=0.4,Y=0.3,Z=0.1),Texture=catoptra:brick,Repeat=0.2)\n"
+        "Meshes=(File=deck.glb,Scale=0.1,Position=(X=0,Y=0,Z=-0.2))\n"
+    )
+    robot, file = read_robot(write_file(tmp_path, BARE + body))
+    assert not [name for name in file.unknown_names() if "Boxes" in str(name)]
+    mesh = build_carrier_mesh(robot)
+    assert [texture.shape[0] for texture in mesh.textures] == [512, 2]
+    assert mesh.texture_index.tolist() == 12 * [0] + 2 * [1]
+    # A tile of 0.2 m twice along a side of 0.4 m.
+    assert np.ptp(mesh.uv[:12], axis=(0, 1)).max() == pytest.approx(2.0)
+    with pytest.raises(ConfigError, match=r"robot\.ini:11.*none\.glb"):
+        read_robot(write_file(tmp_path, BARE + body.replace("deck", "none")))
+    for key in ("Emission=2", "Gloss=(F0=0.1)"):
+        with pytest.raises(ConfigError, match=r"robot\.ini.*what moves is matt"):
+            read_robot(write_file(tmp_path, BARE + f"Boxes=(Size=(X=1,Y=1,Z=1),{key})\n"))
 
 
 def test_robot_when_several_sections_are_there_is_the_first_that_steers(tmp_path: Path) -> None:

@@ -23,7 +23,13 @@ from catoptra_server.world import shapes as primitives
 from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Light, Material, World
-from helpers.dynamic_objects import ROBOT_MESH, SMOOTH_ROBOTS, TWO_ROBOTS, place_cube
+from helpers.dynamic_objects import (
+    ROBOT_MESH,
+    SMOOTH_ROBOTS,
+    TWO_ROBOTS,
+    build_textured_mesh,
+    place_cube,
+)
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
 from helpers.worlds import (
@@ -99,6 +105,30 @@ def test_raster_shows_robots_in_a_perspective_image_as_trace_does(device: GlDevi
         )
     # Sample positions are equal: only surfaces within a 256th of a sample may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
+
+
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT,), (DIRECTIONAL_LIGHT, POINT_LIGHT)])
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_raster_shows_textured_bodies_as_trace_does(
+    device: GlDevice, lights: tuple[Light, ...], has_shadows: bool
+) -> None:
+    mesh = build_textured_mesh()
+    objects = tuple(dataclasses.replace(robot, mesh=mesh) for robot in TWO_ROBOTS)
+    state = dataclasses.replace(
+        CAMERA_STATE, objects=(TWO_ROBOTS[0], *objects[1:]), has_shadows=has_shadows
+    )
+    world, camera = make_test_world(lights=lights), PerspectiveCamera(320, 240, math.radians(100.0))
+    plain = dataclasses.replace(mesh, textures=())
+    with make_both(device, world) as renderers:
+        views = [renderer.prepare_perspective(camera, 2) for renderer in renderers]
+        for placed in (objects, state.objects, TWO_ROBOTS):
+            there = dataclasses.replace(state, objects=placed)
+            raster, trace = (view.render(there).rgb for view in views)
+            assert (level_differences(raster, trace) > 3).mean() < (0.02 if has_shadows else 0.004)
+        flat = tuple(dataclasses.replace(one, mesh=plain) for one in objects)
+        bare = views[1].render(dataclasses.replace(state, objects=flat)).rgb
+        textured = views[1].render(dataclasses.replace(state, objects=objects)).rgb
+    assert (level_differences(bare, textured) > 10).mean() > 0.01
 
 
 def test_object_before_a_wall_occludes_the_wall(make_renderer: RendererFactory) -> None:

@@ -23,6 +23,10 @@ Joints of the chassis are hinges of `JointParts=`, the list from which UT2004 bu
 A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed and MotorTorque.
 Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base are
 enough. Source: JointPart of KRobot.uc.
+
+Boxes=, Meshes= and the other lists of shapes of a world file are the body that cameras show, in the
+chassis frame, in place of chassis and wheels; with colours, textures and the mesh files' own.
+Collisions and sensors keep the base's dimensions.
 """
 
 from __future__ import annotations
@@ -49,6 +53,7 @@ from catoptra_server.config.robot_cameras import (
     read_perspective_camera,
 )
 from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.config.world_file import read_items
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.simulation.drive import STANDARD_BASES
 from catoptra_server.simulation.robot_description import (
@@ -63,6 +68,7 @@ from catoptra_server.simulation.robot_description import (
     SensorDescription,
 )
 from catoptra_server.simulation.sensors import SENSOR_KINDS
+from catoptra_server.world.world_description import Item
 
 log = logging.getLogger(__name__)
 
@@ -384,6 +390,7 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         stand_in=section.get_str("StandIn", ""),
         is_smooth=section.get_bool("SmoothShading", False),
         body=_read_body(section, joints),
+        items=tuple(_read_items(section, file.path.parent)),
     )
 
 
@@ -397,6 +404,18 @@ def _read_body(section: SectionReader, joints: MissionPackageDescription | None)
     kinds: tuple[BodyKind, ...] = get_args(BodyKind)
     chosen = section.get_choice("Body", ["auto", *kinds], "auto")
     return next((one for one in kinds if one == chosen), kind)
+
+
+def _read_items(section: SectionReader, folder: Path) -> Iterator[Item]:
+    for item in read_items(section, folder):
+        look = item.material
+        if look is not None and (any(look.emission) or look.gloss is not None):
+            where, expected = (
+                item.where or section.where,
+                "no Emission and Gloss: what moves is matt",
+            )
+            raise ConfigError(where, key=item.name, value="Emission, Gloss", expected=expected)
+        yield item
 
 
 def _require_few_items(section: SectionReader) -> None:

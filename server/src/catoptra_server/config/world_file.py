@@ -107,7 +107,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     _require_sendable(section, "Name", Greeting("", name))
     _require_sendable(section, "PlayerStarts", StartPoses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
-    items = tuple(_read_items(section, path.parent))
+    items = tuple(read_items(section, path.parent))
     light_bake = section.get_choice("LightBake", ["on", "off"], "off") == "on"
     lights = [_read_light(light, has_areas=light_bake) for light in section.get_structs("Lights")]
     constant = [light for light in lights if not isinstance(light, RectangleLight)]
@@ -387,8 +387,8 @@ _SHAPE_READERS: dict[str, Callable[[SectionReader, Path], Shape]] = {
 }
 
 
-def _read_items(section: SectionReader, folder: Path) -> list[Item]:
-    """All items of a world, by the lists of their shapes."""
+def read_items(section: SectionReader, folder: Path) -> list[Item]:
+    """All items of a world, or of a robot's body, by the lists of their shapes."""
     items = []
     for key, shape in _SHAPE_READERS.items():
         for number, struct in enumerate(section.get_structs(key), 1):

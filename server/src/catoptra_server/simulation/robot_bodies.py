@@ -3,8 +3,9 @@
 USARSim's own meshes are not public, so the shapes between the reported dimensions are ours. A plain
 body is a box with a deck on discs, with an omnidirectional camera's tower: the paper's camera sees
 itself on one. Every other body is made of parts: hull, deck, wheels with tread or tracks, a castor,
-and what the file says of sensors, cameras and joints. Sonars stand where their beams leave the
-hull; a laser scanner whose place is within the hull is a window in its nose.
+and what the file says of sensors, cameras and joints. A file's own shapes take the place of either,
+beside the tower. Sonars stand where their beams leave the hull; a laser scanner whose place is
+within the hull is a window in its nose.
 
 Links that joints turn are objects of their own, with the robot's number: one object in labels,
 whose box is the body's. A robot's own mirror shows them at rest. Wheels do not turn.
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -48,8 +49,9 @@ from catoptra_server.world.lofts import (
     tube,
 )
 from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shapes import Patch, box, build_shape, concatenate, grid
-from catoptra_server.world.world_description import AT_REST, Box, Cylinder, Material
+from catoptra_server.world.world_description import AT_REST, Box, Cylinder, Material, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,8 @@ class RobotDimensions:
     """Distance of the axles; 0 for one pair of wheels, in the centre."""
     is_smooth: bool = False
     """Whether round parts are lit as such, and not facet by facet."""
+    items: SceneMesh | None = None
+    """What is shown in place of chassis and wheels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +81,10 @@ class OmniCameraTower:
 
 def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = None) -> ObjectMesh:
     """Build the mesh of a class of robots; `tower` None: without an omnidirectional camera."""
-    parts = [*_chassis_parts(shape), *_wheel_parts(shape)]
+    parts = _plain_parts(shape)
     if tower is not None:
         parts += _tower_parts(tower, deck_z=_deck_z(shape))
-    return build_object_mesh(parts, is_smooth=shape.is_smooth)
+    return build_object_mesh(parts, is_smooth=shape.is_smooth, body=shape.items)
 
 
 def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
@@ -88,14 +92,8 @@ def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> Objec
 
     The mirror and the glass that carries the mirror are left out: neither is in the mirror's view.
     """
-    return build_object_mesh(
-        [
-            *_chassis_parts(shape),
-            *_wheel_parts(shape),
-            *_capture_camera_parts(tower, deck_z=_deck_z(shape)),
-        ],
-        is_smooth=shape.is_smooth,
-    )
+    parts = [*_plain_parts(shape), *_capture_camera_parts(tower, deck_z=_deck_z(shape))]
+    return build_object_mesh(parts, is_smooth=shape.is_smooth, body=shape.items)
 
 
 _CHASSIS_MATERIAL = Material((0.45, 0.04, 0.03))  # ActivMedia's red paint
@@ -125,6 +123,10 @@ def _deck_z(shape: RobotDimensions) -> float:
     # The UDK's P3AT reports no height: its wheels' then.
     height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
     return shape.ride_height_m - height
+
+
+def _plain_parts(shape: RobotDimensions) -> list[_MaterialPatch]:
+    return [*_chassis_parts(shape), *_wheel_parts(shape)] if shape.items is None else []
 
 
 def _chassis_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
@@ -609,7 +611,7 @@ def build_outer_meshes(description: RobotDescription) -> Mapping[str, ObjectMesh
 
     The chassis is last, since labels describe the last object of a number.
     """
-    if description.body == "plain":
+    if description.body == "plain" or description.items:
         return {CHASSIS_MOUNT: build_robot_mesh(_dimensions(description), _tower(description))}
     body = _body_parts(description, is_own=False)
     return {
@@ -630,7 +632,7 @@ def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
 
 def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
     """Mesh of the body below an omnidirectional camera, without what carries mirror or lens."""
-    if description.body == "plain":
+    if description.body == "plain" or description.items:
         shape, tower = _dimensions(description), _tower(description)
         return build_robot_mesh(shape) if tower is None else build_ego_body_mesh(shape, tower)
     parts = list(_body_parts(description, is_own=True))
@@ -663,7 +665,17 @@ def _dimensions(description: RobotDescription) -> RobotDimensions:
         drive.wheel_radius_m,
         drive.wheel_base_m,
         description.is_smooth,
+        _build_items(description),
     )
+
+
+# A class has two meshes, of one body.
+@lru_cache(maxsize=4)
+def _build_items(description: RobotDescription) -> SceneMesh | None:
+    """Body of a class whose file has items; raises ConfigError as `build_scene`."""
+    if not description.items:
+        return None
+    return build_scene(World(description.class_name, description.items))
 
 
 def _tower(description: RobotDescription) -> OmniCameraTower | None:

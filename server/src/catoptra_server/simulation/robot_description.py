@@ -24,6 +24,7 @@ from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.effects import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.render.renderer import RenderSettings
+from catoptra_server.world.world_description import Item
 
 # Orders of a joint command on the wire; the two relative ones add to the present value.
 ANGLE, SPEED, BRAKE, RELATIVE_ANGLE, RELATIVE_SPEED = 0, 1, 3, 10, 11
@@ -332,6 +333,8 @@ class RobotDescription:
     is_smooth: bool = False
     """Whether cameras show the round parts of a plain body as round, and not facet by facet."""
     body: BodyKind = "wheels"
+    items: tuple[Item, ...] = ()
+    """What cameras show in place of that body, chassis frame; none: the body."""
 
     @property
     def model_name(self) -> str:

@@ -1,8 +1,8 @@
 """What changes from frame to frame: dynamic objects, such as robots, and the state of a camera.
 
 Dynamic objects are meshes at poses, and boxes. A mesh is built once for a class of robots, in the
-object's frame; an object adds pose and motion. Objects have no textures: one albedo a triangle, lit
-by the same model as the scene (`shading`), round parts by normals between those at corners.
+object's frame; an object adds pose and motion. Objects are lit by the same model as the scene
+(`shading`), round parts by normals between those at corners; bodies of items keep their textures.
 
 To each other's sensors robots are oriented boxes, intersected with rays in closed form: 0.6 ms a
 cycle of the P2AT among seven others (tests/measurements/sensor_times.py).
@@ -35,8 +35,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,8 +46,12 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.world.shapes import Patch, concatenate, smooth_normals
+from catoptra_server.world.shapes import Patch, smooth_normals
+from catoptra_server.world.textures import Texture, TextureSampling, no_texture_coordinates
 from catoptra_server.world.world_description import AT_REST, Material, Twist
+
+if TYPE_CHECKING:
+    from catoptra_server.world.scene_mesh import SceneMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +76,13 @@ class ObjectMesh:
     """(n, 3, 3) as of `SceneMesh`; None: all triangles are flat."""
     bent: Bools | None = None
     """(n,) as of `SceneMesh`, beside the normals at corners."""
+    uv: Floats = field(default_factory=lambda: no_texture_coordinates(0))
+    """(n, 3, 2) texture coordinates; none without textures."""
+    texture_index: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    """(n,) as of `SceneMesh`; none without textures."""
+    textures: tuple[Texture, ...] = ()
+    samplings: tuple[TextureSampling, ...] = ()
+    """How each texture is sampled."""
 
     def __len__(self) -> int:
         """Number of triangles."""
@@ -132,22 +143,29 @@ def world_facets(dynamic_object: DynamicObject) -> _WorldFacets:
 
 
 def build_object_mesh(
-    parts: Iterable[tuple[Patch, Material]], *, is_smooth: bool = False
+    parts: Iterable[tuple[Patch, Material]],
+    *,
+    is_smooth: bool = False,
+    body: SceneMesh | None = None,
 ) -> ObjectMesh:
-    """Build the mesh of patches with their materials, in the object's frame; at least one patch.
+    """Build the mesh of patches with their materials, in the object's frame, not empty.
 
-    Where it is smooth, each patch is lit by `smooth_normals`.
+    Args:
+        parts: Patches with their materials, which have no textures.
+        is_smooth: Whether each patch is lit by `smooth_normals`.
+        body: Triangles before those of the patches, with textures and normals of their own, but
+            without holes, gloss and emission, and of one albedo each.
     """
     parts = tuple(parts)
-    assert all(material.texture is None for _, material in parts), (
-        "dynamic objects have no textures"
-    )
+    assert all(material.texture is None for _, material in parts), "patches have no textures"
     counts = [len(patch.corners) for patch, _ in parts]
-    corners = concatenate([patch for patch, _ in parts]).corners
+    corners = np.concatenate([np.zeros((0, 3, 3)), *(patch.corners for patch, _ in parts)])
     # Unit normals from the winding, as in scene_mesh; a degenerate triangle keeps a zero normal.
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
-    unlit = np.repeat([material.unlit for _, material in parts], counts)
+    unlit = np.repeat(np.array([material.unlit for _, material in parts], dtype=bool), counts)
+    albedo = np.array([material.albedo for _, material in parts]).reshape(-1, 3)
+    albedo = np.repeat(albedo, counts, axis=0)
     normals = cross / np.where(length > 0.0, length, 1.0)
     at_corners = bent = None
     if is_smooth:
@@ -155,18 +173,34 @@ def build_object_mesh(
         patches = [patch.corners for patch, _ in parts]
         at_corners = np.concatenate(list(map(smooth_normals, patches, of_parts)))
         bent = (at_corners != normals[:, None]).any(axis=(1, 2)) & ~unlit
+    looks: dict[str, Any] = {}
+    if body is not None:
+        looks = _find_looks(body, len(corners))
+        if at_corners is not None or body.corner_normals is not None:
+            flat = [np.repeat(of[:, None], 3, axis=1) for of in (body.normals, normals)]
+            own = (body.corner_normals, at_corners)
+            at_corners = np.concatenate(
+                [f if n is None else n for f, n in zip(flat, own, strict=True)]
+            )
+        corners = np.concatenate((body.corners, corners))
+        normals = np.concatenate((body.normals, normals))
+        albedo = np.concatenate((body.albedo, albedo))
+        unlit = np.concatenate((body.unlit, unlit))
+        if at_corners is not None:
+            bent = (at_corners != normals[:, None]).any(axis=(1, 2)) & ~unlit
     # The box's centre, a closed form; the smallest sphere has another.
     centre: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
     mesh = ObjectMesh(
         corners=corners,
         normals=normals,
-        albedo=np.repeat([material.albedo for _, material in parts], counts, axis=0),
+        albedo=albedo,
         unlit=unlit,
         centre=centre,
         radius_m=float(np.linalg.norm(corners - centre, axis=-1).max()),
         half_size_m=np.abs(corners - centre).max(axis=(0, 1)),
         corner_normals=at_corners,
         bent=bent,
+        **looks,
     )
     shared = (mesh.corners, mesh.normals, mesh.albedo, mesh.unlit, mesh.centre, mesh.half_size_m)
     smooth = () if at_corners is None or bent is None else (at_corners, bent)
@@ -174,6 +208,19 @@ def build_object_mesh(
         # Shared by all objects of a class and by caches that are keyed by the mesh.
         array.setflags(write=False)
     return mesh
+
+
+def _find_looks(body: SceneMesh, num_others: int) -> dict[str, Any]:
+    """Members of an object's textures, of a body before other triangles; none without textures."""
+    if not body.textures:
+        return {}
+    others = np.full(num_others, -1, dtype=np.int32)
+    return {
+        "uv": np.concatenate((body.uv, no_texture_coordinates(num_others))),
+        "texture_index": np.concatenate((body.texture_index, others)),
+        "textures": body.textures,
+        "samplings": body.samplings,
+    }
 
 
 class OrientedBox(NamedTuple):

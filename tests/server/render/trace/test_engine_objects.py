@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, MovingExposure
 from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.objects import CameraState, DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shapes import box, build_shape
 from catoptra_server.world.world_description import (
     Box,
@@ -24,6 +26,7 @@ from catoptra_server.world.world_description import (
     World,
 )
 from helpers.dynamic_objects import place_cube
+from helpers.mesh_file_samples import make_quadrant_image
 from helpers.trace_engines import (
     AT_ORIGIN,
     ENGINES,
@@ -143,3 +146,41 @@ def test_meshes_of_one_class_are_committed_once_for_all_frames(engine: EngineNam
         for _ in range(3):
             rays.render_srgb(replace(AT_ORIGIN, objects=(cube, twin)))
         assert opened.num_object_meshes == 1  # type: ignore[attr-defined]
+
+
+def test_textured_object_shows_what_the_same_item_of_the_scene_shows(
+    engine: EngineName, tmp_path: Path
+) -> None:
+    make_quadrant_image().save(tmp_path / "t.png")
+    material = Material((0.9, 0.8, 0.7), tmp_path / "t.png", tile_m=0.3)
+    crate = Item("crate", Box((0.8, 0.6, 0.4)), Pose.from_rpy((0.1, 0.0, 0.2)), material)
+    ball = replace(crate, name="ball", shape=Cylinder(0.3, 0.5), material=Material((0.3, 0.5, 0.2)))
+    place = Pose.from_rpy((2.0, 0.1, 0.3), (0.3, 0.2, 0.4))
+    lights = (HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3)), PointLight((0, 0, -1.0), (1,) * 3))
+    grid = np.linspace(-0.35, 0.35, 20)
+    # Beside each other in blocks of 4 x 4 rays, of which rows alone are filled here.
+    directions = np.array([(1.0, y, z) for z in grid for y in grid])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    mesh = build_object_mesh((), body=build_scene(World("body", (crate, ball))))
+    there = CameraState(Pose.identity(), (DynamicObject(mesh, place),))
+    # Parts of the way apart, at the place in the middle of the exposure.
+    aside = np.array((0.0, 0.1, 0.0))
+    before, after = (Pose(place.rotation, place.translation + by) for by in (-aside, aside))
+    moving = MovingExposure(
+        tuple(replace(there, objects=(DynamicObject(mesh, at),)) for at in (before, after))
+    )
+    for of in (lights[:1], lights):
+        items = tuple(
+            replace(item, world_from_item=place @ item.world_from_item) for item in (crate, ball)
+        )
+        expected = render_rays(engine, World("w", items, lights=of), directions)
+        assert np.unique(expected.round(2), axis=0).shape[0] > 10
+        for exposure in (there, moving):
+            seen = render_rays(
+                engine,
+                World("w", (), lights=of),
+                directions,
+                exposure=exposure,
+                times=np.full(len(directions), 0.5),
+            )
+            np.testing.assert_allclose(seen, expected, atol=2e-3)

@@ -18,6 +18,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.world.objects import CameraState, Shutter
+from helpers.dynamic_objects import build_textured_mesh
 from helpers.image_comparison import grey_levels
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
@@ -50,6 +51,9 @@ STATES = {
     "is fast": driving_camera_state(START, 2.0, 0.0),
     "turns": driving_camera_state(START, 0.3, 114.0),
     "passes an object": driving_camera_state(START, 0.5, 30.0, crossing_object(START)),
+    "passes a textured object": driving_camera_state(
+        START, 0.5, 30.0, replace(crossing_object(START), mesh=build_textured_mesh())
+    ),
 }
 
 

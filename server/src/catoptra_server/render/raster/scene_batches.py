@@ -4,13 +4,14 @@ Static triangles stand in batches, one for each texture. A batch has no more att
 no texture coordinates without a texture, no normals where light is constant over each triangle.
 Dynamic objects share one vertex buffer, written for every camera state that has any; without
 objects there is no buffer, no program and no draw call. Objects share the faces' program, and each
-triangle's light is computed at the object's current pose.
+triangle's light is computed at the object's current pose. Where some object has textures, all are
+drawn with one, white for triangles without, texture by texture.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
@@ -526,6 +527,9 @@ class DynamicObjectBuffer:
         self._spheres: _BoundingSpheres | None = None
         # Of the frame: some object has smooth facets.
         self._is_bent = False
+        # Likewise: some object has textures.
+        self._is_textured = False
+        self._textures: dict[ObjectMesh | None, list[moderngl.Texture]] = {}
         self._large_triangles: dict[ObjectMesh, LargeTriangles] = {}
 
     @property
@@ -543,8 +547,13 @@ class DynamicObjectBuffer:
     @property
     def _definitions(self) -> Definitions:
         """Definitions of the program that draws this frame's objects."""
-        lighting = self._lighting
-        return (*lighting.bent, *lighting.definitions) if self._is_bent else lighting.definitions
+        bent = self._lighting.bent if self._is_bent else ()
+        textured: Definitions = (("TEXTURED", 1),) if self._is_textured else ()
+        return (*bent, *textured, *self._lighting.definitions)
+
+    @property
+    def _has_normals(self) -> bool:
+        return self._is_bent or bool(self._lighting.definitions)
 
     def upload(self, objects: tuple[DynamicObject, ...], viewpoint: Floats) -> None:
         """Upload the objects of a camera state at their current poses.
@@ -557,22 +566,43 @@ class DynamicObjectBuffer:
             self._spheres = None
             return
         is_bent = any(dynamic_object.mesh.bent is not None for dynamic_object in objects)
-        if is_bent != self._is_bent:
-            self.close()  # the layout changes
-            self._is_bent = is_bent
-        data = [self._vertex_data(dynamic_object, viewpoint) for dynamic_object in objects]
+        is_textured = any(dynamic_object.mesh.textures for dynamic_object in objects)
+        if (is_bent, is_textured) != (self._is_bent, self._is_textured):
+            self._free_buffer()  # the layout changes
+            self._is_bent, self._is_textured = is_bent, is_textured
+        data: list[Floats] = []
+        owners: list[DynamicObject] = []
+        textures: list[moderngl.Texture | None] = []
+        for dynamic_object in objects:
+            for texture, values in self._vertex_data(dynamic_object, viewpoint):
+                data.append(values)
+                owners.append(dynamic_object)
+                textures.append(texture)
         self._spheres = _BoundingSpheres(
-            centres=np.array([dynamic_object.centre - self._origin for dynamic_object in objects]),
-            radii=np.array([dynamic_object.mesh.radius_m for dynamic_object in objects]),
+            centres=np.array([dynamic_object.centre - self._origin for dynamic_object in owners]),
+            radii=np.array([dynamic_object.mesh.radius_m for dynamic_object in owners]),
             offsets=np.cumsum([0, *(len(values) // 3 for values in data)]),
+            textures=textures,
         )
         self._write_vertices(np.concatenate(data))
 
-    def _vertex_data(self, dynamic_object: DynamicObject, viewpoint: Floats) -> Floats:
-        """(3 n, 9), (3 n, 15) or (3 n, 19) attributes of corners, split positions first."""
+    def _find_textures(self, mesh: ObjectMesh | None) -> list[moderngl.Texture]:
+        """Textures of a mesh; one white texture for None."""
+        if mesh not in self._textures:
+            white = np.full((1, 1, 3), 255, dtype=np.uint8)
+            looks = [(white, REPEATED)]
+            if mesh is not None:
+                looks = list(zip(mesh.textures, mesh.samplings, strict=True))
+            self._textures[mesh] = [upload_texture(self._context, *look) for look in looks]
+        return self._textures[mesh]
+
+    def _vertex_data(
+        self, dynamic_object: DynamicObject, viewpoint: Floats
+    ) -> Iterator[tuple[moderngl.Texture | None, Floats]]:
+        """Yield textures, and (3 n, k) attributes of their corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
         attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
-        if self._definitions:
+        if self._has_normals:
             # An albedo of zero for unlit materials spares the shader a branch.
             attributes += [
                 world_facets_of.normals,
@@ -590,7 +620,19 @@ class DynamicObjectBuffer:
             bent = _bent_normals(dynamic_object)[triangles]
             bent = bent if weights is None else weights @ bent
             vertices = np.concatenate((vertices, bent), axis=-1)
-        return vertices.reshape(-1, vertices.shape[-1])
+        if not self._is_textured:
+            yield None, vertices.reshape(-1, vertices.shape[-1])
+            return
+        mesh = dynamic_object.mesh
+        uv, index = np.zeros((len(mesh), 3, 2)), np.full(len(mesh), -1)
+        if mesh.textures:
+            uv, index = mesh.uv, mesh.texture_index
+        uv, index = uv[triangles], index[triangles]
+        vertices = np.concatenate((vertices, uv if weights is None else weights @ uv), axis=-1)
+        for number in np.unique(index).tolist():
+            of_mesh = self._find_textures(mesh if number >= 0 else None)
+            rows = vertices[index == number]
+            yield of_mesh[max(number, 0)], rows.reshape(-1, rows.shape[-1])
 
     def _split(
         self, dynamic_object: DynamicObject, viewpoint: Floats
@@ -610,7 +652,7 @@ class DynamicObjectBuffer:
         """Write the vertices; the buffer grows when necessary and never shrinks."""
         data = values.astype(np.float32).tobytes()
         if self._buffer is None or self._buffer.size < len(data):
-            self.close()
+            self._free_buffer()
             self._buffer = self._context.buffer(reserve=len(data), dynamic=True)
             self._vertices = self._vertex_array(self._buffer)
         # A new store instead of waiting until the last frame has been drawn from the old one.
@@ -620,10 +662,12 @@ class DynamicObjectBuffer:
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
         """Vertex array with the attributes of the lighting."""
         names, layout = ["position", "position_rest", "radiance"], f"{SPLIT_FORMAT} 3f"
-        if self._definitions:
+        if self._has_normals:
             names, layout = [*names, "normal", "lit_albedo"], f"{layout} 3f 3f"
         if self._is_bent:
             names, layout = [*names, "bent_normal", "bend"], f"{layout} 3f 1f"
+        if self._is_textured:
+            names, layout = [*names, "uv"], f"{layout} 2f"
         program = self._programs.get(ProgramSpec("face", "face", self._definitions))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
@@ -636,27 +680,39 @@ class DynamicObjectBuffer:
         # not unit, so the radius is scaled by their lengths.
         radii = np.outer(spheres.radii, np.linalg.norm(planes, axis=-1))
         visible = np.asarray(((spheres.centres - viewpoint) @ planes.T >= -radii).all(axis=-1))
-        runs = visible_runs(visible, spheres.offsets)
-        if runs:
+        if visible.any():
             set_uniform(self._vertices.program, "clip_from_scene", clip_from_scene.T)
-        if runs and self._is_bent:
+        if visible.any() and self._is_bent:
             self._lighting.set_lights(self._vertices.program)
-        for first, count in runs:
-            self._vertices.render(vertices=3 * count, first=3 * first)
-        return len(runs), sum(count for _, count in runs)
+        calls = triangles = 0
+        for texture in dict.fromkeys(spheres.textures):
+            has_texture = np.array([one is texture for one in spheres.textures])
+            if texture is not None:
+                texture.use(0)
+            for first, count in visible_runs(visible & has_texture, spheres.offsets):
+                self._vertices.render(vertices=3 * count, first=3 * first)
+                calls, triangles = calls + 1, triangles + count
+        return calls, triangles
 
     def draw_positions(self, program: moderngl.Program) -> None:
         """Draw all objects by a program that reads nothing but split positions."""
         if self._buffer is None or self._spheres is None:
             return
-        rest = (36 if self._definitions else 12) + (16 if self._is_bent else 0)
+        rest = 36 if self._has_normals else 12
+        rest += 16 * self._is_bent + 8 * self._is_textured
         attributes = (self._buffer, f"{SPLIT_FORMAT} {rest}x", "position", "position_rest")
         vertices = self._context.vertex_array(program, [attributes])
         vertices.render(vertices=3 * int(self._spheres.offsets[-1]))
         vertices.release()
 
     def close(self) -> None:
-        """Free the buffer, if any; the program belongs to the context."""
+        """Free buffer and textures, if any; the program belongs to the context."""
+        self._free_buffer()
+        for texture in (one for of_mesh in self._textures.values() for one in of_mesh):
+            texture.release()
+        self._textures = {}
+
+    def _free_buffer(self) -> None:
         if self._vertices is not None:
             self._vertices.release()
         if self._buffer is not None:
@@ -674,3 +730,5 @@ class _BoundingSpheres:
     """(n,) radii, metres."""
     offsets: Indices
     """(n + 1,) first triangle of each object, and the number of all."""
+    textures: list[moderngl.Texture | None]
+    """Texture of each; objects with several are listed once for each."""

@@ -104,7 +104,7 @@ class LitScene:
 
     def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
         """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
-        for program in self.batches.programs:
+        for program in self.batches.programs | self.dynamic_objects.programs:
             set_spacing(program, spacing, axis)
 
     def close(self) -> None:

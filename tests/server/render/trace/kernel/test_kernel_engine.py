@@ -28,7 +28,7 @@ from catoptra_server.render.trace.trace_engine import (
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
-from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.dynamic_objects import TWO_ROBOTS, build_textured_mesh
 from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
 from helpers.trace_kernels import make_omni_table, open_kernel
 from helpers.worlds import (
@@ -54,17 +54,34 @@ def make_cases(folder: Path) -> dict[str, Case]:
     """Worlds with every kind of surface and light, and exposures of them."""
     textured = make_test_world(lights=LIGHTS, texture=write_smooth_texture(folder / "t.png"))
     moved = CameraState(CAMERA_STATE.world_from_mirror @ Pose.from_rpy((0.1, 0, 0), (0, 0, 0.1)))
+    bodies = tuple(replace(robot, mesh=build_textured_mesh()) for robot in TWO_ROBOTS)
     return {
         "field": (read_world(scenes.FIELD)[0], scenes.CAMERA_STATE),
         "corridor": (read_world(scenes.CORRIDOR)[0], scenes.CAMERA_STATE),
         "lights and texture": (textured, CAMERA_STATE),
         "robots": (textured, replace(CAMERA_STATE, objects=TWO_ROBOTS)),
         "shadows": (textured, replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True)),
+        "textured robots": (textured, replace(CAMERA_STATE, objects=bodies)),
         "motion": (textured, MovingExposure((CAMERA_STATE, moved))),
+        "textured motion": (
+            textured,
+            MovingExposure(
+                tuple(replace(state, objects=bodies) for state in (CAMERA_STATE, moved))
+            ),
+        ),
     }
 
 
-CASES = ("field", "corridor", "lights and texture", "robots", "shadows", "motion")
+CASES = (
+    "field",
+    "corridor",
+    "lights and texture",
+    "robots",
+    "shadows",
+    "motion",
+    "textured robots",
+    "textured motion",
+)
 
 
 @pytest.fixture

@@ -130,10 +130,16 @@ def object_arrays(mesh: ObjectMesh) -> OwningStruct:
     flags = mesh.unlit * np.uint8(FACET_UNLIT)
     if mesh.bent is not None:
         flags |= mesh.bent * np.uint8(FACET_SMOOTH)
-    at_corners = _float32(mesh.corner_normals)
-    return _mesh_arrays(
-        mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags, corner_normals=at_corners
-    )
+    members: dict[str, npt.NDArray[Any] | None] = {"corner_normals": _float32(mesh.corner_normals)}
+    owners: tuple[object, ...] = ()
+    if mesh.textures:
+        textures = texture_array(mesh)
+        owners = (textures.struct, *textures.owners)
+        flags |= (mesh.texture_index >= 0) * np.uint8(FACET_TEXTURED)
+        structs = np.frombuffer(memoryview(textures.struct), dtype=np.uint8)
+        members |= {"uv": mesh.uv, "texture": mesh.texture_index, "textures": structs}
+    owned = _mesh_arrays(mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags, **members)
+    return OwningStruct(owned.struct, (*owned.owners, *owners))
 
 
 def caster_arrays(
@@ -284,9 +290,9 @@ def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
 
 
 def texture_array(
-    scene: SceneMesh, find_levels: Callable[[Texture], Levels] = build_levels
+    scene: SceneMesh | ObjectMesh, find_levels: Callable[[Texture], Levels] = build_levels
 ) -> OwningStruct:
-    """Textures of a scene at their levels; an image that is sampled in two ways is there once."""
+    """Textures at their levels; an image that is sampled in two ways is there once."""
     images = {id(image): image for image in scene.textures}
     light = np.rint(_MAX_TEXEL * light_of_bytes())
     num_texels = sum(image.shape[0] * image.shape[1] for image in images.values())

@@ -7,6 +7,7 @@ each ray's time in an exposure.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -96,6 +97,15 @@ class PlacedMesh:
     """Geometry and materials."""
     world_from_mesh: _Affine
     """One transform, or one for each ray."""
+
+    def albedo_at(self, hits: FirstHits, rays: WorldRays) -> Floats:
+        """(n, 3) albedo where rays meet the mesh, by a texture if any."""
+        turn = self.world_from_mesh.inverse_vectors
+        right, below = (turn(step) for step in rays.steps.swapaxes(0, 1))
+        steps = np.stack((right, below), axis=1)
+        return self.mesh.albedo_at(
+            hits, replace(rays, directions=turn(rays.directions), steps=steps)
+        )
 
     def take(self, rays: npt.NDArray[np.intp]) -> PlacedMesh:
         """The same mesh among some of the rays."""
@@ -287,7 +297,18 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
 def trace_object(mesh: ObjectMesh, lights: tuple[Light, ...]) -> TracedMesh:
     """A dynamic object's mesh, in the object's frame."""
     surface = TriangleSearch(mesh.corners)
-    return TracedMesh(surface, surface, mesh, lights, corner_normals=mesh.corner_normals)
+    return TracedMesh(
+        surface,
+        surface,
+        mesh,
+        lights,
+        corner_normals=mesh.corner_normals,
+        texture_index=mesh.texture_index if mesh.textures else None,
+        uv=mesh.uv,
+        textures=tuple(map(build_levels, mesh.textures)),
+        samplings=mesh.samplings,
+        uv_gradients=uv_gradients(mesh.corners, mesh.uv) if mesh.textures else None,
+    )
 
 
 def interpolate_poses(poses: Sequence[Pose], times: Floats | None) -> _Affine:

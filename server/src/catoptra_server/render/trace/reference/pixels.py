@@ -192,7 +192,7 @@ def _shade_mesh(
         sky = facet_irradiance(hemisphere_lights(mesh.lights), points.normals)
         irradiance -= (1.0 - factors) * sky
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
-    radiance = mesh.albedo_at(hits, rays) * irradiance
+    radiance = meshes[number].albedo_at(hits, rays) * irradiance
     return radiance if mesh.emission is None else radiance + mesh.emission[hits.triangle]
 
 

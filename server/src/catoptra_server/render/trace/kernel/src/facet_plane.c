@@ -24,19 +24,14 @@ static void find_offsets(const FrameState *state, int32_t triangle, const double
     plane->v_offset = (float)(v - floor(v));
 }
 
-FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    static const double untextured[6] = {0, 0, 0, 0, 0, 0};
-    const double *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
-    Vec3 first = scene_corner(state, triangle, 0);
-    Vec3 edge_u = subtract(scene_corner(state, triangle, 1), first);
-    Vec3 edge_v = subtract(scene_corner(state, triangle, 2), first);
+FacetPlane span_plane(Vec3 first, Vec3 second, Vec3 third, const double *uv) {
+    Vec3 edge_u = subtract(second, first), edge_v = subtract(third, first);
     Vec3 normal = cross(edge_u, edge_v);
     /* The dual of the edges within the plane: barycentric weights are its products with points. */
     float inverse = 1.0f / dot(normal, normal);
     Vec3 dual_u = scale(inverse, cross(edge_v, normal));
     Vec3 dual_v = scale(inverse, cross(normal, edge_u));
-    FacetPlane plane = {
+    return (FacetPlane){
         .first = first,
         .normal = normal,
         .u_gradient = add(scale((float)(uv[2] - uv[0]), dual_u),
@@ -46,6 +41,14 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
         .u_offset = (float)uv[0],
         .v_offset = (float)uv[1],
     };
+}
+
+FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    static const double untextured[6] = {0, 0, 0, 0, 0, 0};
+    const double *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
+    FacetPlane plane = span_plane(scene_corner(state, triangle, 0), scene_corner(state, triangle, 1),
+                                  scene_corner(state, triangle, 2), uv);
     if (mesh->fine_corners) {
         plane.first = plane_point(state, triangle);
         find_offsets(state, triangle, uv, &plane);

@@ -15,6 +15,9 @@ typedef struct FacetPlane {
 
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 
+/* Plane of corners in the frame's coordinates with their (3, 2) texture coordinates. */
+FacetPlane span_plane(Vec3 first, Vec3 second, Vec3 third, const double *uv);
+
 /* Distances at which rays meet the plane. */
 void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
 

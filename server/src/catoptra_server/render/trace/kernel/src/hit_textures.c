@@ -9,21 +9,46 @@
 
 #include <string.h>
 
-/* Coordinates and footprints of the hits with one facet, a bit mask of which is returned: vector
- * code for all rays of the block, kept where they meet the facet. */
+static const Texture *texture_of_facet(const FrameState *state, int object, int32_t triangle) {
+    const MeshArrays *mesh = mesh_of(state, object);
+    const Texture *textures = object == OBJECT_STATIC ? state->scene->textures : mesh->textures;
+    return textures + mesh->texture[triangle];
+}
+
+/* Plane of a facet that a ray meets at a time. */
+static FacetPlane find_plane_at(const FrameState *state, int object, int32_t triangle, float time) {
+    if (object == OBJECT_STATIC)
+        return find_facet_plane(state, triangle);
+    const MeshArrays *mesh = mesh_of(state, object);
+    const float *corners = mesh->corners + 9 * (size_t)triangle;
+    const Frame *frame = state->frame;
+    Pose pose = frame->object_poses[object - 1];
+    if (frame->num_poses > 1)
+        pose_at(frame->object_poses + object - 1, frame->num_poses, frame->num_objects, time, &pose);
+    Vec3 offset = vec3(pose.translation), placed[3];
+    for (int i = 0; i < 3; i++)
+        placed[i] = add(rotate(pose.rotation, vec3(corners + 3 * i)), offset);
+    return span_plane(placed[0], placed[1], placed[2], mesh->uv + 6 * (size_t)triangle);
+}
+
+/* Coordinates and footprints of the hits with the facet of one lane, a bit mask of which is
+ * returned: vector code for all rays of the block, kept where they meet the facet. */
 static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
                                   const HitBlock *hits, const HitPoints *at,
-                                  const RaySteps *ray_steps, int32_t triangle,
-                                  TexturePoints *points) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    const TextureLevel *image = state->scene->textures[mesh->texture[triangle]].levels;
-    FacetPlane plane = find_facet_plane(state, triangle);
+                                  const RaySteps *ray_steps, int lane, TexturePoints *points) {
+    int32_t triangle = hits->triangle[lane], object = hits->object[lane];
+    const TextureLevel *image = texture_of_facet(state, object, triangle)->levels;
+    FacetPlane plane = find_plane_at(state, object, triangle, rays->time[lane]);
+    /* Each ray meets a moving object at a place of its own. */
+    int is_moving = object != OBJECT_STATIC && state->frame->num_poses > 1;
+    uint32_t mask = is_moving ? 1u << lane : find_same(hits, lane);
+    _Alignas(64) int32_t here[BLOCK_RAYS];
+    store_ints16(mask16(mask), here);
     PlaneSteps steps = find_plane_steps(&plane, ray_steps, image);
     Vec3 n = plane.normal, gu = scale((float)image->width, plane.u_gradient);
     Vec3 gv = scale((float)image->height, plane.v_gradient);
-    uint32_t mask = 0;
     for (int i = 0; i < BLOCK_RAYS; i++) {
-        int is_here = hits->triangle[i] == triangle;
+        int is_here = here[i];
         float x = rays->direction[0][i], y = rays->direction[1][i], z = rays->direction[2][i];
         Footprint footprint = find_footprint(
             &steps, at->distance[i], 1.0f / (n.x * x + n.y * y + n.z * z),
@@ -36,8 +61,6 @@ static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
         points->squares[i] = is_here ? footprint.squares : points->squares[i];
         points->area[i] = is_here ? footprint.area : points->area[i];
     }
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        mask |= (uint32_t)(hits->triangle[i] == triangle) << i;
     return mask;
 }
 
@@ -46,10 +69,9 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
                                 const SurfaceBlock *surface, TexturePoints *points) {
     RaySteps steps = find_ray_steps(state, rays);
     memset(points, 0, sizeof *points);
-    /* Objects have no textures: a triangle's number is one of the static scene. */
     for (uint32_t left = surface->textured; left;)
         left &= ~find_facet_points(state, rays, hits, &surface->points, &steps,
-                                   hits->triangle[__builtin_ctz(left)], points);
+                                   __builtin_ctz(left), points);
 }
 
 /* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
@@ -173,8 +195,7 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
     measure_footprints(&points);
     for (uint32_t left = surface->textured; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        int32_t number = state->scene->mesh->arrays.texture[hits->triangle[lane]];
-        from.own[lane] = state->scene->textures + number;
+        from.own[lane] = texture_of_facet(state, hits->object[lane], hits->triangle[lane]);
     }
     set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
     PlacedTexels placed;

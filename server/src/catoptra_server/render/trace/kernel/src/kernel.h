@@ -82,7 +82,7 @@ typedef struct {
     /* (n,) whether facets with coverage let what lies behind through, by an opacity of half of it;
      * or NULL. */
     const uint8_t *blended;
-    const Texture *textures; /* of `texture`, for holes; or NULL */
+    const Texture *textures; /* of `texture`, for holes and of objects; or NULL */
     const float *gloss; /* (n, 2) reflectance along the normal, 0 for matt; roughness. Or NULL */
 } MeshArrays;
 

@@ -45,7 +45,7 @@ int is_tabulated(const FrameState *state, int object, int triangle) {
     if (object != OBJECT_STATIC)
         return object == OBJECT_NONE ||
                (state->object_radiance &&
-                !(mesh_of(state, object)->flags[triangle] & FACET_COMPUTED));
+                !(mesh_of(state, object)->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED)));
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (mesh->flags[triangle] & (FACET_TEXTURED | FACET_COMPUTED))
         return 0;
