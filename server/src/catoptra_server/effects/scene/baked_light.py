@@ -38,10 +38,10 @@ def find_grid_changes(ranges: Floats, gains: Gains) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class LightBake:
+class BakedLight:
     """Baked light by the nodes of grids. No parameters: the world's file has the light."""
 
-    name: ClassVar[str] = "LightBake"
+    name: ClassVar[str] = "BakedLight"
     changes_scene: ClassVar[bool] = True
     gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"light_bake", "open_irradiance"})
@@ -68,4 +68,4 @@ class LightBake:
         return camera_state
 
 
-EFFECT_TYPE = EffectType("LightBake", LightBake)
+EFFECT_TYPE = EffectType("BakedLight", BakedLight)
