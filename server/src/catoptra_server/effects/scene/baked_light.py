@@ -33,7 +33,7 @@ def find_grid_changes(ranges: Floats, gains: Gains) -> Floats:
         gains: Factors from the scene's light to that of the finished picture.
     """
     changes = find_changes(ranges[[0, 2]], ranges[[1, 1]], (0.0, gains[1]))
-    largest: Floats = _JUMP * changes.max(axis=(0, 2), initial=0.0)
+    largest: Floats = np.minimum(_JUMP * changes.max(axis=(0, 2), initial=0.0), 255.0)
     return largest
 
 
