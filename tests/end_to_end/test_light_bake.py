@@ -11,7 +11,7 @@ from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.config.known_names import find_configuration
 from helpers.server_process import start_server
 
-STAGE = "of 256 rays a node"
+STAGE = "rays a node, up to 256"
 
 
 def test_refined_light_is_a_new_picture_and_is_kept_for_the_next_start(

@@ -142,7 +142,7 @@ def test_cameras_name_what_the_light_of_the_world_adds(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     robot = write_small_robot(tmp_path)
-    for words, expected in (((), ["SelfView"]), (("LightBake=on",), ["SelfView", "LightBake"])):
+    for words, expected in (((), ["SelfView"]), (("LightBake=on",), ["SelfView", "BakedLight"])):
         world = write_small_world(tmp_path, "Rectangles=(Size=(X=4,Y=4))", *words)
         (settings,) = read_startup_config([robot], world).effect_settings
         assert [one.effect.name for one in settings.settings] == expected

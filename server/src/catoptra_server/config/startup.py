@@ -65,7 +65,9 @@ class StartupConfig:
 
     def name_world_effects(self) -> StartupConfig:
         """The same with rows for what the world's light adds to the pictures of all cameras."""
-        names = ["LightBake"] * self.world.light_bake + ["Sky"] * (self.world.sky is not None)
+        names = ["BakedLight"] * self.world.light_bake + ["SkyRadiance"] * (
+            self.world.sky is not None
+        )
         return replace(self, robots=tuple(_name_effects(robot, names) for robot in self.robots))
 
     @property

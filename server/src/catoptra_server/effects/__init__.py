@@ -148,7 +148,7 @@ class ImageEffect(Effect, Protocol):
         """Return the changed image, a new array of the same type."""
 
 
-WORLD_EFFECTS = {"LightBake": "has_light_bake", "Sky": "has_sky"}
+WORLD_EFFECTS = {"BakedLight": "has_baked_light", "SkyRadiance": "has_sky"}
 """Effects that a world's file asks for, with their field of a `CameraState`: drawn where nobody
 names them."""
 
@@ -535,8 +535,8 @@ EFFECT_TYPES: LazyTable[EffectType] = LazyTable(
     {
         "SelfView": "scene.self_view.EFFECT_TYPE",
         "Shadows": "scene.shadows.EFFECT_TYPE",
-        "LightBake": "scene.light_bake.EFFECT_TYPE",
-        "Sky": "scene.sky.EFFECT_TYPE",
+        "BakedLight": "scene.baked_light.EFFECT_TYPE",
+        "SkyRadiance": "scene.sky_radiance.EFFECT_TYPE",
         "Gloss": "scene.gloss.EFFECT_TYPE",
         "Fog": "scene.fog.EFFECT_TYPE",
         "RollingShutter": "scene.rolling_shutter.EFFECT_TYPE",

@@ -358,7 +358,7 @@ class CameraState:
     """Whether surfaces occlude directional and point lights."""
     has_gloss: bool = False
     """Whether glossy surfaces show what they mirror."""
-    has_light_bake: bool = True
+    has_baked_light: bool = True
     """Whether baked light differs between the points of a surface, where a world has any."""
     has_sky: bool = True
     """Whether the sky differs by direction, where a world has one."""

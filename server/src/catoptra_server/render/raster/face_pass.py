@@ -109,7 +109,7 @@ class FacePass(Generic[_LayoutT]):
         scene.dynamic_objects.upload(camera_state.objects, pose.translation)
         definitions = () if self._layers is None else self._layers.definitions
         batches = scene.batches.layer_batches(definitions) if definitions else []
-        scene.batches.set_light(has_bake=camera_state.has_light_bake)
+        scene.batches.set_light(has_bake=camera_state.has_baked_light)
         scene.set_frame(viewpoint)
         scene.set_fog(camera_state.fog)
         scene.set_spacing(self._spacing, pose.rotation[:, 2])

@@ -22,8 +22,8 @@ from catoptra_server.render.trace.occlusion import light_bake
 from catoptra_server.render.trace.occlusion.light_bake import (
     MAX_PASSES,
     RAYS_PER_PASS,
-    BakedLight,
     LightBake,
+    NodeLight,
     add_lights,
     bake_light,
 )
@@ -117,7 +117,7 @@ def test_bytes_depend_on_neither_threads_nor_processor() -> None:
     assert len(digests) == 1
 
 
-def find_nodes(light: BakedLight) -> Bools:
+def find_nodes(light: NodeLight) -> Bools:
     is_node = np.zeros(light.error.shape[:2], dtype=bool)
     for left, top, right, bottom in light.occlusion.bounds.tolist():
         is_node[top : bottom + 1, left : right + 1] = True
@@ -203,8 +203,8 @@ def test_light_that_is_the_same_everywhere_is_looked_up_nowhere() -> None:
         rays = engine.prepare(make_omni_table(width_px=64))
         exposure = CameraState(Pose.from_rpy((0.1, 0.0, -1.5)))
         light = rays.render_linear(exposure)
-        threshold = {"LightBake": Threshold(1.0)}
-        change = rays.render(exposure, TraceRequest(thresholds=threshold)).changes["LightBake"]
+        threshold = {"BakedLight": Threshold(1.0)}
+        change = rays.render(exposure, TraceRequest(thresholds=threshold)).changes["BakedLight"]
     # Of its own 0.25, and half of 0.5.
     np.testing.assert_allclose(light[light > 0.0], 0.5, rtol=2e-5)
     assert change.largest == 0.0
@@ -218,28 +218,28 @@ def bake_lamp_world() -> tuple[SceneMesh, World]:
 def test_surfaces_have_their_mean_light_where_the_effect_is_left_out() -> None:
     scene, world = bake_lamp_world()
     exposure = CameraState(Pose.from_rpy((0.31, 0.17, -0.9), (0.02, -0.03, 0.3)), TWO_ROBOTS)
-    plain = replace(exposure, has_light_bake=False)
+    plain = replace(exposure, has_baked_light=False)
     table = make_omni_table(width_px=96, samples=2)
     pictures, changes = [], []
     for name in ENGINES:
         with open_engine(name, world, scene=scene) as engine:
             rays = engine.prepare(table)
             pictures.append(rays.render_srgb(plain))
-            request = TraceRequest(is_linear=True, thresholds={"LightBake": Threshold(1.0)})
+            request = TraceRequest(is_linear=True, thresholds={"BakedLight": Threshold(1.0)})
             frame = rays.render(exposure, request)
             change = measure_change(frame.image, rays.render_linear(plain)).largest
-            changes.append((change, frame.changes["LightBake"].largest))
+            changes.append((change, frame.changes["BakedLight"].largest))
     # Edges round to other surfaces; a pixel's centre in place of its samples' mean.
     assert np.percentile(level_differences(*pictures), 99.5) <= 1
     (in_pixels, of_grids), (in_own, stated) = sorted(changes, key=lambda one: one[0] == one[1])
     assert in_own == pytest.approx(stated)
     assert 10.0 < in_pixels <= of_grids
-    (bound,) = (one.bound for one in decide(scene, world, exposure) if one.effect == "LightBake")
+    (bound,) = (one.bound for one in decide(scene, world, exposure) if one.effect == "BakedLight")
     assert of_grids <= bound
 
 
 def decide(scene: SceneMesh, world: World, state: CameraState) -> tuple[EffectDecision, ...]:
-    settings = name_effect(name_effect(EffectSettings(), "Sky"), "LightBake")
+    settings = name_effect(name_effect(EffectSettings(), "SkyRadiance"), "BakedLight")
     summary = SceneSummarizer(scene, world).summarize(state, CAMERA)
     return plan_effects(settings, summary, CAMERA).decisions
 
@@ -253,7 +253,7 @@ def test_light_is_baked_into_raster_as_into_trace() -> None:
         plan = make_plan(CAMERA, samples=4, face_size_px=512, face_samples=4)
         view = renderer.prepare(CAMERA, plan)
         rays = engine.prepare(omni_ray_table(CAMERA, plan))
-        for state in (exposure, replace(exposure, has_light_bake=False)):
+        for state in (exposure, replace(exposure, has_baked_light=False)):
             difference = level_differences(view.render(state).rgb, rays.render_srgb(state))
             assert np.percentile(difference, 95) <= 2
 

@@ -140,8 +140,8 @@ class KernelRays:
         is_blurred = shutter is not None and shutter.exposure_s > 0.0
         changes = _read_changes(self._num_pixels, state, counts, request.thresholds)
         if len(seen):
-            gains = request.thresholds["LightBake"].gains
-            changes["LightBake"] = self._engine.measure_bake(seen, gains)
+            gains = request.thresholds["BakedLight"].gains
+            changes["BakedLight"] = self._engine.measure_bake(seen, gains)
         return TracedFrame(
             image,
             changes,
@@ -426,7 +426,7 @@ class KernelEngine:
             state: The state.
             seen: (m,) becomes 1 at the grids of baked light that are seen; none: nobody asks.
         """
-        has_mean = self.scene.baked_light is not None and not state.has_light_bake
+        has_mean = self.scene.baked_light is not None and not state.has_baked_light
         if not has_mean and not len(seen) and (state.has_sky or self._world.sky is None):
             return self._scene
         scene = SceneStruct.from_buffer_copy(self._scene)
@@ -518,7 +518,7 @@ class KernelEngine:
     ) -> npt.NDArray[np.uint8]:
         """(m,) 0 for each grid of baked light, where a frame decides on it; else none."""
         occlusion = self.scene.baked_light
-        if occlusion is None or not (state.has_light_bake and _measures(thresholds, "LightBake")):
+        if occlusion is None or not (state.has_baked_light and _measures(thresholds, "BakedLight")):
             return _NO_GRIDS
         return np.zeros(len(occlusion.bounds), dtype=np.uint8)
 
@@ -528,7 +528,7 @@ class KernelEngine:
         assert occlusion is not None and occlusion.ranges is not None, "grids have been seen"  # noqa: PT018
         if gains not in self._grid_changes:
             # Loaded with the first map of baked light.
-            from catoptra_server.effects.scene.light_bake import find_grid_changes
+            from catoptra_server.effects.scene.baked_light import find_grid_changes
 
             ranges = occlusion.ranges * np.array(open_irradiance(self._world.lights))
             self._grid_changes = {gains: find_grid_changes(ranges, gains)}

@@ -28,7 +28,7 @@ from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import UNCHANGED, VISIBLE_LEVELS
-from catoptra_server.effects.scene.light_bake import find_grid_changes
+from catoptra_server.effects.scene.baked_light import find_grid_changes
 from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
 from catoptra_server.render.trace.kernel.kernel_structs import (
     LIGHT_DIRECTIONAL,
@@ -105,7 +105,7 @@ _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BakedLight:
+class NodeLight:
     """Light of a scene's surfaces."""
 
     occlusion: OcclusionMap
@@ -164,7 +164,7 @@ class BakedLight:
         return find_ranges(self._light, error, self._grid) / self.brightest
 
 
-def add_lights(parts: Mapping[str, BakedLight], factors: Mapping[str, float]) -> BakedLight:
+def add_lights(parts: Mapping[str, NodeLight], factors: Mapping[str, float]) -> NodeLight:
     """Sum of the lights of groups, brighter by a factor each; 1 where none is named."""
     if len(parts) == 1:
         return parts[""]
@@ -175,7 +175,7 @@ def add_lights(parts: Mapping[str, BakedLight], factors: Mapping[str, float]) ->
     at_nodes = light[first._grid >= 0]
     brightest = np.maximum(at_nodes.max(axis=0, initial=0.0), _LEAST_LIGHT)
     texels = np.rint(np.minimum(light / brightest, 1.0) * OPEN_LIGHT).astype(np.uint16)
-    return BakedLight(
+    return NodeLight(
         replace(first.occlusion, texels=np.ascontiguousarray(np.moveaxis(texels, -1, 0))),
         brightest,
         sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
@@ -223,7 +223,7 @@ def bake_light(
     *,
     threads: int,
     instruction_set: str | None = None,
-) -> BakedLight:
+) -> NodeLight:
     """Light of a scene from a number of passes, two at least; errors as of `LightBake`."""
     bake = LightBake(
         scene, world, threads=threads, max_passes=passes, instruction_set=instruction_set
@@ -350,14 +350,14 @@ class LightBake:
         self._device.bake(self._job)
         self.num_passes += 1
 
-    def count_passes(self, light: BakedLight) -> int:
+    def count_passes(self, light: NodeLight) -> int:
         """Passes from which the stated error of light so far is `MAX_ERROR`, or all."""
         # Errors fall with the square root of the number of rays.
         needed = self.num_passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
         return min(math.ceil(needed), len(self._light))
 
     @np.errstate(under="ignore")  # an underflow is black
-    def gather(self, group: str | None = None) -> BakedLight:
+    def gather(self, group: str | None = None) -> NodeLight:
         """Light of the scene after all bounces, from the passes so far; two at least.
 
         Args:
@@ -480,7 +480,7 @@ class LightBake:
         )
         self._device.gather(job)
 
-    def _finish(self, passes: _Float32s, is_inside: Bools) -> BakedLight:
+    def _finish(self, passes: _Float32s, is_inside: Bools) -> NodeLight:
         """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
         grid, layout = self._grid_at, self._layout
         shape = (*self._is_node.shape, 3)
@@ -523,7 +523,7 @@ class LightBake:
         texels = np.ascontiguousarray(texels)
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)
-        return BakedLight(self._make_map(texels), brightest, sky, stated)
+        return NodeLight(self._make_map(texels), brightest, sky, stated)
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""

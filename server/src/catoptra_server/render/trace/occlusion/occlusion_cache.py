@@ -29,7 +29,7 @@ from catoptra_server.world.triangles import row_blocks, triangle_boxes
 from catoptra_server.world.world_description import HemisphereLight, World
 
 if TYPE_CHECKING:
-    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+    from catoptra_server.render.trace.occlusion.light_bake import NodeLight
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
 
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
 
-    def apply(parts: Mapping[str, BakedLight]) -> LitWorld:
+    def apply(parts: Mapping[str, NodeLight]) -> LitWorld:
         def mix(factors: Mapping[str, float]) -> tuple[SceneMesh, World]:
             return light_bake.add_lights(parts, factors).apply(scene, world)
 
@@ -141,22 +141,22 @@ class LitWorld:
 
 def _read_light(
     cache: ArrayCache, key: str, num_triangles: int, names: Sequence[str]
-) -> dict[str, BakedLight] | None:
+) -> dict[str, NodeLight] | None:
     """Baked light of groups by their names."""
     size = len(_ARRAYS) + len(_LIGHT_ARRAYS)
     arrays = cache.read(key, size * len(names))
     if arrays is None:
         return None
-    from catoptra_server.render.trace.occlusion.light_bake import BakedLight
+    from catoptra_server.render.trace.occlusion.light_bake import NodeLight
 
     parts = {}
     for number, name in enumerate(names):
         own = arrays[size * number : size * (number + 1)]
-        parts[name] = BakedLight(_make_map(own), *own[len(_ARRAYS) :])
+        parts[name] = NodeLight(_make_map(own), *own[len(_ARRAYS) :])
     return parts if all(_is_sound(one.occlusion, num_triangles) for one in parts.values()) else None
 
 
-def _store_light(cache: ArrayCache, key: str, parts: Mapping[str, BakedLight]) -> None:
+def _store_light(cache: ArrayCache, key: str, parts: Mapping[str, NodeLight]) -> None:
     """Store baked light of groups."""
     arrays = []
     for light in parts.values():

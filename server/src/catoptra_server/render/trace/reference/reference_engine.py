@@ -126,7 +126,7 @@ class ReferenceEngine:
     def _find_scene(self, state: CameraState) -> TracedMesh:
         """The static scene, with one light on each grid where a state has no more."""
         occlusion = self._scene.occlusion
-        if state.has_light_bake or occlusion is None or occlusion.ranges is None:
+        if state.has_baked_light or occlusion is None or occlusion.ranges is None:
             return self._scene
         return replace(self._scene, occlusion=occlusion.average())
 
@@ -209,11 +209,13 @@ class _ReferenceRays:
             changes["Fog"] = self._measure(sharp, request.thresholds["Fog"], fog=None)
         if "Gloss" in measured and first_state(exposure).has_gloss:
             changes["Gloss"] = self._measure(sharp, request.thresholds["Gloss"], has_gloss=False)
-        if "LightBake" in measured and first_state(exposure).has_light_bake:
-            threshold = request.thresholds["LightBake"]
-            changes["LightBake"] = self._measure(sharp, threshold, has_light_bake=False)
-        if "Sky" in measured and first_state(exposure).has_sky:
-            changes["Sky"] = self._measure(sharp, request.thresholds["Sky"], has_sky=False)
+        if "BakedLight" in measured and first_state(exposure).has_baked_light:
+            threshold = request.thresholds["BakedLight"]
+            changes["BakedLight"] = self._measure(sharp, threshold, has_baked_light=False)
+        if "SkyRadiance" in measured and first_state(exposure).has_sky:
+            changes["SkyRadiance"] = self._measure(
+                sharp, request.thresholds["SkyRadiance"], has_sky=False
+            )
         if "SelfView" in measured and (number := find_ego_body(exposure)):
             threshold = request.thresholds["SelfView"]
             changes["SelfView"] = self._measure(sharp, threshold, unseen=number)

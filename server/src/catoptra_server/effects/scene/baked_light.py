@@ -33,15 +33,15 @@ def find_grid_changes(ranges: Floats, gains: Gains) -> Floats:
         gains: Factors from the scene's light to that of the finished picture.
     """
     changes = find_changes(ranges[[0, 2]], ranges[[1, 1]], (0.0, gains[1]))
-    largest: Floats = _JUMP * changes.max(axis=(0, 2), initial=0.0)
+    largest: Floats = np.minimum(_JUMP * changes.max(axis=(0, 2), initial=0.0), 255.0)
     return largest
 
 
 @dataclass(frozen=True, slots=True)
-class LightBake:
+class BakedLight:
     """Baked light by the nodes of grids. No parameters: the world's file has the light."""
 
-    name: ClassVar[str] = "LightBake"
+    name: ClassVar[str] = "BakedLight"
     changes_scene: ClassVar[bool] = True
     gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"light_bake", "open_irradiance"})
@@ -68,4 +68,4 @@ class LightBake:
         return camera_state
 
 
-EFFECT_TYPE = EffectType("LightBake", LightBake)
+EFFECT_TYPE = EffectType("BakedLight", BakedLight)

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.kernels.grey_levels import find_changes
-from catoptra_server.effects.scene.sky import Sky
+from catoptra_server.effects.scene.sky_radiance import SkyRadiance
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.image_comparison import level_differences
@@ -33,7 +33,7 @@ UNDER_NONE = replace(CAMERA_STATE, has_sky=False)
 def test_sky_when_left_out_is_its_mean_and_changes_no_more_than_bound(engine: EngineName) -> None:
     world = under_sky(make_test_world(), make_smooth_sky())
     summary = SceneSummary(1.0, background_radiance=world.background_range)
-    bound = Sky().bound(summary, CAMERA).value
+    bound = SkyRadiance().bound(summary, CAMERA).value
     with open_engine(engine, world) as opened:
         rays = opened.prepare(make_omni_table(width_px=64))
         with_sky, without = map(rays.render_linear, (CAMERA_STATE, UNDER_NONE))
@@ -59,5 +59,8 @@ def test_raster_shows_the_mean_where_the_sky_is_left_out() -> None:
 
 def test_background_of_one_colour_is_proved_off() -> None:
     grey = (0.2, 0.3, 0.4)
-    assert Sky().bound(SceneSummary(1.0, background_radiance=(grey, grey)), CAMERA).value == 0.0
-    assert Sky().bound(SceneSummary(1.0), CAMERA).value == 255.0
+    assert (
+        SkyRadiance().bound(SceneSummary(1.0, background_radiance=(grey, grey)), CAMERA).value
+        == 0.0
+    )
+    assert SkyRadiance().bound(SceneSummary(1.0), CAMERA).value == 255.0

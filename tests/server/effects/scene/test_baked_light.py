@@ -10,7 +10,7 @@ import pytest
 from catoptra_server.effects import EffectSettings, SceneSummary, name_effect
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.kernels.grey_levels import find_changes
-from catoptra_server.effects.scene.light_bake import LightBake, find_grid_changes
+from catoptra_server.effects.scene.baked_light import BakedLight, find_grid_changes
 from catoptra_server.world.shading import OcclusionMap
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 
@@ -31,7 +31,7 @@ def test_bound_covers_every_node_on_every_surface(
     light: tuple[float, float, float], gains: tuple[float, float]
 ) -> None:
     summary = replace(make_summary(*light), gains=gains)
-    bound = LightBake().bound(summary, CAMERA).value
+    bound = BakedLight().bound(summary, CAMERA).value
     for albedo in np.geomspace(1e-4, 1.0, 60):
         for added in (0.0, 0.002, 0.3):
             nodes = albedo * np.linspace(light[0], light[2], 30)[:, None] + added
@@ -40,12 +40,12 @@ def test_bound_covers_every_node_on_every_surface(
 
 
 def test_light_that_nobody_misses_is_left_out_of_a_camera() -> None:
-    settings = name_effect(EffectSettings(), "LightBake")
-    assert name_effect(settings, "LightBake") is settings
+    settings = name_effect(EffectSettings(), "BakedLight")
+    assert name_effect(settings, "BakedLight") is settings
     for largest, is_drawn in ((0.502, False), (0.6, True)):
         summary = make_summary(0.5, 0.5, largest)
         plan = plan_effects(settings, summary, CAMERA)
-        assert apply_scene_effects(CAMERA_STATE, plan).has_light_bake is is_drawn
-    bound = LightBake().bound(SceneSummary(1.0), CAMERA)
+        assert apply_scene_effects(CAMERA_STATE, plan).has_baked_light is is_drawn
+    bound = BakedLight().bound(SceneSummary(1.0), CAMERA)
     assert (bound.value, bound.reason) == (0.0, "the world has no baked light")
     assert not find_grid_changes(np.zeros((3, 0, 3)), (1.0, 1.0)).size

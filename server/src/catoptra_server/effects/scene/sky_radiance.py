@@ -1,4 +1,4 @@
-"""Sky: its radiance by direction, where a world has `Sky=` or a panorama.
+"""Sky radiance: that of the sky by direction, where a world has `Sky=` or a panorama.
 
 Not a change of the image but of what rays show that meet nothing. Without the effect that is the
 mean of the sky; light by the sky stays. Domain: cameras of such a world that name no mode decide by
@@ -19,10 +19,10 @@ from catoptra_server.world.objects import CameraState
 
 
 @dataclass(frozen=True, slots=True)
-class Sky:
+class SkyRadiance:
     """Sky by direction. No parameters: the world's file has the sky."""
 
-    name: ClassVar[str] = "Sky"
+    name: ClassVar[str] = "SkyRadiance"
     changes_scene: ClassVar[bool] = True
     gains: ClassVar[Gains] = AVERAGING
     reads: ClassVar[frozenset[str]] = frozenset({"background_radiance"})
@@ -46,4 +46,4 @@ class Sky:
         return camera_state
 
 
-EFFECT_TYPE = EffectType("Sky", Sky)
+EFFECT_TYPE = EffectType("SkyRadiance", SkyRadiance)
