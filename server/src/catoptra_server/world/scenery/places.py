@@ -105,7 +105,7 @@ def furnish_laboratory(scenery: Scenery) -> None:
     scenery.dress(
         {
             "carpet": paint(44, 128, 66, "felt", tile_m=0.7),
-            "floor": paint(255, 255, 255, "wood_floor", gloss=(0.03, 0.35)),
+            "floor": paint(255, 255, 255, "wood_floor", gloss=(0.03, 0.08)),
             "border": paint(250, 248, 244, "plaster"),
         }
     )
@@ -262,7 +262,7 @@ def furnish_offices(scenery: Scenery) -> None:
             **dict.fromkeys(("RoomLeft", "RoomRight"), paint(216, 224, 232, "plaster")),
             "pillar": paint(214, 208, 196, "concrete"),
             "Floor": paint(174, 166, 150, "felt", tile_m=0.8),
-            "floor": paint(92, 104, 110, "tiles", tile_m=2.4, gloss=(0.03, 0.3)),
+            "floor": paint(132, 144, 148, "tiles", tile_m=2.4),
         }
     )
     ceiling = Thing()
@@ -383,7 +383,7 @@ def furnish_warehouse(scenery: Scenery) -> None:
     scenery.remove("rack", "box", "pallet", "barrel", "crate", "lamp", "gate")
     scenery.dress(
         {
-            "floor": paint(235, 232, 226, "concrete", gloss=(0.03, 0.35)),
+            "floor": paint(235, 232, 226, "concrete"),
             "line": paint(240, 200, 50, "plaster", tile_m=0.8),
             "West": paint(206, 210, 212, "corrugated"),
             "East": paint(206, 210, 212, "corrugated"),
