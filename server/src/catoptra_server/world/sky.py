@@ -38,7 +38,7 @@ from catoptra_server.world.world_description import DirectionalLight, Hemisphere
 # 0.27 degrees a texel; of 1024 the upper half leaves the cache of a processor, +1.5 ms at 640 px.
 _SIZE = 768
 # Increased when skies change.
-_FORMAT_VERSION = 1
+_FORMAT_VERSION = 2
 MAX_DISC = 20.0
 """Largest radiance of the sun's disc: a seven hundredth of its light at most, the rest is the
 directional light's."""
