@@ -87,6 +87,17 @@ def test_gloss_when_native_is_that_of_the_reference(
     assert np.abs(reference - matt).max() > 20.0
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rough_gloss_mirrors_the_light_of_objects_and_not_of_baked_surfaces(
+    engine: EngineName,
+) -> None:
+    # Surfaces have the light of their brightest node, times a map.
+    world = make_glossy_world(SurfaceGloss(1.0, 1.0))
+    dark = replace(world, object_sky=HemisphereLight((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    light, none = ((trace(engine, one, GLOSSY).image == 0.0).all(axis=-1) for one in (world, dark))
+    assert (none & ~light).mean() > 0.1
+
+
 def test_gloss_mirrors_the_sky_of_each_direction() -> None:
     world = under_sky(make_glossy_world(SurfaceGloss(0.3, 0.0)), make_smooth_sky())
     native, reference = (grey_levels(trace(e, world, GLOSSY).image) for e in ENGINES)

@@ -48,7 +48,7 @@ from catoptra_server.world.shading import (
     shadow_casting_lights,
     unshadowed_irradiance,
 )
-from catoptra_server.world.world_description import Rgb
+from catoptra_server.world.world_description import HemisphereLight, Rgb
 
 # Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate of
 # hit and camera: positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few
@@ -74,6 +74,9 @@ class Lighting:
     """Air between camera and surfaces, and between these and what they mirror."""
     sky: Panorama | None = None
     """Radiance of rays without a hit, where it differs by direction."""
+    mean_sky: tuple[HemisphereLight, ...] = ()
+    """What rough glossy surfaces mirror of all directions: the light of moving objects, too. On the
+    scene itself baked light has that of its brightest node, times a map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +143,7 @@ def _mix_reflection(
     far = replace(seen, distance=seen.distance + hits.distance)
     light = shade_hits(meshes, apart, far, replace(lighting, has_gloss=False))
     light = light if lighting.fog is None else lighting.fog.mix(light, seen.distance)
-    mean = facet_irradiance(hemisphere_lights(scene.lights), normals)
+    mean = facet_irradiance(lighting.mean_sky, normals)
     mixed: Floats = own + fresnel * (light + roughness * (mean - light) - own)
     return mixed
 

@@ -62,7 +62,7 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.world.objects import CameraState, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import object_lights
+from catoptra_server.world.shading import hemisphere_lights, object_lights
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
 
 # Rays of a batch: arrays of three numbers a ray stay in the cache; 2^16 take 2.5 times as long.
@@ -120,6 +120,7 @@ class ReferenceEngine:
                 states[0].has_gloss,
                 states[0].fog,
                 self._world.sky if states[0].has_sky else None,
+                hemisphere_lights(object_lights(self._world)),
             ),
         )
 

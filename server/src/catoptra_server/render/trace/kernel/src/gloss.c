@@ -130,10 +130,12 @@ static void mix_mirrored(const FrameState *state, const GlossBlock *gloss, uint3
     int first = __builtin_ctz(lanes);
     float roughness = gloss->roughness[first];
     /* Of a plane that is seen from both sides, which takes rays with origins of their own, each
-     * has the sky's light of the other. */
+     * has the sky's light of the other: that of objects, since baked light has its brightest
+     * node's as the scene's. */
     Vec3 normal = get_lane(gloss->normal, first);
-    Vec3 front = ambient_irradiance(&state->scene->hemisphere, normal);
-    Vec3 back = ambient_irradiance(&state->scene->hemisphere, scale(-1.0f, normal));
+    const Hemisphere *sky = &state->scene->object_hemisphere;
+    Vec3 front = ambient_irradiance(sky, normal);
+    Vec3 back = ambient_irradiance(sky, scale(-1.0f, normal));
     float fronts[3] = {front.x, front.y, front.z}, backs[3] = {back.x, back.y, back.z};
     Ints16 chosen = mask16(lanes), is_back = load16(gloss->cosine) > splat16(0.0f);
     for (int channel = 0; channel < 3; channel++) {
