@@ -20,6 +20,7 @@ from catoptra_server.effects import (
     is_image_effect,
 )
 from catoptra_server.world.objects import CameraState, DynamicObject, NoiseSeed, build_object_mesh
+from catoptra_server.world.shading import OcclusionMap
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import Box, Material, Twist, srgb_from_linear
 from helpers.worlds import CAMERA_STATE, make_omni_camera
@@ -142,3 +143,11 @@ def assert_criterion(
         assert_effect_not_negligible(effect, max_radiance)
         for factor in (1.0, 1.5, 2.0):
             assert_summary_bounds_effect(effect, factor * max_radiance)
+
+
+def make_baked_map(light: tuple[float, float, float]) -> OcclusionMap:
+    """Baked light of one surface: least, mean and largest irradiance over that of an open one."""
+    ranges = np.array([[[one] * 3] for one in light])
+    rows, bounds = np.zeros((1, 4)), np.array([[0, 0, 1, 1]], dtype=np.int32)
+    texels = np.arange(48, dtype=np.uint16).reshape(3, 4, 4)
+    return OcclusionMap(np.zeros(1, dtype=np.int32), rows, rows, bounds, texels, ranges)

@@ -51,7 +51,13 @@ from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.world.objects import CameraState, scene_twist_in_mirror
 from catoptra_server.world.world_description import AT_REST, Twist
-from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT, make_any_effect
+from helpers.effect_measurement import (
+    CAMERA,
+    DRIVING_STATE,
+    DYNAMIC_OBJECT,
+    make_any_effect,
+    make_baked_map,
+)
 
 DAYLIGHT = SceneSummary(1.0)
 FINE, COARSE = Quantisation(12), Quantisation(8)
@@ -368,6 +374,8 @@ FULL = SceneSummary(
     ego_body_min_distances_m=(0.1,) * NUM_RINGS,
     attached_min_distances_m=(0.15,) * NUM_RINGS,
     included_effects=frozenset({("Defocus", "DefocusByDepth")}),
+    light_bake=make_baked_map((0.5, 0.6, 1.0)),
+    open_irradiance=(0.8, 0.8, 0.8),
 )
 # Each field alone as in FULL, and each field alone as in DAYLIGHT: both sides of every branch.
 SUMMARIES = [

@@ -31,7 +31,8 @@ from helpers.worlds import make_omni_camera, make_plan, make_test_world
 CAMERA = make_omni_camera(width_px=240)
 PLAN = make_plan(CAMERA, samples=3)
 # These change the scene, and have no pass.
-SCENE_EFFECTS = ("SelfView", "Shadows", "Gloss", "Fog", "RollingShutter", "MotionBlur")
+SCENE_EFFECTS = ("SelfView", "Shadows", "BakedLight", "SkyRadiance", "Gloss", "Fog")
+SCENE_EFFECTS += ("RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
 STRONG: dict[str, dict[str, float]] = {
     "DefocusByDepth": {"f_number": 2.0, "pixel_pitch_m": 1.1e-5},

@@ -52,9 +52,12 @@ from helpers.renderers import RendererFactory
 from helpers.worlds import CAMERA_STATE, make_test_world
 
 CAMERA = PerspectiveCamera(160, 120, math.radians(90.0))
-# Gloss is of trace alone.
+# Gloss is of trace alone; the others are of worlds with a sky and baked light.
+ELSEWHERE = ("Gloss", "BakedLight", "SkyRadiance")
 NAMES = [
-    kind.name for kind in EFFECT_TYPES.values() if not kind.needs_mirror and kind.name != "Gloss"
+    kind.name
+    for kind in EFFECT_TYPES.values()
+    if not kind.needs_mirror and kind.name not in ELSEWHERE
 ]
 # So strong that pixels change, where the defaults change few or none.
 WIDE_OPEN = {"f_number": 1.4, "pixel_pitch_m": 3e-5, "focus_distance_m": 0.4}

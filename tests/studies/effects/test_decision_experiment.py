@@ -29,8 +29,10 @@ def load_world(name: str) -> StartupConfig:
     return read_startup_config([robot], find_configuration("worlds", name))
 
 
-def test_worlds_are_all_bundled_ones() -> None:
-    assert WORLDS == tuple(path.stem for path in bundled_files("worlds"))
+def test_worlds_are_all_bundled_plain_ones() -> None:
+    paths = bundled_files("worlds")
+    # Furnished ones take minutes to bake; their plain worlds are tried.
+    assert WORLDS == tuple(one.stem for one in paths if "Scenery=" not in one.read_text())
 
 
 @pytest.mark.parametrize("world", WORLDS)

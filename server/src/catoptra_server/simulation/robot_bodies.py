@@ -35,8 +35,6 @@ from catoptra_server.simulation.robot_description import (
     PerspectiveCameraDescription,
     RobotDescription,
 )
-from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.world.lofts import (
     belt,
     block,
@@ -421,6 +419,10 @@ def _track(
 
 def _sensor_parts(base: _Base) -> Iterator[_MaterialPatch]:
     """Yield sonars in their band, and laser scanners."""
+    # Loaded with the robots that have them.
+    from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+    from catoptra_server.simulation.sensors.sonar import SonarDescription
+
     sensors = [one for one in base.description.sensors if one.mount.parent == CHASSIS_MOUNT]
     sonars = [one.mount for one in sensors if isinstance(one, SonarDescription)]
     low_z = base.floor_z - 0.5 * base.radius

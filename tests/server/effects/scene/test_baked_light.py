@@ -11,17 +11,14 @@ from catoptra_server.effects import EffectSettings, SceneSummary, name_effect
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.effects.scene.baked_light import BakedLight, find_grid_changes
-from catoptra_server.world.shading import OcclusionMap
+from helpers.effect_measurement import make_baked_map
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 
 CAMERA = make_omni_camera()
 
 
 def make_summary(least: float, mean: float, largest: float) -> SceneSummary:
-    ranges = np.array([[[one / largest] * 3] for one in (least, mean, largest)])
-    rows, bounds = np.zeros((1, 4)), np.array([[0, 0, 1, 1]], dtype=np.int32)
-    texels = np.arange(48, dtype=np.uint16).reshape(3, 4, 4)
-    light = OcclusionMap(np.zeros(1, dtype=np.int32), rows, rows, bounds, texels, ranges)
+    light = make_baked_map((least / largest, mean / largest, 1.0))
     return SceneSummary(1.0, light_bake=light, open_irradiance=(largest,) * 3)
 
 

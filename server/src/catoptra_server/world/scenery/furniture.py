@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_server.world.scenery.things import Thing, paint, picture, shine
 from catoptra_server.world.world_description import Material
 
@@ -71,7 +72,7 @@ def office_chair(random: Random) -> Thing:
     thing, cover = Thing(), cloth(random)
     for leg in range(5):
         angle = 72.0 * leg + float(random.uniform(0, 72))
-        x, y = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        x, y = cos(math.radians(angle)), sin(math.radians(angle))
         thing.box(BLACK, (0.15 * x, 0.15 * y, 0.085), (0.3, 0.04, 0.03), (0, 0, angle))
         thing.rod(RUBBER, (0.29 * x, 0.29 * y - 0.015, 0.035), 0.035, 0.04, turn_deg=(-90, 0, 0))
     thing.rod(CHROME, (0, 0, 0.09), 0.03, 0.33)
@@ -457,7 +458,7 @@ def clock() -> Thing:
         paint(244, 243, 238), (0.0305, 0, 0), [(0.145, 0.0), (0, 0.002)], turn_deg=flat, sectors=24
     )
     for angle, length in ((60.0, 0.11), (-55.0, 0.075)):
-        y, z = -math.sin(math.radians(angle)), math.cos(math.radians(angle))
+        y, z = -sin(math.radians(angle)), cos(math.radians(angle))
         thing.box(
             BLACK,
             (0.038, 0.5 * length * y, 0.5 * length * z),
@@ -495,7 +496,7 @@ def coat_rack(random: Random) -> Thing:
     thing.rod(OAK, (0, 0, 0.03), 0.02, 1.7)
     for hook in range(3):
         angle = 120.0 * hook
-        x, y = 0.1 * math.cos(math.radians(angle)), 0.1 * math.sin(math.radians(angle))
+        x, y = 0.1 * cos(math.radians(angle)), 0.1 * sin(math.radians(angle))
         thing.rod(CHROME, (0, 0, 1.6), 0.01, 0.16, turn_deg=(0, 50, angle), sectors=6)
         coat = [(0, -0.95), (0.16, -0.95), (0.13, -0.3), (0.07, -0.05), (0, 0)]
         thing.lathe(cloth(random), (x, y, 1.62 - 0.03 * hook), coat, is_round=True, sectors=10)

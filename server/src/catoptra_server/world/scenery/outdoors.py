@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from catoptra_protocol.optics.elementary import arctan2, cos, sin
 from catoptra_server.world.scenery.furniture import (
     BLACK,
     CARDBOARD,
@@ -57,7 +58,7 @@ def tree(random: Random, height: float, *, is_lit: bool = True) -> Thing:
 
 def _polar(radius: float, angle_deg: float) -> tuple[float, float]:
     angle = math.radians(angle_deg)
-    return radius * math.cos(angle), radius * math.sin(angle)
+    return radius * cos(angle), radius * sin(angle)
 
 
 def bush(random: Random, size: float = 1.0) -> Thing:
@@ -209,7 +210,7 @@ def house(random: Random, length: float = 11.0, depth: float = 6.0, height: floa
     thing.extrude(BRICK, (back, 0, height), gable, length)
     roof = paint(255, 255, 255, "roof")
     for side in (-1, 1):
-        slope = math.degrees(math.atan2(0.36, 0.5))
+        slope = math.degrees(arctan2(0.36, 0.5))
         size = (0.62 * depth + 0.5, length + 0.7, 0.12)
         at = (back + side * (0.25 * depth + 0.16), 0, height + 0.18 * depth + 0.0)
         thing.box(roof, at, size, (0, side * slope, 0))

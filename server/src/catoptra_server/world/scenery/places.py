@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from functools import partial
 
+from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.scenery import furniture as f
 from catoptra_server.world.scenery import outdoors as o
@@ -35,7 +36,7 @@ class Wall:
     ) -> None:
         """Place a thing some metres along the wall, to the left for who leans on it, and off it."""
         yaw = math.radians(self.yaw_deg)
-        ahead, left = (math.cos(yaw), math.sin(yaw)), (math.sin(yaw), -math.cos(yaw))
+        ahead, left = (cos(yaw), sin(yaw)), (sin(yaw), -cos(yaw))
         x = self.x + out * ahead[0] + along * left[0]
         y = self.y + out * ahead[1] + along * left[1]
         self.scenery.place(class_name, thing, x, y, self.yaw_deg + turn_deg, z)

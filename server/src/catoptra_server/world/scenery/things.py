@@ -194,11 +194,11 @@ class Thing:
         size: float,
     ) -> None:
         """Kites of leaves near the surface of an ellipsoid, which face outwards and up."""
-        out = random.normal(size=(count, 3))
+        out = random.uniform(-1.0, 1.0, (count, 3))
         out /= np.linalg.norm(out, axis=1, keepdims=True)
         centre = np.asarray(at) + out * reach * random.uniform(0.72, 1.04, (count, 1))
         normal = out + random.uniform(-0.5, 0.5, (count, 3)) + np.array((0.0, 0.0, 0.5))
-        along = np.cross(normal, random.normal(size=(count, 3)))
+        along = np.cross(normal, random.uniform(-1.0, 1.0, (count, 3)))
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         across = np.cross(normal, along)
         across /= np.linalg.norm(across, axis=1, keepdims=True)
