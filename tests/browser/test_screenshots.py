@@ -129,10 +129,11 @@ def test_effects(browser: Browser, tmp_path: Path, output: Path) -> None:
     ):
         owner.spawn("Explorer", 0.8, -0.6)
         _open(tab, live.url)
-        button = "#panel-effects button[aria-label^='Fog']"
+        button = "#panel-effects button[aria-label^='Veiling Glare']"
         tab.wait_for(f'document.querySelector("{button}") !== null', "list of effects", _LIMIT_S)
         for _ in range(2):  # as set, auto, always
             tab.click(button)
-        enabled = "effects.find(({ name }) => name === 'Fog').enabled"
+        enabled = "effects.find(({ name }) => name === 'VeilingGlare').enabled"
         tab.wait_for(f"catoptra.context.frame.header.{enabled}", "forced effect", _LIMIT_S)
+        tab.evaluate("document.querySelector('#body-effects').scrollTop = 0; scrollTo(0, 0)")
         _save(tab, output / "live-effects.png")
