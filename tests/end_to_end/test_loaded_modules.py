@@ -41,7 +41,7 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 CLASS = "USARBot.OmniP2AT"
 OMNI = "OmniCamPillar_Link4"
 # Python, NumPy, asyncio and Pillow have two thirds of them, threads that decode textures five.
-MAX_MODULES = 448
+MAX_MODULES = 450
 COMMANDS = {
     "INIT": ["INIT {ClassName NoSuchClass}", f"INIT {{ClassName {CLASS}}} {{Start Centre}}"],
     "DRIVE": ["DRIVE {Left 1.0} {Right 1.0}", "DRIVE {Name CameraPan} {Order 0} {Value 0.5}"],
