@@ -70,18 +70,21 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
 
     cache, key = ArrayCache(find_cache_folder("light")), hash_light(scene, world)
 
-    def apply(parts: Mapping[str, NodeLight]) -> LitWorld:
+    def apply(parts: Mapping[str, NodeLight], *, is_final: bool = True) -> LitWorld:
         def mix(factors: Mapping[str, float]) -> tuple[SceneMesh, World]:
             return light_bake.add_lights(parts, factors).apply(scene, world)
 
-        if light_bake.add_lights(parts, {}).is_dark:
-            log.warning(
-                "LightBake=on, but nothing shines: no lamp, window, sky or luminous surface; "
-                "surfaces are shown at their own colours"
-            )
+        light = light_bake.add_lights(parts, {})
+        if light.is_dark:
+            # More rays may find a small window.
+            if is_final:
+                log.warning(
+                    "LightBake=on, but nothing shines: no lamp, window, sky or luminous surface; "
+                    "surfaces are shown at their own colours"
+                )
             white = HemisphereLight((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
             return LitWorld(scene, replace(world, lights=(white,), area_lights=()))
-        return LitWorld(*mix({}), mix=mix)
+        return LitWorld(*light.apply(scene, world), mix=mix)
 
     names = ["", *world.light_groups]
     stored = _read_light(cache, key, len(scene), names)
@@ -121,7 +124,7 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
             _store_light(cache, key, parts)
         return apply(parts)
 
-    return replace(apply({"": first}), stage=stage, refine=refine)
+    return replace(apply({"": first}, is_final=False), stage=stage, refine=refine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
