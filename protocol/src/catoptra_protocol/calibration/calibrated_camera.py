@@ -242,12 +242,13 @@ def _invert(camera: OmniCamera, stretch: float, names: Set[str]) -> Numbers:
         ("fwd", lengths[1], 0.5 * math.pi - theta),
         ("of_theta", INVERSE_TERMS, theta),
     ):
+        if not any(each.startswith(name) for each in names):
+            continue
         fit = np.polynomial.Polynomial.fit(angle, radius, length - 1)
         terms = tuple(fit.convert().coef.tolist())
-        if any(each.startswith(name) for each in names):
-            off_px = float(np.abs(np.polynomial.polynomial.polyval(angle, terms) - radius).max())
-            if off_px > MAX_INVERSE_PX:
-                raise DomainError(f"an inverse of {length} terms is off by up to {off_px:.3g} px")
+        off_px = float(np.abs(np.polynomial.polynomial.polyval(angle, terms) - radius).max())
+        if off_px > MAX_INVERSE_PX:
+            raise DomainError(f"an inverse of {length} terms is off by up to {off_px:.3g} px")
         inverses[name] = terms[::-1] if name == "of_theta" else terms
         inverses[f"num_{name}"] = len(terms)
         inverses |= {f"{name}{power}": term for power, term in enumerate(terms)}

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -115,14 +115,12 @@ class Residual:
     """Of the true model's image: pixels to which the other model assigns no direction."""
 
 
+# Formats with one model, and fits of several degrees, are compared with the camera once.
+@lru_cache(maxsize=64)
 def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
     """Residual at a grid of pixels of the image, the border of its domain included."""
     truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
-    pixels = _grid(truth).reshape(-1, 2)
-    direction, valid = truth.direction_from_pixel(pixels)
-    pixels, direction = pixels[valid], direction[valid]
-    # The mirror frames may differ by the azimuth of the image's top.
-    turned = _turn(direction, model.image_up_azimuth_rad - truth.image_up_azimuth_rad)
+    pixels, turned = _turned_rays(truth, model.image_up_azimuth_rad - truth.image_up_azimuth_rad)
     found, shown = model.pixel_from_direction(turned)
     back, seen = model.direction_from_pixel(pixels)
     both = shown & seen
@@ -139,6 +137,14 @@ def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
         float(np.sqrt(np.mean(deg**2))),
         1.0 - float(both.mean()),
     )
+
+
+@lru_cache(maxsize=2)
+def _turned_rays(truth: OmniCamera, azimuth_rad: float) -> tuple[Floats, Floats]:
+    """Pixels (n, 2) of the grid that a camera shows, and their directions (n, 3), turned."""
+    pixels = _grid(truth).reshape(-1, 2)
+    direction, valid = truth.direction_from_pixel(pixels)
+    return pixels[valid], _turn(direction[valid], azimuth_rad)
 
 
 def _grid(camera: OmniCamera) -> Floats:
@@ -167,9 +173,10 @@ def draw_difference(truth: OmniCamera, model: OmniCamera, max_px: float) -> Pixe
 
 
 def _turn(direction: Floats, azimuth_rad: float) -> Floats:
+    """Directions turned by the difference of two frames: the azimuths of their images' tops."""
     c, s = math.cos(azimuth_rad), math.sin(azimuth_rad)
-    turned: Floats = direction @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turned
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.stack((c * x - s * y, s * x + c * y, z), axis=-1)
 
 
 _OCAM_DEGREES, _GOOD_PX = range(4, 9), 0.005
