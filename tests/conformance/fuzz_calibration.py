@@ -18,10 +18,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.formats import FORMATS, OCAM_4, PINHOLE
+from catoptra_protocol.calibration.formats import FORMATS, OCAM_4, PINHOLE, find_format
+from catoptra_protocol.calibration.model_fits import fit_ocam
 from catoptra_protocol.calibration.ray_table import bytes_from_ray_table, make_ray_table
 from catoptra_protocol.camera_conf import (
     any_camera_from_pairs,
@@ -100,6 +102,7 @@ def calibration_targets() -> list[FuzzTarget]:
             "camera file", _make_camera_feeder(scratch), texts, mutate_numbers, _CAMERA_PERIOD
         ),
         FuzzTarget("ray table", feed_file, (table,), mutate_table, _TABLE_PERIOD),
+        _mask_target(scratch, cameras["stereographic_220"]),
         FuzzTarget("CONF of a camera", _feed_conf, _conf_seeds(cameras), mutate_numbers, 3),
     ]
 
@@ -172,6 +175,22 @@ def _make_file_feeder(file: Path) -> FeedInput:
         return _look_through(lambda: camera_from_file(file, size_px=(64, 48)), ConfigError)
 
     return feed
+
+
+def _mask_target(folder: Path, camera: OmniCamera) -> FuzzTarget:
+    """Pictures as the mask of a camera of SVO."""
+    shown = np.hypot(*(np.indices((64, 64)) - 31.5)) < 25.0
+    seed = cv2.imencode(".png", shown.astype(np.uint8))[1].tobytes()
+    file = folder / "masked.yaml"
+    text = find_format("svo_omni").write(fit_ocam(camera, degree=4), "cam0")
+    file.write_text(re.sub("( *)line-delay", r"\1mask: masked.png\n\1line-delay", text))
+
+    def feed(data: bytes) -> bool:
+        file.with_suffix(".png").write_bytes(data)
+        return _look_through(lambda: camera_from_file(file), ConfigError)
+
+    assert feed(seed)
+    return FuzzTarget("mask of a camera", feed, (seed,), mutate, _TABLE_PERIOD)
 
 
 def _make_camera_feeder(folder: Path) -> FeedInput:

@@ -183,13 +183,20 @@ def _camodocal(path: Path, name: str) -> Project:
     return mei(_four(k, "gamma1 gamma2 u0 v0"), s["mirror_parameters"]["xi"], d)
 
 
-def _boofcv(path: Path, _: str) -> Project:
+def _boofcv(path: Path, name: str) -> Project:
+    # `load` and `loadPinhole` cast: a whole number is no double.
     v = _yaml(path)
-    assert v["model"] == "omnidirectional_universal" and type(v["version"]) is int
     k, d = v["pinhole"], v["radial_tangential"]
     assert type(k["width"]) is int and type(k["height"]) is int
-    distortion = (*_check(d["radial"], float, 2), _check(d["t1"], float), _check(d["t2"], float))
-    return mei(_four(k), _check(v["mirror_offset"], float), distortion, k["skew"])
+    numbers, skew = _four(k), _check(k["skew"], float)
+    radial = _check(d["radial"], float, len(d["radial"]))
+    assert not any(radial[2:])
+    distortion = (*radial[:2], _check(d["t1"], float), _check(d["t2"], float))
+    if name == "boofcv_pinhole":
+        assert v["model"] == "pinhole_radial_tangential"
+        return mei(numbers, 0.0, distortion, skew)
+    assert v["model"] == "omnidirectional_universal"
+    return mei(numbers, _check(v["mirror_offset"], float), distortion, skew)
 
 
 def _kalibr(path: Path, _: str) -> Project:
@@ -281,14 +288,20 @@ def _colmap(path: Path, _: str) -> Project:
 
 
 def _nerfstudio(path: Path, name: str) -> Project:
-    v = json.loads(path.read_text())
-    assert v["frames"] == [] and v["w"] and v["h"]
-    numbers = np.array([v[name] for name in ("fl_x", "fl_y", "cx", "cy")]) - (0.0, 0.0, 0.5, 0.5)
-    if name == "nerfstudio":
-        assert v["camera_model"] == "OPENCV_FISHEYE"
-        return kannala_brandt(numbers, _four(v, "k1 k2 k3 k4"))
-    assert v["camera_model"] == "OPENCV"
-    return _pinhole(numbers, _four(v, "k1 k2 p1 p2"))
+    # Of `_generate_dataparser_outputs`; frames of pictures, with a pose each, are the user's.
+    meta = json.loads(path.read_text())
+    assert meta["frames"] == []
+    kind = {"OPENCV_FISHEYE": "fisheye", "OPENCV": "perspective"}[meta["camera_model"]]
+    fx, fy, cx, cy = (float(meta[key]) for key in ("fl_x", "fl_y", "cx", "cy"))
+    assert int(meta["h"]) > 0 and int(meta["w"]) > 0
+    assert meta.get("fisheye_crop_radius") is None
+    terms = {key: float(meta.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
+    k1, k2, k3, k4, p1, p2 = terms.values()
+    numbers = (fx, fy, cx - 0.5, cy - 0.5)  # `get_image_coords` adds 0.5 to whole pixels
+    if kind == "fisheye":
+        return kannala_brandt(numbers, (k1, k2, k3, k4))
+    assert k3 == k4 == 0.0
+    return _pinhole(numbers, (k1, k2, p1, p2))
 
 
 _ORB_INTS = "width height fps RGB nFeatures nLevels iniThFAST minThFAST".split()
@@ -310,7 +323,7 @@ def _orb_slam(path: Path, name: str) -> Project:
         assert s["Camera.type"] == "KannalaBrandt8"
         return kannala_brandt(numbers, [s[f"Camera1.k{i}"] for i in (1, 2, 3, 4)])
     assert s["Camera.type"] == "PinHole"
-    return _pinhole(numbers, [s[f"Camera1.{each}"] for each in ("k1", "k2", "p1", "p2")])
+    return _pinhole(numbers, [s[f"Camera1.{each}"] for each in ("k1", "k2", "p1", "p2", "k3")])
 
 
 def _stella(path: Path, name: str) -> Project:
@@ -421,6 +434,7 @@ def _vikit(path: Path, _: str) -> Project:
 def _multicol(path: Path, _: str) -> Project:
     s = _Storage(path)
     assert type(s["Camera.Iw"]) is int and type(s["Camera.Ih"]) is int
+    assert s["Camera.mirrorMask"] == 0
     poly = [s[f"Camera.a{i}"] for i in range(_check(s["Camera.nrpol"], int))]
     inverse = [s[f"Camera.pol{i}"] for i in range(_check(s["Camera.nrinvpol"], int))]
     c, d, e, u, v = (s[f"Camera.{each}"] for each in ("c", "d", "e", "u0", "v0"))
@@ -443,11 +457,18 @@ def _py_omnicalib(path: Path, _: str) -> Project:
 
 
 def _gyroflow(path: Path, _: str) -> Project:
+    # `load_from_data` and `get_camera_matrix_internal`; serde takes no other types.
     v = json.loads(path.read_text())
-    k = np.array(v["fisheye_params"]["camera_matrix"])
-    assert k.shape == (3, 3) and v["distortion_model"] == "opencv_fisheye"
-    assert v["calib_dimension"] == v["orig_dimension"] and set(v["calib_dimension"]) == {"w", "h"}
-    return kannala_brandt(_of_k(k), v["fisheye_params"]["distortion_coeffs"])
+    assert _check(v["calibrator_version"], str) and _check(v["distortion_model"], str)
+    for dimension in (v["calib_dimension"], v["orig_dimension"]):
+        assert _check(dimension["w"], int) > 0 and _check(dimension["h"], int) > 0
+    params = v["fisheye_params"]
+    k = np.array([_check(row, float, 3) for row in params["camera_matrix"]])
+    assert k.shape == (3, 3) and _check(params["RMS_error"], float) >= 0.0
+    assert params["radial_distortion_limit"] is None and v["distortion_model"] == "opencv_fisheye"
+    if not _check(v.get("asymmetrical", False), bool):
+        k[:2, 2] = 0.5 * v["calib_dimension"]["w"], 0.5 * v["calib_dimension"]["h"]
+    return kannala_brandt(_of_k(k), _check(params["distortion_coeffs"], float, 4))
 
 
 def _adapter(path: Path, name: str) -> Project:

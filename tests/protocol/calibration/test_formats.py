@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
+import struct
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyval
@@ -26,7 +28,7 @@ from catoptra_protocol.optics.lenses import (
     StereographicLens,
     UnifiedLens,
 )
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture
 from helpers import foreign_readers
@@ -253,6 +255,7 @@ OCAM_FILES["svo_omni alone"] = (
 @pytest.mark.parametrize("name", OCAM_FILES)
 def test_rays_of_a_published_polynomial_are_its_own(name: str, tmp_path: Path) -> None:
     text, matrix, rim_deg = OCAM_FILES[name]
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((480, 754), 255, np.uint8))
     path = tmp_path / "calibration"
     path.write_text(text)
     found, camera = read_calibration(path, size_px=(754, 480))
@@ -266,6 +269,93 @@ def test_rays_of_a_published_polynomial_are_its_own(name: str, tmp_path: Path) -
     direction, valid = camera.direction_from_pixel(pixels + 0.5)
     assert valid.sum() > 500
     assert np.abs(direction - rays)[valid].max() <= 1e-12
+
+
+MASKED = OCAM_FILES["svo_omni"][0].replace("0.0, 0.5]", "0.0, 0.0]")
+
+
+def write_mask(folder: Path, centre: tuple[float, float], size_px: tuple[int, int]) -> Bools:
+    """Write a mask with a circle of 150 px about a centre, and return it."""
+    rows, columns = np.indices(size_px[::-1])
+    shown: Bools = np.hypot(columns - centre[0], rows - centre[1]) < 150.0
+    cv2.imwrite(str(folder / "mask.png"), 255 * shown.astype(np.uint8))
+    return shown
+
+
+@pytest.mark.parametrize("centre", [(392.2, 243.5), (389.0, 246.0)])
+def test_no_pixel_that_a_mask_hides_is_valid(centre: tuple[float, float], tmp_path: Path) -> None:
+    shown = write_mask(tmp_path, centre, (754, 480))
+    path = tmp_path / "calibration"
+    path.write_text(MASKED)
+    camera = read_calibration(path)[1]
+    path.write_text(MASKED.replace("mask:", "unknown:"))
+    whole = read_calibration(path)[1]
+    pixels = np.stack(np.indices((480, 754))[::-1], axis=-1) + 0.5
+    _, valid = camera.direction_from_pixel(pixels)
+    assert not valid[~shown].any()
+    assert whole.direction_from_pixel(pixels)[1][~shown].any()
+    # What is left out lies between the circle and one about the axis within it.
+    assert np.count_nonzero(shown & ~valid) / np.count_nonzero(shown) < 0.1
+
+
+def test_mask_of_another_shape_size_or_kind_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "calibration"
+    path.write_text(MASKED)
+
+    def read() -> str:
+        with pytest.raises(ConfigError) as raised:
+            read_calibration(path)
+        assert "\n" not in str(raised.value)
+        return str(raised.value)
+
+    assert "mask='mask.png': expected a picture of at most" in read()
+    write_mask(tmp_path, (300.0, 200.0), (754, 480))
+    assert "an image circle about the optical axis: " in read()
+    write_mask(tmp_path, (392.2, 243.5), (640, 480))
+    assert "mask='640 x 480 px': expected a PNG of 754 x 480 px" in read()
+    mask = tmp_path / "mask.png"
+    mask.write_bytes(mask.read_bytes()[:16] + struct.pack(">II", 2**30, 2**30))
+    assert "mask='1073741824 x 1073741824 px'" in read()
+    mask.write_bytes(b"JFIF")
+    assert "mask='no PNG'" in read()
+    path.write_text(MASKED.replace("mask.png", "/dev/zero"))
+    assert "mask='/dev/zero'" in read()
+
+
+@pytest.mark.parametrize(
+    ("text", "radius_px"),
+    [
+        # `CreateMirrorMask` of MultiCol-SLAM: v0 + 22.
+        (f"{OCAM_FILES['multicol'][0]}Camera.mirrorMask: 1\n".replace("fov: 180", "fov: 360"),
+         243.5 + 22.0),
+        (KB_FILES["nerfstudio"].replace('"h": 512', '"h": 512, "fisheye_crop_radius": 200'), 200.0),
+        # A circle of half the half height.
+        (OCAM_FILES["svo_omni alone"][0].replace("mask:", "unknown:"), 120.0),
+    ],
+    ids=["multicol", "nerfstudio", "svo"],
+)  # fmt: skip
+def test_image_circle_of_a_file_ends_the_camera(
+    text: str, radius_px: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "calibration"
+    path.write_text(text)
+    assert read_calibration(path)[1].rim_radius_px == pytest.approx(radius_px)
+
+
+PLAIN = "Camera1.fx: 200\nCamera1.fy: 200\nCamera1.cx: 256\nCamera1.cy: 256\n"
+
+
+def test_pinholes_without_distortion_are_read_and_a_third_term_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "calibration"
+    chain = f"cam0:\n{CHAIN}".replace(f"[{D}]", "[]").replace("equidistant", "none")
+    settings = f"%YAML:1.0\nCamera.type: Rectified\n{PLAIN}"
+    for name, text in (("kalibr_radtan", chain), ("orb_slam3_pinhole", settings)):
+        path.write_text(text)
+        found, camera = read_calibration(path, size_px=(512, 512))
+        assert (found, camera.projection) == (name, UnifiedLens(0.0))
+    path.write_text(settings.replace("Rectified", "PinHole") + "Camera1.k3: 1.16\n")
+    with pytest.raises(ConfigError, match=r"k3='1.16': expected 0: .* format orb_slam3_pinhole"):
+        read_calibration(path, size_px=(512, 512))
 
 
 def test_camera_of_a_rig_is_found_by_its_name_and_others_are_listed(tmp_path: Path) -> None:

@@ -82,7 +82,8 @@ def camera_from_numbers(
             a1, ..., negated as n0, n1, ..., of either sign as e0, e1, ...; fx, fy, cx, cy, skew,
             p1, p2; of a lens in pixels the matrix sxx, sxy, syx, syy from its plane to the image,
             and cx_offset, cy_offset from the image's middle. Limits: fov_deg; tan_limit, the
-            tangent of an angle; circle_share, a radius in half heights.
+            tangent of an angle; radii circle_px and, in half heights, circle_share; mirror_mask,
+            1 for MultiCol-SLAM's.
         size_px: Width and height.
         first_pixel: Coordinate of the first pixel's centre.
 
@@ -104,8 +105,12 @@ def camera_from_numbers(
     camera = place_camera(_make_lens(lens, numbers), size_px, centre_px, fx, plane)
     limits = [camera.rim_rad, math.radians(0.5 * get("fov_deg", 360.0))]
     limits.append(math.atan(get("tan_limit", 0.0)) or math.pi)
-    if circle_px := get("circle_share", 0.0) * (height // 2):
-        limits.append(largest_angle_rad(camera.projection, circle_px / fx))
+    circles_px = (
+        get("circle_px", 0.0), get("circle_share", 0.0) * (height // 2),
+        # `CreateMirrorMask` of its cam_model_omni.cpp.
+        get("mirror_mask", 0.0) and get("cy", 0.0) + 22.0,
+    )  # fmt: skip
+    limits += [largest_angle_rad(camera.projection, px / fx) for px in circles_px if px > 0.0]
     return replace(camera, rim_rad=min(limits))
 
 

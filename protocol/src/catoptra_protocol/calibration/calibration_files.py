@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
-from catoptra_protocol.calibration.files import MAX_BYTES, file_error, parse_document
+from catoptra_protocol.calibration.files import MAX_BYTES, file_error, parse_document, read_mask
 from catoptra_protocol.calibration.formats import FORMATS, CalibrationFormat
 from catoptra_protocol.calibration.ray_table import (
     TABLE_NAME,
@@ -16,17 +20,27 @@ from catoptra_protocol.calibration.ray_table import (
     is_ray_table,
     read_ray_table,
 )
-from catoptra_protocol.calibration.templates import Match, Mismatch, iter_objects, keys_of, match
+from catoptra_protocol.calibration.templates import (
+    Match,
+    Mismatch,
+    fields_for_readers,
+    iter_objects,
+    keys_of,
+    match,
+)
 from catoptra_protocol.calibration.uncertainty import state_model_error
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
 from catoptra_protocol.names import list_names
+from catoptra_protocol.optics.elementary import arctan2, hypot
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.radial_camera import WITHIN_LIMIT, Picture
 
 # Of the fields that a format needs: from there on a file with a wrong number is one of it.
 _MOST, _NUM_NEAREST = 0.6, 3
+# Of the pixels that a mask shows: drawn circles are some pixels off the optical axis.
+_MAX_LOST = 0.1
 
 
 def camera_from_file(
@@ -50,7 +64,8 @@ def read_calibration(
     """Name of the format and camera of a calibration file, of `FORMATS` or a ray table.
 
     The camera ends at the largest angle that its image shows or, where that is smaller, at the
-    first fold of its model, or at the field of view or image circle that the file states.
+    first fold of its model, or at the field of view or image circle that the file states, or at
+    the first pixel that its mask hides.
 
     Args:
         path: File, at most 1 MiB but for a ray table.
@@ -82,6 +97,13 @@ def read_calibration(
         return found.name, _turn(state_model_error(made, text, file), text, file, picture)
 
 
+@cache
+def _read_templates() -> list[tuple[CalibrationFormat, Any, set[str]]]:
+    """Formats, what readers take of their templates, and the keys of that."""
+    fields = [(each, fields_for_readers(each.template)) for each in FORMATS]
+    return [(each, template, keys_of(template)) for each, template in fields]
+
+
 def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, Match]:
     """The format that has most in common with a file, and the numbers of a camera in it.
 
@@ -93,12 +115,11 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
         # A camera of maplab or SVO alone.
         document = {"cameras": [{"camera": document}]}
     # Most objects of a large file, such as nerfstudio's frames, have a key of no format.
-    keys = [(each, keys_of(each.template)) for each in FORMATS]
     matches = [
-        (each, match(each.template, node, path, camera))
+        (each, match(template, node, path, camera))
         for path, node in iter_objects(document)
         for here in (keys_of(node),)
-        for each, wanted in keys
+        for each, template, wanted in _read_templates()
         if not wanted.isdisjoint(here)
     ]
     complete = [one for one in matches if not one[1].faults]
@@ -156,10 +177,33 @@ def _make_camera(
         expected = f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}, of a file of {each.name}"
         raise file_error(file, f"{where}resolution", expected, value=f"{width} x {height}")
     try:
-        return each.read(found.numbers, (int(width), int(height)))
+        camera = each.read(found.numbers, (int(width), int(height)))
     except DomainError as error:
         expected = f"a possible camera of the format {each.name}: {error}"
         raise file_error(file, f"{where}model", expected) from error
+    return _narrow(camera, found.numbers["mask"], file) if "mask" in found.numbers else camera
+
+
+def _narrow(camera: OmniCamera, mask: str, file: str) -> OmniCamera:
+    """The camera up to the first pixel that a mask hides: it ends at one angle all around.
+
+    Raises:
+        ConfigError: No mask of this camera, or one that is no image circle.
+    """
+    shown = read_mask(file, mask, (camera.width_px, camera.height_px))
+    rows, columns = np.indices(shown.shape)
+    ray, valid = camera.direction_from_pixel(np.stack((columns + 0.5, rows + 0.5), axis=-1))
+    angle = arctan2(hypot(ray[..., 0], ray[..., 1]), ray[..., 2])
+    hidden, kept = angle[valid & ~shown], angle[valid & shown]
+    rim_rad = WITHIN_LIMIT * float(hidden.min(initial=math.inf))
+    lost = np.count_nonzero(kept > rim_rad) / max(kept.size, 1)
+    if lost > _MAX_LOST or kept.size == 0:
+        expected = (
+            f"an image circle about the optical axis: {lost:.0%} of what it shows lies beyond its "
+            f"first black pixel, {math.degrees(rim_rad):.1f} deg from the axis"
+        )
+        raise file_error(file, "mask", expected, value=mask)
+    return replace(camera, rim_rad=min(rim_rad, camera.rim_rad))
 
 
 def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> OmniCamera:

@@ -29,7 +29,7 @@ from catoptra_protocol.calibration.ray_table import (
     bytes_from_ray_table,
     make_ray_table,
 )
-from catoptra_protocol.calibration.templates import describe_fields
+from catoptra_protocol.calibration.templates import describe_fields, fields_for_readers
 from catoptra_protocol.command_line import CommandParser, parse_float_within
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
@@ -132,7 +132,7 @@ def _list_conventions() -> str:
     """Frame, pixel centre and fields of each format."""
     rows = [
         f"| {each.name} | {each.program} | {each.frame} | {each.first_pixel:g} | "
-        f"{describe_fields(each.template)} | {each.reader} |"
+        f"{describe_fields(fields_for_readers(each.template))} | {each.reader} |"
         for each in FORMATS
     ]
     head = (

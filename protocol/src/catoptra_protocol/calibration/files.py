@@ -10,15 +10,23 @@ from __future__ import annotations
 
 import math
 import re
+import struct
+from functools import partial
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from catoptra_protocol.errors import ConfigError, RemoteProtocolError, SourceLocation
 from catoptra_protocol.json_object import json_object_from_text
+from catoptra_protocol.optics.numerics import Bools
 
 MAX_BYTES = 2**20
 """Largest calibration file that is read: published ones have some kilobytes."""
 MAX_XML_DEPTH = 16
+_MAX_MASK_BYTES = 2**24
+_PNG = b"\x89PNG\r\n\x1a\n"
 OCAM_LINES = ("polynomial", "inverse", "centre", "affine", "size")
 """Names of the lines of numbers of OCamCalib's file, in their order."""
 
@@ -151,3 +159,34 @@ def format_number(value: float) -> str:
     if "." not in mantissa:
         mantissa += ".0"
     return f"{mantissa}{e}{exponent}"
+
+
+def read_mask(file: str, name: str, size_px: tuple[int, int]) -> Bools:
+    """Pixels (height, width) that a mask beside a file shows: those that are not black.
+
+    Raises:
+        ConfigError: No such picture, no PNG, of another size, or OpenCV is not installed.
+    """
+    path = Path(file).parent / name
+    where = partial(file_error, file, "mask")
+    try:
+        if not path.is_file() or path.stat().st_size > _MAX_MASK_BYTES:
+            raise where(f"a picture of at most {_MAX_MASK_BYTES} bytes", value=name)
+        data = path.read_bytes()
+    except OSError as error:
+        raise where(f"a readable picture: {error.strerror}", value=name) from error
+    # Its size before its pixels: a small file may unpack to gigabytes.
+    head = data[16:24] if data.startswith(_PNG) else b""
+    stated = struct.unpack(">II", head) if len(head) == 8 else None
+    if stated != size_px:
+        found = "no PNG" if stated is None else "{} x {} px".format(*stated)
+        raise where("a PNG of {} x {} px, as the camera's".format(*size_px), value=found)
+    try:
+        import cv2
+    except ImportError as error:
+        raise where("the package OpenCV: pip install opencv-python-headless") from error
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if picture is None or picture.shape != size_px[::-1]:
+        raise where("a PNG that can be read", value=name)
+    shown: Bools = picture > 0
+    return shown

@@ -104,7 +104,9 @@ class CalibrationFormat:
         return write_document(self.template, values, self.notation)
 
 
-_NO_LIMITS = {"tan_limit": None, "mask_from": 0.0, "circle_share": 0.0}
+_NO_LIMITS = {
+    "tan_limit": None, "circle_px": None, "mask_from": 0.0, "circle_share": 0.0, "mirror_mask": 0,
+}  # fmt: skip
 
 MEI = LensModel("Mei", UnifiedLens, fit_mei)
 UCM = LensModel("UCM", EnhancedUnifiedLens, fit_ucm)
@@ -126,6 +128,7 @@ _KB, _RADTAN, _SHORT_RADTAN = "[k1 k2 k3 k4]", "[k1 k2 p1 p2 0?]", "[k1? k2? p1?
 _FX = {"fx": "$fx", "fy": "$fy", "cx": "$cx", "cy": "$cy"}
 _K4 = {f"k{i}": f"$k{i}" for i in (1, 2, 3, 4)}
 _K1_TO_P2 = {"k1": "$k1", "k2": "$k2", "p1": "$p1", "p2": "$p2"}
+_SHORT_K1_TO_P2 = {name: f"{number}?" for name, number in _K1_TO_P2.items()} | {"k3": "$0?"}
 _SIDES = {"image_width": "$width", "image_height": "$height"}
 
 # What readers demand in addition: a sensor at the camera's own place, without noise.
@@ -162,11 +165,26 @@ def _camodocal(
     )  # fmt: skip
 
 
+def _boofcv(
+    name: str, kind: str, model: LensModel, shape: Mapping[str, str], domain: str
+) -> CalibrationFormat:
+    return CalibrationFormat(
+        name, "BoofCV", model, f"{name}.yaml", "yaml",
+        {
+            "pinhole": _FX | {"width": "$width", "height": "$height", "skew": "$skew?"}, **shape,
+            "radial_tangential": {"radial": "[k1? k2? 0?]", "t1": "$p1?", "t2": "$p2?"},
+            "model": kind, "version": 0,
+        },
+        domain, "lessthanoptimal/BoofCV: main/boofcv-io/src/main/java/boofcv/io/calibration/"
+        "CalibrationIO.java",
+    )  # fmt: skip
+
+
 def _kalibr(
     kind: str, intrinsics: str, distortion: str, coefficients: str, model: LensModel, domain: str
 ) -> CalibrationFormat:
     names = {"pinhole equidistant": "kalibr_equi", "pinhole radtan": "kalibr_radtan"}
-    name = names.get(f"{kind} {distortion}", f"kalibr_{kind}")
+    name = names.get(f"{kind} {distortion.split('|')[0]}", f"kalibr_{kind}")
     return CalibrationFormat(
         name, "Kalibr", model, f"{name}.yaml", "yaml",
         {"cam0": {
@@ -221,21 +239,21 @@ def _nerfstudio(
         name, "nerfstudio", model, f"{name}.json", "json",
         {
             "camera_model": kind, "fl_x": "$fx", "fl_y": "$fy", "cx": "$cx", "cy": "$cy",
-            "w": "$width?", "h": "$height?", **shape, "frames": [],
+            "w": "$width?", "h": "$height?", **shape, "fisheye_crop_radius": "$circle_px?",
+            "frames": [],
         },
         domain, "nerfstudio_dataparser.py", first_pixel=0.5,
     )  # fmt: skip
 
 
 def _orb_slam(
-    name: str, kind: str, model: LensModel, shape: tuple[str, ...], domain: str
+    name: str, kind: str, model: LensModel, shape: Mapping[str, str], domain: str
 ) -> CalibrationFormat:
-    names = ("fx", "fy", "cx", "cy", *shape)
     return CalibrationFormat(
         name, "ORB-SLAM3", model, f"{name}.yaml", "opencv",
         {
             "File.version": "!1.0", "Camera.type": kind,
-            **{f"Camera1.{each}|Camera.{each}": f"${each}" for each in names},
+            **{f"Camera1.{key}|Camera.{key}": number for key, number in {**_FX, **shape}.items()},
             "Camera.width": "$width?", "Camera.height": "$height?",
             "Camera.fps": 30, "Camera.RGB": 1,
             "ORBextractor.nFeatures": 1000, "ORBextractor.scaleFactor": 1.2,
@@ -327,6 +345,7 @@ def _maplab(
                     "topic": "!$topic", "description": "!$name", "line-delay-nanoseconds": 0,
                     **_SIDES, "type": kind, "intrinsics": intrinsics,
                     "distortion": {"type": distortion, "parameters": coefficients},
+                    "mask": "@mask?",
                 },
                 "T_B_C": _EYE_MATRIX,
             }],
@@ -385,21 +404,13 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _camodocal("camodocal_pinhole", "PINHOLE", PINHOLE, {
         "distortion_parameters": _K1_TO_P2, "projection_parameters": _FX,
     }),
-    CalibrationFormat(
-        "boofcv", "BoofCV", MEI, "boofcv.yaml", "yaml",
-        {
-            "pinhole": _FX | {"width": "$width", "height": "$height", "skew": "$skew?"},
-            "mirror_offset": "$xi",
-            "radial_tangential": {"radial": "[k1? k2?]", "t1": "$p1?", "t2": "$p2?"},
-            "model": "omnidirectional_universal", "version": 0,
-        },
-        _ANY, "CalibrationIO.java",
-    ),
+    _boofcv("boofcv", "omnidirectional_universal", MEI, {"mirror_offset": "$xi"}, _ANY),
+    _boofcv("boofcv_pinhole", "pinhole_radial_tangential", PINHOLE, {}, FRONT),
     _kalibr("omni", "[xi fx fy cx cy]", "radtan|none", _SHORT_RADTAN, MEI, _OMNI),
     _kalibr("eucm", "[alpha beta fx fy cx cy]", "none", "[]", EUCM, _EUCM),
     _kalibr("ds", "[xi alpha fx fy cx cy]", "none", "[]", DOUBLE_SPHERE, _DS),
     _kalibr("pinhole", _FOCAL, "equidistant", _KB, KANNALA_BRANDT, FRONT),
-    _kalibr("pinhole", _FOCAL, "radtan", "[k1 k2 p1 p2]", PINHOLE, FRONT),
+    _kalibr("pinhole", _FOCAL, "radtan|none", _SHORT_RADTAN, PINHOLE, FRONT),
     _basalt("ucm", UCM, _EUCM, alpha="$alpha"),
     _basalt("eucm", EUCM, _EUCM, alpha="$alpha", beta="$beta"),
     _basalt("ds", DOUBLE_SPHERE, _DS, xi="$xi", alpha="$alpha"),
@@ -449,13 +460,13 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _nerfstudio("nerfstudio", "OPENCV_FISHEYE", KANNALA_BRANDT,
                 {name: f"{number}?" for name, number in _K4.items()}, _ANY),
     _nerfstudio("nerfstudio_pinhole", "OPENCV", PINHOLE,
-                {name: f"{number}?" for name, number in _K1_TO_P2.items()}, FRONT),
-    _orb_slam("orb_slam3", "KannalaBrandt8", KANNALA_BRANDT, tuple(_K4), _ANY),
-    _orb_slam("orb_slam3_pinhole", "PinHole", PINHOLE, tuple(_K1_TO_P2), FRONT),
+                _SHORT_K1_TO_P2 | {"k4": "$0?"}, FRONT),
+    _orb_slam("orb_slam3", "KannalaBrandt8", KANNALA_BRANDT, _K4, _ANY),
+    _orb_slam("orb_slam3_pinhole", "PinHole|Rectified", PINHOLE, _SHORT_K1_TO_P2, FRONT),
     _stella("stella_vslam", "fisheye", KANNALA_BRANDT, _K4),
     _stella("stella_vslam_perspective", "perspective", PINHOLE, _K1_TO_P2 | {"k3": "$0"}),
     _okvis("okvis2", "equidistant", KANNALA_BRANDT, _KB),
-    _okvis("okvis2_radtan", "radialtangential|plumb_bob", PINHOLE, "[k1 k2 p1 p2]"),
+    _okvis("okvis2_radtan", "radialtangential|plumb_bob", PINHOLE, "[k1 k2 p1 p2 0?]"),
     _kimera("kimera", "pinhole", _FOCAL, "equidistant", KANNALA_BRANDT,
             {"distortion_coefficients": _KB}),
     _kimera("kimera_radtan", "pinhole", _FOCAL, "radtan|radial-tangential", PINHOLE,
@@ -487,7 +498,8 @@ FORMATS: tuple[CalibrationFormat, ...] = (
             "Camera.Iw": "$width", "Camera.Ih": "$height", "Camera.nrpol": 5,
             "Camera.nrinvpol": 12, **_count("Camera.a", "n", 5), **_count("Camera.pol", "inv", 12),
             "Camera.c": "$sxx", "Camera.d": "$sxy", "Camera.e": "$syx", "Camera.u0": "$cx",
-            "Camera.v0": "$cy", "Camera.fov": "$fov_deg?", "Camera.mirrorMask": 0,
+            "Camera.v0": "$cy", "Camera.fov": "$fov_deg?",
+            "Camera.mirrorMask": "$mirror_mask?",
         },
         _ANY, "own cv2.FileStorage; cam_system_omni.cpp",
     ),
@@ -509,7 +521,9 @@ FORMATS: tuple[CalibrationFormat, ...] = (
         {
             "name": "!$name", "calib_dimension": {"w": "$width", "h": "$height"},
             "orig_dimension": {"w": "!$width", "h": "!$height"},
-            "distortion_model": "opencv_fisheye|null?",
+            "distortion_model": "opencv_fisheye|null?", "calibrator_version": "!1.6.3",
+            # Else it takes the image's middle for the centre that was calibrated.
+            "asymmetrical": True,
             "fisheye_params": {
                 "RMS_error": 0.0, "camera_matrix": _K, "distortion_coeffs": _KB,
                 "radial_distortion_limit": "$tan_limit?",

@@ -8,7 +8,8 @@ A template is a nested mapping as of the file itself. Its leaves are
   takes all that is left;
 * other texts: words by which the format is recognised, `|` between equals, `null` for none;
 * `?` after a name or a word: readers do without, writers have it; `!` in front of a leaf, numbers,
-  truth values and objects of them: demanded by the format's reader alone, ignored here.
+  truth values and objects of them: demanded by the format's reader alone, ignored here;
+* `"@mask?"`: a text, by its name among the numbers; never written.
 
 Keys have equals by `|`, too; `a/b` is a field of an object, as each of its equals may be; a dotted
 key reads from nested objects, and the other way round. The key `cam0`, and a list of one item,
@@ -72,41 +73,43 @@ class Match:
 def iter_objects(document: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Objects of a document with their paths, outer ones first, at most 1024."""
     waiting: list[tuple[str, Any]] = []
-    if isinstance(document, (Mapping, list)):
+    if isinstance(document, (dict, list)):
         waiting.append(("", document))
     for _ in range(_MAX_OBJECTS):
         if not waiting:
             return
         path, node = waiting.pop(0)
-        if isinstance(node, Mapping):
+        if isinstance(node, dict):
             yield path, node
-        children = node.items() if isinstance(node, Mapping) else enumerate(node)
+        children = node.items() if isinstance(node, dict) else enumerate(node)
         waiting += [
             (_join(path, key), child)
             for key, child in children
-            if isinstance(child, (Mapping, list)) and len(waiting) < _MAX_OBJECTS
+            if isinstance(child, (dict, list)) and len(waiting) < _MAX_OBJECTS
         ]
 
 
 def keys_of(node: Mapping[str, Any]) -> set[str]:
     """Keys of an object or a template and of objects in it, with equals, dotted ones in part."""
-    keys = [key for key in node if isinstance(key, str)]
-    for child in node.values():
-        if isinstance(child, Mapping):
-            keys += [key for key in child if isinstance(key, str)]
-    return {
-        part
-        for key in keys
-        for name in key.split("|")
-        for part in (name, *re.split("[./]", name)[:1])
-    }
+    objects = (node, *(child for child in node.values() if isinstance(child, dict)))
+    keys = (key for each in objects for key in each if isinstance(key, str))
+    names = {name for key in keys for name in key.split("|")}
+    return names | {name.split(".")[0].split("/")[0] for name in names}
+
+
+def fields_for_readers(template: Any) -> Any:
+    """A template without what is for writers alone."""
+    if isinstance(template, dict):
+        kept = {key: each for key, each in template.items() if not _is_for_writers(each)}
+        return {key: fields_for_readers(each) for key, each in kept.items()}
+    return [fields_for_readers(template[0])] if isinstance(template, list) else template
 
 
 def match(template: Mapping[str, Any], node: Mapping[str, Any], path: str, camera: str) -> Match:
     """A template compared with an object.
 
     Args:
-        template: The template.
+        template: The template, of `fields_for_readers`.
         node: The object.
         path: Path of the object in the file.
         camera: Name of the camera, in a file with several; empty for the first.
@@ -132,7 +135,7 @@ def _is_for_writers(template: Any) -> bool:
 
 def _is_optional(template: Any) -> bool:
     if isinstance(template, Mapping):
-        return all(_is_for_writers(one) or _is_optional(one) for one in template.values())
+        return all(map(_is_optional, template.values()))
     return isinstance(template, str) and template.endswith("?")
 
 
@@ -145,8 +148,7 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
             _match_camera(template["cam0"], node, names, path, camera, found)
         else:
             for key, each in template.items():
-                if not _is_for_writers(each):
-                    _match_field(key, each, node, path, camera, found)
+                _match_field(key, each, node, path, camera, found)
     elif isinstance(template, list):
         items = dict(enumerate(node)) if isinstance(node, list) else {}
         _match_camera(template[0], items, list(items), path, camera, found)
@@ -154,6 +156,8 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
         _match_numbers([template.strip("$?")], node, path, found)
     elif listed := _LIST.fullmatch(template):
         _match_numbers(listed[3].split(), node, path, found)
+    elif template.startswith("@"):
+        found.numbers[template.strip("@?")] = str(node)
     else:
         words = template.removesuffix("?").split("|")
         if ("null" if node is None else str(node)).lower() in map(str.lower, words):
@@ -241,13 +245,16 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
     rest = tokens[-1].lstrip("-") if tokens and tokens[-1].endswith("*") else ""
     fixed = tokens[:-1] if rest else tokens
     least = sum(not token.endswith("?") for token in fixed)
+    expected = f"finite numbers {' '.join(tokens)}"
+    if len(tokens) == 1:
+        expected = "a finite number" if as_number(tokens[0]) is None else tokens[0]
+    fault = Mismatch(path, expected, repr(node), is_wrong_format=False)
     if (
         numbers is None
         or None in numbers
         or not least <= len(numbers) <= (_MAX_NUMBERS if rest else len(fixed))
     ):
-        expected = "a finite number" if len(tokens) == 1 else f"finite numbers {' '.join(tokens)}"
-        found.faults.append(Mismatch(path, expected, repr(node), is_wrong_format=False))
+        found.faults.append(fault)
         return
     values = [number for number in numbers if number is not None]
     for token, value in zip(fixed, values, strict=False):
@@ -255,8 +262,7 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
         if constant is None:
             found.numbers[token.strip("-?")] = -value if token[0] == "-" else value
         elif constant != value:
-            expected = f"finite numbers {' '.join(tokens)}"
-            found.faults.append(Mismatch(path, expected, repr(node), is_wrong_format=False))
+            found.faults.append(fault)
     if rest:
         sign = -1.0 if tokens[-1][0] == "-" else 1.0
         found.numbers[rest.rstrip("*")] = tuple(sign * value for value in values[len(fixed) :])
@@ -277,16 +283,16 @@ def names_in(template: Any) -> set[str]:
 
 
 def describe_fields(template: Any) -> str:
-    """Fields of a template that a reader here takes, in a line."""
+    """Fields of a template of `fields_for_readers` in a line."""
     if isinstance(template, Mapping):
         return "; ".join(
             f"{key.split('|')[0]} {described}".strip()
             for key, each in template.items()
-            if not _is_for_writers(each) and (described := describe_fields(each))
+            if (described := describe_fields(each))
         )
     if isinstance(template, list):
         return describe_fields(template[0])
-    return str(template).replace("|", " or ").replace("$", "")
+    return str(template).replace("|", " or ").replace("$", "").replace("@", "")
 
 
 def write_document(template: Mapping[str, Any], values: Mapping[str, Any], notation: str) -> str:
@@ -325,6 +331,8 @@ def _fill(template: Any, values: Mapping[str, Any]) -> Any:
     if isinstance(template, Mapping):
         filled: dict[str, Any] = {}
         for key, each in template.items():
+            if isinstance(each, str) and each.startswith("@"):
+                continue
             *path, name = key.split("|")[0].split("/")
             inner = filled
             for part in path:
