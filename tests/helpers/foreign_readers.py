@@ -294,7 +294,7 @@ def _nerfstudio(path: Path, name: str) -> Project:
     kind = {"OPENCV_FISHEYE": "fisheye", "OPENCV": "perspective"}[meta["camera_model"]]
     fx, fy, cx, cy = (float(meta[key]) for key in ("fl_x", "fl_y", "cx", "cy"))
     assert int(meta["h"]) > 0 and int(meta["w"]) > 0
-    assert meta.get("fisheye_crop_radius") is None
+    assert "fisheye_crop_radius" not in meta
     terms = {key: float(meta.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
     k1, k2, k3, k4, p1, p2 = terms.values()
     numbers = (fx, fy, cx - 0.5, cy - 0.5)  # `get_image_coords` adds 0.5 to whole pixels
@@ -423,12 +423,16 @@ def _maplab(path: Path, name: str) -> Project:
     return (kannala_brandt if name == "maplab" else _pinhole)(numbers, terms)
 
 
-def _vikit(path: Path, _: str) -> Project:
+def _vikit(path: Path, name: str) -> Project:
     v = _yaml(path)["cam0"]
-    assert v["cam_model"] == "PinholeEquidistant" and v["cam_width"] and v["cam_height"]
-    return kannala_brandt(
-        _four(v, "cam_fx cam_fy cam_cx cam_cy"), _four(v, "cam_d0 cam_d1 cam_d2 cam_d3")
-    )
+    assert type(v["cam_width"]) is int and type(v["cam_height"]) is int
+    numbers = _four(v, "cam_fx cam_fy cam_cx cam_cy")
+    terms = _four(v, "cam_d0 cam_d1 cam_d2 cam_d3")
+    kinds = {"vikit": ("PinholeEquidistant", kannala_brandt),
+             "vikit_radtan": ("PinholeRadialTangential", _pinhole)}  # fmt: skip
+    kind, make = kinds[name]
+    assert v["cam_model"] == kind
+    return make(numbers, terms)
 
 
 def _multicol(path: Path, _: str) -> Project:
@@ -465,7 +469,7 @@ def _gyroflow(path: Path, _: str) -> Project:
     params = v["fisheye_params"]
     k = np.array([_check(row, float, 3) for row in params["camera_matrix"]])
     assert k.shape == (3, 3) and _check(params["RMS_error"], float) >= 0.0
-    assert params["radial_distortion_limit"] is None and v["distortion_model"] == "opencv_fisheye"
+    assert "radial_distortion_limit" not in params and v["distortion_model"] == "opencv_fisheye"
     if not _check(v.get("asymmetrical", False), bool):
         k[:2, 2] = 0.5 * v["calib_dimension"]["w"], 0.5 * v["calib_dimension"]["h"]
     return kannala_brandt(_of_k(k), _check(params["distortion_coeffs"], float, 4))

@@ -308,7 +308,7 @@ def test_mask_of_another_shape_size_or_kind_is_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(raised.value)
         return str(raised.value)
 
-    assert "mask='mask.png': expected a picture of at most" in read()
+    assert "mask='mask.png': expected a picture beside the file" in read()
     write_mask(tmp_path, (300.0, 200.0), (754, 480))
     assert "an image circle about the optical axis: " in read()
     write_mask(tmp_path, (392.2, 243.5), (640, 480))
@@ -372,6 +372,10 @@ def test_camera_of_a_rig_is_found_by_its_name_and_others_are_listed(tmp_path: Pa
         (
             f"cam0:\n{CHAIN}".replace("equidistant", "fov"),
             "distortion_model='fov': expected equidistant: the file is of the format kalibr_equi",
+        ),
+        (
+            f"cam0:\n{CHAIN}".replace("equidistant", "fov").replace(D, "0.92"),
+            "distortion_model='fov': expected radtan or none: the file is of the format kalibr_radt",
         ),
         ("model_type: MEI\nimage_width: 4\n", "such as camodocal (needs"),
         ('{"camera_model": "OPENCV_FISHEYE", "fl_x": 9, "fl_y": 9, "cx": 5}', "cy='missing'"),

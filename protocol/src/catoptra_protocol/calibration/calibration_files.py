@@ -132,7 +132,9 @@ def _find_format(text: str, file: str, camera: str) -> tuple[CalibrationFormat, 
         return each, found
     near = sorted(matches, key=lambda one: -one[1].share_found)
     for each, found in near[:1]:
-        wrong = next((fault for fault in found.faults if not fault.is_wrong_format), None)
+        # Another model first: its numbers are others.
+        present = (fault for fault in found.faults if fault.value != "missing")
+        wrong = max(present, key=lambda fault: fault.is_wrong_format, default=None)
         is_clear = found.share_found >= _MOST and (wrong is not None or len(found.faults) == 1)
         if is_clear and found.num_words > 0:
             fault = wrong or found.faults[0]

@@ -171,7 +171,8 @@ def read_mask(file: str, name: str, size_px: tuple[int, int]) -> Bools:
     where = partial(file_error, file, "mask")
     try:
         if not path.is_file() or path.stat().st_size > _MAX_MASK_BYTES:
-            raise where(f"a picture of at most {_MAX_MASK_BYTES} bytes", value=name)
+            expected = f"a picture beside the file of at most {_MAX_MASK_BYTES} bytes, or no mask"
+            raise where(expected, value=name)
         data = path.read_bytes()
     except OSError as error:
         raise where(f"a readable picture: {error.strerror}", value=name) from error

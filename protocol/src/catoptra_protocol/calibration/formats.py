@@ -151,7 +151,8 @@ def _basalt(kind: str, model: LensModel, domain: str, **shape: str) -> Calibrati
             "accel_bias_std": [0.001] * 3, "gyro_bias_std": [0.0001] * 3,
             "cam_time_offset_ns": 0, "vignette": [],
         }},
-        domain, "headers_serialization.h and cereal's order of fields",
+        domain, "VladyslavUsenko/basalt-headers: include/basalt/serialization/"
+        "headers_serialization.h",
     )  # fmt: skip
 
 
@@ -161,7 +162,8 @@ def _camodocal(
     return CalibrationFormat(
         name, "CamOdoCal", model, f"{name}.yaml", "opencv",
         {"model_type": kind, "camera_name": "!$name", **_SIDES, **fields},
-        FRONT if model is PINHOLE else _ANY, "own cv2.FileStorage; readFromYamlFile",
+        FRONT if model is PINHOLE else _ANY,
+        "own cv2.FileStorage; hengli/camodocal: src/camera_models/",
     )  # fmt: skip
 
 
@@ -191,7 +193,8 @@ def _kalibr(
             "camera_model": kind, "intrinsics": intrinsics, "distortion_model": distortion,
             "distortion_coeffs": coefficients, "resolution": _SIZE, "rostopic": "!$topic",
         }},
-        domain, "own PyYAML; ConfigReader.py",
+        domain, "own PyYAML; ethz-asl/kalibr: aslam_offline_calibration/kalibr/python/"
+        "kalibr_common/ConfigReader.py",
     )  # fmt: skip
 
 
@@ -242,7 +245,8 @@ def _nerfstudio(
             "w": "$width?", "h": "$height?", **shape, "fisheye_crop_radius": "$circle_px?",
             "frames": [],
         },
-        domain, "nerfstudio_dataparser.py", first_pixel=0.5,
+        domain, "nerfstudio-project/nerfstudio: nerfstudio/data/dataparsers/"
+        "nerfstudio_dataparser.py", first_pixel=0.5,
     )  # fmt: skip
 
 
@@ -263,7 +267,7 @@ def _orb_slam(
                "PointSize", "CameraLineWidth", "ViewpointX", "ViewpointY", "ViewpointZ")},
             "Viewer.ViewpointF": 500.0,
         },
-        domain, "own cv2.FileStorage; Settings.cc",
+        domain, "own cv2.FileStorage; UZ-SLAMLab/ORB_SLAM3: src/Settings.cc",
     )  # fmt: skip
 
 
@@ -274,7 +278,7 @@ def _stella(name: str, kind: str, model: LensModel, shape: Mapping[str, str]) ->
             "name": "!$name", "setup": "!monocular", "model": kind, **_FX, **shape, "fps": 30.0,
             "cols": "$width", "rows": "$height", "color_order": "!RGB",
         }},
-        FRONT, "camera/fisheye.cc, camera/perspective.cc",
+        FRONT, "stella-cv/stella_vslam: src/stella_vslam/camera/",
     )  # fmt: skip
 
 
@@ -311,7 +315,8 @@ def _okvis(name: str, kind: str, model: LensModel, coefficients: str) -> Calibra
             },
             "output_parameters": {"display_matches": True, "display_overhead": False},
         },
-        FRONT, "own cv2.FileStorage; ViParametersReader.cpp",
+        FRONT, "own cv2.FileStorage; smartroboticslab/okvis2: okvis_common/src/"
+        "ViParametersReader.cpp",
     )  # fmt: skip
 
 
@@ -325,7 +330,7 @@ def _kimera(
             "camera_id": "!$name", "T_BS": _EYE_MATRIX, "rate_hz": 30, "resolution": _SIZE,
             "camera_model": kind, "intrinsics": intrinsics, "distortion_model": distortion, **shape,
         },
-        FRONT, "own cv2.FileStorage; CameraParams.cpp",
+        FRONT, "own cv2.FileStorage; MIT-SPARK/Kimera-VIO: src/frontend/CameraParams.cpp",
     )  # fmt: skip
 
 
@@ -350,7 +355,20 @@ def _maplab(
                 "T_B_C": _EYE_MATRIX,
             }],
         },
-        domain, "camera.cc, ncamera.cc of aslam_cv2; camera_yaml_serialization.cpp of vikit",
+        domain, "uzh-rpg/rpg_svo_pro_open: vikit/vikit_cameras/src/"
+        "camera_yaml_serialization.cpp, ncamera.cpp",
+    )  # fmt: skip
+
+
+def _vikit(name: str, kind: str, model: LensModel, terms: str) -> CalibrationFormat:
+    return CalibrationFormat(
+        name, "SVO, rpg_vikit", model, f"{name}.yaml", "yaml",
+        {"cam0": {
+            "cam_model": kind,
+            **{f"cam_{key}": f"${key}" for key in ("width", "height", *_FX)},
+            **{f"cam_d{place}": term for place, term in enumerate(terms.split())},
+        }},
+        FRONT, "uzh-rpg/rpg_svo_pro_open: vikit/vikit_cameras/src/camera_factory.cpp",
     )  # fmt: skip
 
 
@@ -360,7 +378,7 @@ def _adapter(
     return CalibrationFormat(
         f"fca_{kind}", "fisheye-calib-adapter", model, f"fca_{kind}.yml", "yaml",
         {"image": {"width": "$width", "height": "$height"}, "parameter": shape},
-        domain, "parse() of each model",
+        domain, "eowjd0512/fisheye-calib-adapter: parse() of src/model/",
     )  # fmt: skip
 
 
@@ -429,7 +447,7 @@ FORMATS: tuple[CalibrationFormat, ...] = (
             "intrinsic": _WOODSCAPE, "name": "!$name",
             "extrinsic": {"quaternion": [0.0, 0.0, 0.0, 1.0], "translation": [0.0, 0.0, 0.0]},
         },
-        _ANY, "read_cam_from_json of projection.py",
+        _ANY, "valeoai/WoodScape: scripts/calibration/projection.py",
     ),
     _ros("ros_equidistant", "equidistant|fisheye", "1x4[k1 k2 k3 k4]", KANNALA_BRANDT,
          "camera_info.yaml"),
@@ -466,10 +484,10 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _stella("stella_vslam", "fisheye", KANNALA_BRANDT, _K4),
     _stella("stella_vslam_perspective", "perspective", PINHOLE, _K1_TO_P2 | {"k3": "$0"}),
     _okvis("okvis2", "equidistant", KANNALA_BRANDT, _KB),
-    _okvis("okvis2_radtan", "radialtangential|plumb_bob", PINHOLE, "[k1 k2 p1 p2 0?]"),
+    _okvis("okvis2_radtan", "radialtangential|plumb_bob", PINHOLE, "[k1 k2 p1 p2]"),
     _kimera("kimera", "pinhole", _FOCAL, "equidistant", KANNALA_BRANDT,
             {"distortion_coefficients": _KB}),
-    _kimera("kimera_radtan", "pinhole", _FOCAL, "radtan|radial-tangential", PINHOLE,
+    _kimera("kimera_radtan", "pinhole", _FOCAL, "radtan|radial-tangential|plumb_bob", PINHOLE,
             {"distortion_coefficients": "[k1 k2 p1 p2]"}),
     _kimera("kimera_omni", "omni", [], "omni", OCAM_4, {
         "distortion_coefficients": "[a0 a1 a2 a3 a4]", "omni_affine": "[sxy syx syy]",
@@ -483,15 +501,8 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     _maplab("svo_omni", "omni", "24x1[-a0 -a1 -a2 -a3 -a4 cx cy syy syx sxy "
             + " ".join(f"inv{i}" for i in range(12)) + " mask_from circle_share]",
             "none", "0x1[]", OCAM_4, _ANY),
-    CalibrationFormat(
-        "vikit", "SVO, rpg_vikit", KANNALA_BRANDT, "vikit.yaml", "yaml",
-        {"cam0": {
-            "cam_model": "PinholeEquidistant",
-            **{f"cam_{name}": f"${name}" for name in ("width", "height", *_FX)},
-            **{f"cam_d{i}": f"$k{i + 1}" for i in range(4)},
-        }},
-        FRONT, "camera_factory.cpp of vikit",
-    ),
+    _vikit("vikit", "PinholeEquidistant", KANNALA_BRANDT, "$k1 $k2 $k3 $k4"),
+    _vikit("vikit_radtan", "PinholeRadialTangential", PINHOLE, "$k1? $k2? $p1? $p2?"),
     CalibrationFormat(
         "multicol", "MultiCol-SLAM", OCAM_4, "multicol.yaml", "opencv",
         {
@@ -501,7 +512,7 @@ FORMATS: tuple[CalibrationFormat, ...] = (
             "Camera.v0": "$cy", "Camera.fov": "$fov_deg?",
             "Camera.mirrorMask": "$mirror_mask?",
         },
-        _ANY, "own cv2.FileStorage; cam_system_omni.cpp",
+        _ANY, "own cv2.FileStorage; urbste/MultiCol-SLAM: src/cSystem.cpp, cam_model_omni.cpp",
     ),
     CalibrationFormat(
         "py_ocamcalib", "py-OCamCalib", OCAM, "py_ocamcalib.json", "json",
@@ -509,12 +520,12 @@ FORMATS: tuple[CalibrationFormat, ...] = (
             "camera_name": "!$name", "taylor_coefficient": "[poly*]", "distortion_center": _CENTRE,
             "stretch_matrix": "2x2[sxx sxy syx 1]", "inverse_poly": "[of_theta*]",
         },
-        _ANY, "load_parameters of camera.py",
+        _ANY, "jakarto3d/py-OCamCalib: src/pyocamcalib/modelling/camera.py",
     ),
     CalibrationFormat(
         "py_omnicalib", "py-omnicalib", WOODSCAPE, "py_omnicalib.yml", "yaml",
         {"poly_incident_angle_to_radius": "[0 k1 k2 k3 k4]", "principal_point": _CENTRE},
-        _ANY, "project_poly_thetar of projection.py",
+        _ANY, "tasptz/py-omnicalib: omnicalib/projection.py",
     ),
     CalibrationFormat(
         "gyroflow", "gyroflow", KANNALA_BRANDT, "gyroflow.json", "json",
@@ -529,7 +540,7 @@ FORMATS: tuple[CalibrationFormat, ...] = (
                 "radial_distortion_limit": "$tan_limit?",
             },
         },
-        FRONT, "lens_profile.rs",
+        FRONT, "gyroflow/gyroflow: src/core/lens_profile.rs",
     ),
     _adapter("kb", KANNALA_BRANDT, FRONT, _FX | _K4),
     _adapter("ucm", UCM, _EUCM, _FX | {"alpha": "$alpha"}),

@@ -9,7 +9,7 @@ A template is a nested mapping as of the file itself. Its leaves are
 * other texts: words by which the format is recognised, `|` between equals, `null` for none;
 * `?` after a name or a word: readers do without, writers have it; `!` in front of a leaf, numbers,
   truth values and objects of them: demanded by the format's reader alone, ignored here;
-* `"@mask?"`: a text, by its name among the numbers; never written.
+* `"@mask?"`: a text, by its name among the numbers; never written, as numbers that are None.
 
 Keys have equals by `|`, too; `a/b` is a field of an object, as each of its equals may be; a dotted
 key reads from nested objects, and the other way round. The key `cam0`, and a list of one item,
@@ -331,19 +331,20 @@ def _fill(template: Any, values: Mapping[str, Any]) -> Any:
     if isinstance(template, Mapping):
         filled: dict[str, Any] = {}
         for key, each in template.items():
-            if isinstance(each, str) and each.startswith("@"):
-                continue
             *path, name = key.split("|")[0].split("/")
             inner = filled
             for part in path:
                 inner = inner.setdefault(part, {})
-            inner[name] = _fill(each, values)
+            if (value := _fill(each, values)) is not None:
+                inner[name] = value
         return _Matrix(filled) if "data" in filled else filled
     if isinstance(template, list):
         return [_fill(each, values) for each in template]
     if not isinstance(template, str):
         return template
     template = template.removeprefix("!").removesuffix("?")
+    if template.startswith("@"):
+        return None
     if template.startswith("$"):
         return float(template[1:]) if template[1:].isdigit() else values[template[1:]]
     listed = _LIST.fullmatch(template)
