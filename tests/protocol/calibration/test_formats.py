@@ -375,7 +375,7 @@ def test_camera_of_a_rig_is_found_by_its_name_and_others_are_listed(tmp_path: Pa
         ),
         (
             f"cam0:\n{CHAIN}".replace("equidistant", "fov").replace(D, "0.92"),
-            "distortion_model='fov': expected radtan or none: the file is of the format kalibr_radt",
+            "distortion_model='fov': expected radtan or none: the file is of the format kalibr",
         ),
         ("model_type: MEI\nimage_width: 4\n", "such as camodocal (needs"),
         ('{"camera_model": "OPENCV_FISHEYE", "fl_x": 9, "fl_y": 9, "cx": 5}', "cy='missing'"),

@@ -33,14 +33,14 @@ from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
 from catoptra_protocol.names import list_names
 from catoptra_protocol.optics.elementary import arctan2, hypot
-from catoptra_protocol.optics.numerics import reject_overflow
+from catoptra_protocol.optics.numerics import Bools, Floats, reject_overflow
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import WITHIN_LIMIT, Picture
 
 # Of the fields that a format needs: from there on a file with a wrong number is one of it.
 _MOST, _NUM_NEAREST = 0.6, 3
 # Of the pixels that a mask shows: drawn circles are some pixels off the optical axis.
-_MAX_LOST = 0.1
+_MAX_LOST, _MAX_PIXELS = 0.1, 2**19
 
 
 def camera_from_file(
@@ -193,10 +193,10 @@ def _narrow(camera: OmniCamera, mask: str, file: str) -> OmniCamera:
         ConfigError: No mask of this camera, or one that is no image circle.
     """
     shown = read_mask(file, mask, (camera.width_px, camera.height_px))
-    rows, columns = np.indices(shown.shape)
-    ray, valid = camera.direction_from_pixel(np.stack((columns + 0.5, rows + 0.5), axis=-1))
-    angle = arctan2(hypot(ray[..., 0], ray[..., 1]), ray[..., 2])
-    hidden, kept = angle[valid & ~shown], angle[valid & shown]
+    near = np.pad(shown, 1)
+    near = near[:-2, 1:-1] | near[2:, 1:-1] | near[1:-1, :-2] | near[1:-1, 2:]
+    # Of all that is hidden, what is first from the axis has a neighbour that is shown.
+    hidden, kept = (_find_angles(camera, pixels) for pixels in (near & ~shown, shown))
     rim_rad = WITHIN_LIMIT * float(hidden.min(initial=math.inf))
     lost = np.count_nonzero(kept > rim_rad) / max(kept.size, 1)
     if lost > _MAX_LOST or kept.size == 0:
@@ -206,6 +206,14 @@ def _narrow(camera: OmniCamera, mask: str, file: str) -> OmniCamera:
         )
         raise file_error(file, "mask", expected, value=mask)
     return replace(camera, rim_rad=min(rim_rad, camera.rim_rad))
+
+
+def _find_angles(camera: OmniCamera, pixels: Bools) -> Floats:
+    """Angles from the axis of pixels in a mask that the camera shows, of many a part."""
+    places = np.flatnonzero(pixels)
+    rows, columns = np.divmod(places[:: len(places) // _MAX_PIXELS + 1], camera.width_px)
+    ray, valid = camera.direction_from_pixel(np.stack((columns + 0.5, rows + 0.5), axis=-1))
+    return arctan2(hypot(ray[:, 0], ray[:, 1]), ray[:, 2])[valid]
 
 
 def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> OmniCamera:

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.numerics import Bools
 MAX_BYTES = 2**20
 """Largest calibration file that is read: published ones have some kilobytes."""
 MAX_XML_DEPTH = 16
-_MAX_MASK_BYTES = 2**24
+_MAX_MASK_BYTES, _MAX_MASK_PX = 2**24, 2**26
 _PNG = b"\x89PNG\r\n\x1a\n"
 OCAM_LINES = ("polynomial", "inverse", "centre", "affine", "size")
 """Names of the lines of numbers of OCamCalib's file, in their order."""
@@ -179,9 +179,10 @@ def read_mask(file: str, name: str, size_px: tuple[int, int]) -> Bools:
     # Its size before its pixels: a small file may unpack to gigabytes.
     head = data[16:24] if data.startswith(_PNG) else b""
     stated = struct.unpack(">II", head) if len(head) == 8 else None
-    if stated != size_px:
+    if stated != size_px or stated[0] * stated[1] > _MAX_MASK_PX:
         found = "no PNG" if stated is None else "{} x {} px".format(*stated)
-        raise where("a PNG of {} x {} px, as the camera's".format(*size_px), value=found)
+        expected = "a PNG of {} x {} px, as the camera's, {} in all at most"
+        raise where(expected.format(*size_px, _MAX_MASK_PX), value=found)
     try:
         import cv2
     except ImportError as error:
