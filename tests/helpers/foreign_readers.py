@@ -438,7 +438,6 @@ def _vikit(path: Path, name: str) -> Project:
 def _multicol(path: Path, _: str) -> Project:
     s = _Storage(path)
     assert type(s["Camera.Iw"]) is int and type(s["Camera.Ih"]) is int
-    assert s["Camera.mirrorMask"] == 0
     poly = [s[f"Camera.a{i}"] for i in range(_check(s["Camera.nrpol"], int))]
     inverse = [s[f"Camera.pol{i}"] for i in range(_check(s["Camera.nrinvpol"], int))]
     c, d, e, u, v = (s[f"Camera.{each}"] for each in ("c", "d", "e", "u0", "v0"))

@@ -100,13 +100,10 @@ class CalibrationFormat:
             DomainError: The format has no place for a property of the camera.
         """
         numbers = numbers_from_camera(camera, names_in(self.template), self.first_pixel)
-        values = numbers | {"name": name, "topic": f"/{name}/image_raw"} | _NO_LIMITS
+        no_mask = {"mask_from": 0.0, "circle_share": 0.0}
+        values = numbers | {"name": name, "topic": f"/{name}/image_raw"} | no_mask
         return write_document(self.template, values, self.notation)
 
-
-_NO_LIMITS = {
-    "tan_limit": None, "circle_px": None, "mask_from": 0.0, "circle_share": 0.0, "mirror_mask": 0,
-}  # fmt: skip
 
 MEI = LensModel("Mei", UnifiedLens, fit_mei)
 UCM = LensModel("UCM", EnhancedUnifiedLens, fit_ucm)

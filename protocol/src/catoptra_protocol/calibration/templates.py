@@ -7,9 +7,10 @@ A template is a nested mapping as of the file itself. Its leaves are
   and nested lists and from matrices alike. A number in it must be there; `-` negates, a last `*`
   takes all that is left;
 * other texts: words by which the format is recognised, `|` between equals, `null` for none;
-* `?` after a name or a word: readers do without, writers have it; `!` in front of a leaf, numbers,
-  truth values and objects of them: demanded by the format's reader alone, ignored here;
-* `"@mask?"`: a text, by its name among the numbers; never written, as numbers that are None.
+* `?` after a name or a word: readers do without, writers have what is known; `!` in front of a
+  leaf, numbers, truth values and objects of them: demanded by the format's reader alone, ignored
+  here;
+* `"@mask?"`: a text, by its name among the numbers.
 
 Keys have equals by `|`, too; `a/b` is a field of an object, as each of its equals may be; a dotted
 key reads from nested objects, and the other way round. The key `cam0`, and a list of one item,
@@ -144,14 +145,14 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
         if not isinstance(node, Mapping):
             found.faults.append(Mismatch(path, "an object with fields", repr(node)))
         elif "cam0" in template:
-            names = [key for key, each in node.items() if isinstance(each, Mapping)]
-            _match_camera(template["cam0"], node, names, path, camera, found)
+            objects = {key: each for key, each in node.items() if isinstance(each, Mapping)}
+            _match_camera(template["cam0"], objects, path, camera, found)
         else:
             for key, each in template.items():
                 _match_field(key, each, node, path, camera, found)
     elif isinstance(template, list):
         items = dict(enumerate(node)) if isinstance(node, list) else {}
-        _match_camera(template[0], items, list(items), path, camera, found)
+        _match_camera(template[0], items, path, camera, found)
     elif template.startswith("$"):
         _match_numbers([template.strip("$?")], node, path, found)
     elif listed := _LIST.fullmatch(template):
@@ -168,23 +169,18 @@ def _match(template: Any, node: Any, path: str, camera: str, found: Match) -> No
 
 
 def _match_camera(
-    template: Any,
-    items: Mapping[Any, Any],
-    keys: list[Any],
-    path: str,
-    camera: str,
-    found: Match,
+    template: Any, items: Mapping[Any, Any], path: str, camera: str, found: Match
 ) -> None:
     """The same of one of several cameras, of objects or of numbers."""
-    names = [key if isinstance(key, str) else f"cam{key}" for key in keys]
-    found.cameras = found.cameras or names
-    place = names.index(camera) if camera in names else 0
-    if not keys:
+    if not items:
         found.faults.append(Mismatch(_join(path, "cam0"), "a camera"))
         return
+    names = {key if isinstance(key, str) else f"cam{key}": key for key in items}
+    found.cameras = found.cameras or list(names)
+    key = names.get(camera, next(iter(items)))
     if isinstance(template, Mapping):
-        found.path = _join(path, keys[place])
-    _match(template, items[keys[place]], _join(path, keys[place]), camera, found)
+        found.path = _join(path, key)
+    _match(template, items[key], _join(path, key), camera, found)
 
 
 def _match_field(
@@ -245,16 +241,19 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
     rest = tokens[-1].lstrip("-") if tokens and tokens[-1].endswith("*") else ""
     fixed = tokens[:-1] if rest else tokens
     least = sum(not token.endswith("?") for token in fixed)
-    expected = f"finite numbers {' '.join(tokens)}"
-    if len(tokens) == 1:
-        expected = "a finite number" if as_number(tokens[0]) is None else tokens[0]
-    fault = Mismatch(path, expected, repr(node), is_wrong_format=False)
+
+    def reject() -> None:
+        expected = f"finite numbers {' '.join(tokens)}"
+        if len(tokens) == 1:
+            expected = "a finite number" if as_number(tokens[0]) is None else tokens[0]
+        found.faults.append(Mismatch(path, expected, repr(node), is_wrong_format=False))
+
     if (
         numbers is None
         or None in numbers
         or not least <= len(numbers) <= (_MAX_NUMBERS if rest else len(fixed))
     ):
-        found.faults.append(fault)
+        reject()
         return
     values = [number for number in numbers if number is not None]
     for token, value in zip(fixed, values, strict=False):
@@ -262,7 +261,7 @@ def _match_numbers(tokens: list[str], node: Any, path: str, found: Match) -> Non
         if constant is None:
             found.numbers[token.strip("-?")] = -value if token[0] == "-" else value
         elif constant != value:
-            found.faults.append(fault)
+            reject()
     if rest:
         sign = -1.0 if tokens[-1][0] == "-" else 1.0
         found.numbers[rest.rstrip("*")] = tuple(sign * value for value in values[len(fixed) :])
@@ -342,11 +341,12 @@ def _fill(template: Any, values: Mapping[str, Any]) -> Any:
         return [_fill(each, values) for each in template]
     if not isinstance(template, str):
         return template
+    name = template.strip("!$@?")
+    if template.lstrip("!")[0] in "$@":
+        if name.isdigit():
+            return float(name)
+        return values.get(name) if template.endswith("?") else values[name]
     template = template.removeprefix("!").removesuffix("?")
-    if template.startswith("@"):
-        return None
-    if template.startswith("$"):
-        return float(template[1:]) if template[1:].isdigit() else values[template[1:]]
     listed = _LIST.fullmatch(template)
     if listed is None:
         return template.split("|")[0]
