@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +33,8 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 
 _Indices = npt.NDArray[np.intp]
-# Whether (n, 3) directions belong to an object.
-_Membership = Callable[[Floats], Bools]
+# Numbers of the objects that are seen in (n, 3) directions, 0 for nothing.
+_LookUp = Callable[[Floats], npt.NDArray[Any]]
 # Steps of the exact search, of which a dozen are usual; beyond, directions leave no half space.
 _MAX_STEPS = 200
 _CONE_ROUNDING = 1e-12
@@ -70,12 +72,12 @@ def enclose_directions(directions: Floats) -> BoundingCone:
     Through two or three of them where a half space holds them all; else larger by at most
     0.00002 rad.
     """
-    (cone,) = _enclose_groups(directions, np.zeros(1, dtype=np.intp), lambda axes: axes[:, 0] > 2.0)
-    return cone
+    number, first = np.array([1]), np.zeros(1, dtype=np.intp)
+    return _enclose_groups(directions, first, number, lambda axes: np.zeros(len(axes)))[0]
 
 
 def _enclose_groups(
-    directions: Floats, firsts: _Indices, *memberships: _Membership
+    directions: Floats, firsts: _Indices, numbers: npt.NDArray[Any], look_up: _LookUp
 ) -> list[BoundingCone]:
     """Smallest cone around each group of directions, found as Welzl's smallest ball, with the
     farthest direction next.
@@ -83,34 +85,35 @@ def _enclose_groups(
     Args:
         directions: (n, 3) unit, group by group: outlines of objects.
         firsts: (m,) place of each group's first.
-        memberships: Of each group, which directions its object holds.
+        numbers: (m,) number of each group's object.
+        look_up: Numbers that are seen in directions.
     """
     counts = np.diff(firsts, append=len(directions))
     basis = np.repeat(directions[firsts][:, None], 4, axis=1)
     axes, cosines = basis[:, 0].copy(), np.ones(len(firsts))
-    active = np.arange(len(firsts))
+    active, some, num = np.arange(len(firsts)), directions.T.copy(), counts
     for _ in range(_MAX_STEPS):
-        own = np.repeat(np.isin(np.arange(len(firsts)), active), counts)
-        some, num = directions[own], counts[active]
-        products = dot(some, np.repeat(axes[active], num, axis=0))
+        x, y, z = (np.repeat(one, num) for one in axes[active].T)
+        products = x * some[0] + y * some[1] + z * some[2]
         farthest = _find_largest(-products, np.cumsum(num) - num)
-        basis[active, 3] = some[farthest]
-        active = active[products[farthest] < cosines[active] - _CONE_ROUNDING]
-        if not active.size:
+        basis[active, 3] = some[:, farthest].T
+        goes_on = products[farthest] < cosines[active] - _CONE_ROUNDING
+        grown = active[goes_on]
+        basis[grown, :3], axes[grown], cosines[grown] = _grow_bases(basis[grown])
+        goes_on[goes_on] = cosines[grown] > 0.0
+        if not goes_on.any():
             break
-        basis[active, :3], axes[active], cosines[active] = _grow_bases(basis[active])
-        active = active[cosines[active] > 0.0]
-    cosines[active] = -2.0
+        active, some, num = active[goes_on], some[:, np.repeat(goes_on, num)], num[goes_on]
+    else:
+        cosines[active] = -2.0
     halves = _angles(basis[:, 3], axes)
-    ends = firsts + counts
+    # An outline within a half space is that of what is within, or of all the rest.
+    is_half = (cosines > 0.0) & (look_up(-axes) != numbers)
     return [
-        # An outline within a half space is that of what is within, or of all the rest.
-        BoundingCone(axis, float(half))
-        if cosine > 0.0 and not holds(-axis[None])[0]
-        else _enclose_sphere(directions[begin:end], holds)
-        for axis, half, cosine, begin, end, holds in zip(
-            axes, halves, cosines, firsts, ends, memberships, strict=True
-        )
+        BoundingCone(axes[group], float(halves[group]))
+        if is_half[group]
+        else _enclose_sphere(directions[first : first + counts[group]], numbers[group], look_up)
+        for group, first in enumerate(firsts)
     ]
 
 
@@ -141,7 +144,7 @@ def _grow_bases(points: Floats) -> tuple[Floats, Floats, Floats]:
     return chosen[rows, best], axes[rows, best], cosines[rows, best]
 
 
-def _enclose_sphere(directions: Floats, holds: _Membership) -> BoundingCone:
+def _enclose_sphere(directions: Floats, number: int, look_up: _LookUp) -> BoundingCone:
     """Cone of more than 90 degrees: opposite to the largest circle without any direction.
 
     An axis in a circle of axes is at most the circle's radius farther from an outline than the
@@ -156,7 +159,7 @@ def _enclose_sphere(directions: Floats, holds: _Membership) -> BoundingCone:
     while True:
         distance = arccos(np.clip(matmul(axes, directions.T).max(axis=1), -1.0, 1.0))
         # Within the object the outline is the end of the wrong side.
-        distance[holds(axes)] *= -1.0
+        distance[look_up(axes) == number] *= -1.0
         order = np.argsort(-distance, kind="stable")[:_MAX_AXES]
         best = axes[order[0]]
         if radius_rad < _MIN_RADIUS_RAD:
@@ -195,7 +198,7 @@ _BOX_ROUNDING = 1e-9
 _BISECTIONS = 20
 # Nearer to a pole a point has no azimuth.
 _POLE_RAD = 1e-7
-# Half an edge that spans more bends by 0.006 px and more.
+# An edge that spans more azimuths bends by 0.006 px and more.
 _NEAR_POLE_RAD = 0.1
 # Apart from each other by more than any end of an interval: keeps groups apart in one sum.
 _GROUP_STEP = 16.0
@@ -281,16 +284,20 @@ class PixelSphere:
         firsts = np.flatnonzero(np.diff(owners, prepend=0))
         numbers = owners[firsts].tolist()
         azimuth, elevation = (one.reshape(-1)[places] for one in (self._azimuth, self._elevation))
-        begins, widths = _span_azimuths(azimuth, elevation)
-        lowest, highest = elevation.min(axis=1), elevation.max(axis=1)
         points = self.directions.reshape(-1, 3)
-        self._raise_arcs(points[places], widths, lowest, highest)
+        begins, widths = _span_azimuths(azimuth, elevation)
+        from_rad, widths_rad = _join_intervals(begins, widths, firsts)
+        lowest = np.minimum(elevation[:, 0], elevation[:, 1])
+        highest = np.maximum(elevation[:, 0], elevation[:, 1])
+        near = np.flatnonzero(widths > _NEAR_POLE_RAD)
+        lowest[near], highest[near] = _reach_arcs(points[places[near]], lowest[near], highest[near])
         low, high = np.minimum.reduceat(lowest, firsts), np.maximum.reduceat(highest, firsts)
-        from_rad, widths_rad = _join_intervals(begins.reshape(-1), widths.reshape(-1), 2 * firsts)
+        # An edge's end is the next one's begin.
         cones = _enclose_groups(
-            points[places.reshape(-1)],
-            3 * firsts,
-            *(self._make_membership(ids, number) for number in numbers),
+            points[places[:, :2].reshape(-1)],
+            2 * firsts,
+            owners[firsts],
+            partial(self._look_up_numbers, ids),
         )
         boxes = {}
         for row, number in enumerate(numbers):
@@ -305,67 +312,73 @@ class PixelSphere:
             )
         return boxes
 
-    def _raise_arcs(self, points: Floats, widths: Floats, lowest: Floats, highest: Floats) -> None:
-        """Let the elevations of edges next to a pole reach those of arcs between their points."""
-        rows, halves = np.nonzero(widths > _NEAR_POLE_RAD)
-        begin, end = points[rows, halves], points[rows, halves + 1]
-        normal = np.cross(begin, end)
-        is_between = np.cross(normal, begin)[:, 2] * np.cross(normal, end)[:, 2] < 0.0
-        reach = arctan2(hypot(normal[:, 0], normal[:, 1]), np.abs(normal[:, 2]))
-        for extreme, sign, better in ((lowest, -1.0, np.minimum), (highest, 1.0, np.maximum)):
-            there = is_between & (sign * begin[:, 2] < 0.0)
-            better.at(extreme, rows[there], sign * reach[there])
-
-    def _make_membership(self, ids: Ids, number: int) -> _Membership:
-        """Whether level directions are those of an object's pixels."""
-
-        def holds(directions: Floats) -> Bools:
-            in_camera = matmul(directions, self._level_from_camera)
-            if isinstance(self._camera, PerspectiveCamera):
-                pixel, valid = self._camera.pixel_from_direction(in_camera)
-            else:
-                pixel, valid = pixel_from_direction(self._camera, in_camera)
-            inside = valid & ((pixel >= 0.0) & (pixel < ids.shape[::-1])).all(axis=-1)
-            column, row = np.where(inside[:, None], pixel, 0.0).astype(np.intp).T
-            return np.asarray(inside & (ids[row, column] == number))
-
-        return holds
+    def _look_up_numbers(self, ids: Ids, directions: Floats) -> Ids:
+        """Numbers of the pixels that show level directions; 0 where none does."""
+        in_camera = matmul(directions, self._level_from_camera)
+        if isinstance(self._camera, PerspectiveCamera):
+            pixel, valid = self._camera.pixel_from_direction(in_camera)
+        else:
+            pixel, valid = pixel_from_direction(self._camera, in_camera)
+        inside = valid & ((pixel >= 0.0) & (pixel < ids.shape[::-1])).all(axis=-1)
+        column, row = np.where(inside[:, None], pixel, 0.0).astype(np.intp).T
+        return np.where(inside, ids[row, column], np.uint16(0))
 
 
 def _find_edges(ids: Ids) -> tuple[Ids, _Indices]:
     """Edges of the outlines of all objects: (n,) owners, ascending, and (n, 3) places of begin,
-    middle and end in the grid of half pixels, row by row."""
+    middle and end in the grid of half pixels, row by row; each owner on an edge's right hand."""
     padded = np.pad(ids, 1)
     stride = 2 * ids.shape[1] + 1
     found = []
-    for before, after, step in (
+    for left, right, step in (
         (padded[:-1, 1:-1], padded[1:, 1:-1], 1),
-        (padded[1:-1, :-1], padded[1:-1, 1:], stride),
+        (padded[1:-1, 1:], padded[1:-1, :-1], stride),
     ):
-        rows, columns = np.nonzero(before != after)
+        rows, columns = np.nonzero(left != right)
         places = 2 * (rows * stride + columns)[:, None] + step * np.arange(3)
-        found += [(side[rows, columns], places) for side in (before, after)]
+        found.append((right[rows, columns], places))
+        found.append((left[rows, columns], places[:, ::-1]))
     owners, places = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(owners, kind="stable")
-    order = order[owners[order] != 0]
+    order = order[np.searchsorted(owners[order], 1) :]
     return owners[order], places[order]
 
 
 def _span_azimuths(azimuth: Floats, elevation: Floats) -> tuple[Floats, Floats]:
-    """(n, 2) begins and widths of the azimuths of the halves of edges with (n, 3) points."""
+    """(n,) begins, in [0, 2 pi), and widths of the azimuths of edges with (n, 3) points."""
     is_pole = 0.5 * math.pi - np.abs(elevation) < _POLE_RAD
-    begin = np.where(is_pole[:, :2], azimuth[:, 1:], azimuth[:, :2])
-    end = np.where(is_pole[:, 1:], azimuth[:, :2], azimuth[:, 1:])
-    offset = np.mod(end - begin + math.pi, TWO_PI) - math.pi
-    return np.mod(begin + np.minimum(offset, 0.0), TWO_PI), np.abs(offset)
+    centre = np.where(is_pole[:, 1], azimuth[:, 0], azimuth[:, 1])
+    offset = azimuth[:, ::2] - centre[:, None]
+    offset -= TWO_PI * np.rint(offset / TWO_PI)
+    # Beyond a pole the next edge goes on.
+    offset[is_pole[:, ::2]] = 0.0
+    offset[is_pole[:, 1], 1] = 0.0
+    low = np.minimum(np.minimum(offset[:, 0], offset[:, 1]), 0.0)
+    high = np.maximum(np.maximum(offset[:, 0], offset[:, 1]), 0.0)
+    begins = centre + low
+    return begins - TWO_PI * np.floor(begins / TWO_PI), high - low
+
+
+def _reach_arcs(points: Floats, lowest: Floats, highest: Floats) -> tuple[Floats, Floats]:
+    """(n,) lowest and highest elevations of edges with (n, 3, 3) points, with those of the arcs
+    between the points."""
+    for half in (0, 1):
+        begin, end = points[:, half], points[:, half + 1]
+        normal = np.cross(begin, end)
+        is_between = np.cross(normal, begin)[:, 2] * np.cross(normal, end)[:, 2] < 0.0
+        reach = arctan2(hypot(normal[:, 0], normal[:, 1]), np.abs(normal[:, 2]))
+        is_up = begin[:, 2] < 0.0
+        lowest = np.where(is_between & ~is_up, np.minimum(lowest, -reach), lowest)
+        highest = np.where(is_between & is_up, np.maximum(highest, reach), highest)
+    return lowest, highest
 
 
 def _join_intervals(begins: Floats, widths: Floats, firsts: _Indices) -> tuple[Floats, Floats]:
     """(m,) begins and widths of the smallest interval around those of each group of azimuths.
 
     Args:
-        begins: (n,) in [0, 2 pi), group by group.
-        widths: (n,) up to pi.
+        begins: (n,) in [0, 2 pi], group by group.
+        widths: (n,) up to 2 pi.
         firsts: (m,) place of each group's first.
     """
     counts = np.diff(firsts, append=len(begins))

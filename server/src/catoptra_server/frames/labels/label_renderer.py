@@ -69,7 +69,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedRays,
     assemble_grid,
 )
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
 # Rays of labels take 13 bytes a sample besides the pictures': two cameras of 2048 px stay.
@@ -276,24 +276,55 @@ class _PreparedRays:
 
 
 class _PixelRayGrid:
-    """Rays of the pixels' centres in the mirror frame."""
+    """Rays of the pixels' centres in the mirror frame, in blocks of neighbours."""
 
     def __init__(self, table: RayTable) -> None:
         """Arrange the rays of a table of one sample a pixel."""
         fill = np.float32(0.0)
-        self.directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
-        """(h, w, 3) unit; +z where invalid."""
-        self.origins = np.zeros_like(self.directions)
-        """(h, w, 3) metres."""
+        directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
+        self.directions = directions.reshape(-1, 3)
+        """(h * w, 3) unit; +z where invalid."""
+        self.origins: npt.NDArray[np.float32] | None = None
+        """(h * w, 3) metres; None: all at the viewpoint."""
+        self._max_miss_m = 0.0
         if table.origins is not None:
-            self.origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
-        self.valid = find_valid_pixels(table)
-        """(h, w) mask."""
-        self.max_miss_m = float(np.linalg.norm(self.origins, axis=-1).max(initial=0.0))
-        """Largest distance of an origin from the viewpoint."""
+            origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
+            self.origins = origins.reshape(-1, 3)
+            self._max_miss_m = float(np.linalg.norm(origins, axis=-1).max(initial=0.0))
+        rows, columns = np.nonzero(find_valid_pixels(table))
+        blocks = rows // _BLOCK_PX * (table.width_px // _BLOCK_PX + 1) + columns // _BLOCK_PX
+        order = np.argsort(blocks, kind="stable")
+        # Pixels block by block, and the place of each block's first.
+        self._pixels = (rows * table.width_px + columns)[order]
+        self._firsts = np.flatnonzero(np.diff(blocks[order], prepend=-1))
+        self._counts = np.diff(self._firsts, append=len(order))
+        of_blocks = self.directions[self._pixels].astype(np.float64)
+        self._middles = of_blocks[self._firsts + self._counts // 2]
+        offsets = of_blocks - np.repeat(self._middles, self._counts, axis=0)
+        lengths = hypot(offsets[:, 0], offsets[:, 1], offsets[:, 2])
+        # Largest chord from a block's middle to its directions.
+        self._chords = np.maximum.reduceat(lengths, self._firsts) if len(order) else lengths
+
+    def find_candidates(self, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
+        """Numbers of at most _MAX_RAYS pixels, evenly spread over the blocks whose rays may meet a
+        sphere in the mirror frame."""
+        distance, reach = hypot(*centre), radius_m + self._max_miss_m
+        possible = np.arange(len(self._firsts))
+        if distance > reach:
+            chord = 2.0 * sin(0.5 * min(math.pi, arcsin(reach / distance) + 1e-3))
+            squared = 2.0 - 2.0 * matmul(self._middles, centre / distance)
+            possible = np.flatnonzero(squared <= np.square(chord + self._chords))
+        ends = np.cumsum(self._counts[possible])
+        num_pixels = int(ends[-1]) if len(ends) else 0
+        step = max(num_pixels / _MAX_RAYS, 1.0)
+        places = (np.arange(min(num_pixels, _MAX_RAYS)) * step).astype(np.intp)
+        block = np.searchsorted(ends, places, side="right")
+        firsts = self._firsts[possible] + self._counts[possible] - ends
+        return self._pixels[places + firsts[block]]
 
 
 _MAX_RAYS = 4096
+_BLOCK_PX = 8
 # Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
 _RayTest = Callable[[Floats, Floats], Bools]
 
@@ -330,22 +361,42 @@ class _OcclusionMeter:
         """
         placed = {self._labels.number_of(one): one for one in camera_state.objects}
         in_view = np.bincount(ids.reshape(-1), minlength=2**16) > 0
-        fractions = {}
-        for one in objects:
-            if not in_view[one.number]:
-                continue
-            robot = placed.get(one.number)
-            mesh = self._find_static(one.number) if robot is None else self._find(robot.mesh)
-            pose = Pose.identity() if robot is None else robot.world_from_object
-            object_from_mirror = pose.inverse() @ camera_state.world_from_mirror
-            centre = camera_state.world_from_mirror.inverse().transform_points(
-                one.world_from_box.translation
-            )
-            pixels = _candidates(rays, centre, hypot(*one.half_size_m))
-            fractions[one.number] = _hidden_fraction(
-                mesh, rays, pixels, object_from_mirror, ids.reshape(-1)[pixels] == one.number
-            )
+        seen = [one for one in objects if in_view[one.number]]
+        world_from_mirror = camera_state.world_from_mirror
+        to_mirror = world_from_mirror.inverse()
+        visible, unseen = [], []
+        for one in seen:
+            centre = to_mirror.transform_points(one.world_from_box.translation)
+            pixels = rays.find_candidates(centre, hypot(*one.half_size_m))
+            is_visible = ids.reshape(-1)[pixels] == one.number
+            visible.append(int(is_visible.sum()))
+            unseen.append(pixels[~is_visible])
+        every = np.concatenate([*unseen, np.zeros(0, dtype=np.intp)])
+        ways = world_from_mirror.rotate_directions(rays.directions[every].astype(np.float64))
+        starts = np.broadcast_to(world_from_mirror.translation, ways.shape)
+        if rays.origins is not None:
+            starts = world_from_mirror.transform_points(rays.origins[every].astype(np.float64))
+        fractions, end = {}, 0
+        for one, num_visible, pixels in zip(seen, visible, unseen, strict=True):
+            begin, end = end, end + len(pixels)
+            hidden = self._count_hits(one.number, placed, starts[begin:end], ways[begin:end])
+            # In view by pixels between those that are cast: nothing is known to be hidden.
+            own = hidden + num_visible
+            fractions[one.number] = hidden / own if own else 0.0
         return fractions
+
+    def _count_hits(
+        self, number: int, placed: Mapping[int, DynamicObject], starts: Floats, ways: Floats
+    ) -> int:
+        """Number of rays in the world that meet an object."""
+        robot = placed.get(number)
+        if not len(ways):
+            return 0
+        if robot is None:
+            return int(self._find_static(number)(starts, ways).sum())
+        inverse = robot.world_from_object.inverse()
+        meets = self._find(robot.mesh)
+        return int(meets(inverse.transform_points(starts), inverse.rotate_directions(ways)).sum())
 
     def _find_static(self, number: int) -> _RayTest:
         if number not in self._static:
@@ -367,38 +418,6 @@ class _OcclusionMeter:
             search = TriangleSearch(corners)
             return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
-
-
-def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
-    """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
-    possible = rays.valid.reshape(-1)
-    distance = hypot(*centre)
-    reach = radius_m + rays.max_miss_m
-    if distance > reach:
-        cosine = cos(min(math.pi, arcsin(reach / distance) + 1e-3))
-        along = matmul(rays.directions.reshape(-1, 3), (centre / distance).astype(np.float32))
-        possible = possible & (along >= cosine)
-    pixels = np.flatnonzero(possible)
-    step = len(pixels) / _MAX_RAYS
-    return pixels if step <= 1.0 else pixels[(np.arange(_MAX_RAYS) * step).astype(np.intp)]
-
-
-def _hidden_fraction(
-    meets: _RayTest,
-    rays: _PixelRayGrid,
-    pixels: npt.NDArray[np.intp],
-    object_from_mirror: Pose,
-    is_visible: Bools,
-) -> float:
-    """Fraction of the pixels whose rays meet a mesh that is not shown there."""
-    starts, ways = (
-        grid.reshape(-1, 3)[pixels].astype(np.float64) for grid in (rays.origins, rays.directions)
-    )
-    origins = object_from_mirror.transform_points(starts)
-    directions = object_from_mirror.rotate_directions(ways)
-    own = meets(origins, directions) | is_visible
-    # In view by pixels between those that are cast: nothing is known to be hidden.
-    return 1.0 - float(is_visible.sum() / own.sum()) if own.any() else 0.0
 
 
 _Flow = npt.NDArray[np.float32]
