@@ -148,8 +148,9 @@ def trace_outlines(ids: Ids) -> dict[int, list[Polygon]]:
     owner, column, row, ahead, down, leaves_level = _find_corners(ids)
     # Along a line of edges the corners of one object are ends of edges, two by two. Of two at one
     # place the first ends an edge, the second begins one.
-    level = np.lexsort((ahead, column, row, owner))
-    upright = np.lexsort((down, row, column, owner))
+    height, width = ids.shape[0] + 1, ids.shape[1] + 1
+    level = np.argsort(((owner * height + row) * width + column) * 2 + ahead)
+    upright = np.argsort(((owner * width + column) * height + row) * 2 + down)
     following = np.zeros(len(owner), dtype=np.int64)
     for order, leaves in ((level, leaves_level), (upright, ~leaves_level)):
         others = order.reshape(-1, 2)[:, ::-1].reshape(-1)
@@ -191,7 +192,8 @@ def _find_corners(ids: Ids) -> tuple[npt.NDArray[Any], ...]:
         ):
             at = np.flatnonzero(is_corner & (owner != 0))
             flags = np.array((is_ahead, is_down, (is_ahead == is_down) == is_outward))
-            found.append((owner[at], columns[at], rows[at], *np.repeat(flags[:, None], len(at), 1)))
+            places = owner[at].astype(np.int64), columns[at], rows[at]
+            found.append((*places, *np.repeat(flags[:, None], len(at), 1)))
     return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 

@@ -14,8 +14,7 @@ Belongs to the thread of the renderers. The rays of a camera are kept as long as
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, lru_cache
 
@@ -282,8 +281,7 @@ class _PixelRayGrid:
         """Arrange the rays of a table of one sample a pixel."""
         fill = np.float32(0.0)
         directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
-        self.directions = directions.reshape(-1, 3)
-        """(h * w, 3) unit; +z where invalid."""
+        self._axes = np.ascontiguousarray(directions.reshape(-1, 3).T)
         self.origins: npt.NDArray[np.float32] | None = None
         """(h * w, 3) metres; None: all at the viewpoint."""
         self._max_miss_m = 0.0
@@ -298,35 +296,49 @@ class _PixelRayGrid:
         self._pixels = (rows * table.width_px + columns)[order]
         self._firsts = np.flatnonzero(np.diff(blocks[order], prepend=-1))
         self._counts = np.diff(self._firsts, append=len(order))
-        of_blocks = self.directions[self._pixels].astype(np.float64)
+        of_blocks = self._axes.T[self._pixels].astype(np.float64)
         self._middles = of_blocks[self._firsts + self._counts // 2]
         offsets = of_blocks - np.repeat(self._middles, self._counts, axis=0)
         lengths = hypot(offsets[:, 0], offsets[:, 1], offsets[:, 2])
         # Largest chord from a block's middle to its directions.
         self._chords = np.maximum.reduceat(lengths, self._firsts) if len(order) else lengths
 
-    def find_candidates(self, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
-        """Numbers of at most _MAX_RAYS pixels, evenly spread over the blocks whose rays may meet a
-        sphere in the mirror frame."""
-        distance, reach = hypot(*centre), radius_m + self._max_miss_m
-        possible = np.arange(len(self._firsts))
-        if distance > reach:
-            chord = 2.0 * sin(0.5 * min(math.pi, arcsin(reach / distance) + 1e-3))
-            squared = 2.0 - 2.0 * matmul(self._middles, centre / distance)
-            possible = np.flatnonzero(squared <= np.square(chord + self._chords))
-        ends = np.cumsum(self._counts[possible])
-        num_pixels = int(ends[-1]) if len(ends) else 0
-        step = max(num_pixels / _MAX_RAYS, 1.0)
-        places = (np.arange(min(num_pixels, _MAX_RAYS)) * step).astype(np.intp)
-        block = np.searchsorted(ends, places, side="right")
-        firsts = self._firsts[possible] + self._counts[possible] - ends
-        return self._pixels[places + firsts[block]]
+    def find_candidates(self, centres: Floats, half_m: Floats) -> Iterator[npt.NDArray[np.intp]]:
+        """Yield the numbers of at most _MAX_RAYS pixels for each of n boxes, evenly spread over the
+        blocks whose rays may meet the sphere around the box.
+
+        Args:
+            centres: (n, 3) in the mirror frame.
+            half_m: (n, 3) half lengths of the edges.
+        """
+        distance = hypot(centres[:, 0], centres[:, 1], centres[:, 2])
+        reach = hypot(half_m[:, 0], half_m[:, 1], half_m[:, 2]) + self._max_miss_m
+        is_outside = distance > reach
+        angle = arcsin(np.where(is_outside, reach, 0.0) / np.where(is_outside, distance, 1.0))
+        chord = np.where(is_outside, 2.0 * sin(0.5 * angle + 5e-4), 2.0)
+        cosines = matmul(centres / np.maximum(distance, _MIN_PLACE)[:, None], self._middles.T)
+        for possible in 2.0 - 2.0 * cosines <= np.square(chord[:, None] + self._chords):
+            counts = self._counts[possible]
+            ends = np.cumsum(counts)
+            firsts = self._firsts[possible] + counts - ends
+            total = int(ends[-1]) if len(ends) else 0
+            num = min(total, _MAX_RAYS)
+            # Of the places i * total // num the first ceil(end * num / total) are below an end.
+            upto = -(-ends * num // max(total, 1))
+            places = np.arange(num) * total // max(num, 1)
+            yield self._pixels[places + np.repeat(firsts, np.diff(upto, prepend=0))]
+
+    def turn_directions(self, world_from_mirror: Pose) -> npt.NDArray[np.float32]:
+        """(h * w, 3) directions in the world."""
+        x, y, z = self._axes
+        rows = world_from_mirror.rotation.astype(np.float32)
+        return np.stack([row[0] * x + row[1] * y + row[2] * z for row in rows], axis=-1)
 
 
 _MAX_RAYS = 4096
 _BLOCK_PX = 8
 # Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
-_RayTest = Callable[[Floats, Floats], Bools]
+_RayTest = Callable[[Floats, npt.NDArray[np.float32]], Bools]
 
 
 class _OcclusionMeter:
@@ -363,40 +375,41 @@ class _OcclusionMeter:
         in_view = np.bincount(ids.reshape(-1), minlength=2**16) > 0
         seen = [one for one in objects if in_view[one.number]]
         world_from_mirror = camera_state.world_from_mirror
-        to_mirror = world_from_mirror.inverse()
-        visible, unseen = [], []
-        for one in seen:
-            centre = to_mirror.transform_points(one.world_from_box.translation)
-            pixels = rays.find_candidates(centre, hypot(*one.half_size_m))
-            is_visible = ids.reshape(-1)[pixels] == one.number
-            visible.append(int(is_visible.sum()))
-            unseen.append(pixels[~is_visible])
-        every = np.concatenate([*unseen, np.zeros(0, dtype=np.intp)])
-        ways = world_from_mirror.rotate_directions(rays.directions[every].astype(np.float64))
-        starts = np.broadcast_to(world_from_mirror.translation, ways.shape)
-        if rays.origins is not None:
-            starts = world_from_mirror.transform_points(rays.origins[every].astype(np.float64))
-        fractions, end = {}, 0
-        for one, num_visible, pixels in zip(seen, visible, unseen, strict=True):
-            begin, end = end, end + len(pixels)
-            hidden = self._count_hits(one.number, placed, starts[begin:end], ways[begin:end])
+        centres = np.array([one.world_from_box.translation for one in seen]).reshape(-1, 3)
+        candidates = rays.find_candidates(
+            world_from_mirror.inverse().transform_points(centres),
+            np.array([one.half_size_m for one in seen]).reshape(-1, 3),
+        )
+        ways, numbers = rays.turn_directions(world_from_mirror), ids.reshape(-1)
+        fractions = {}
+        for one, pixels in zip(seen, candidates, strict=True):
+            unseen = pixels[numbers[pixels] != one.number]
+            starts = world_from_mirror.translation[None]
+            if rays.origins is not None:
+                starts = world_from_mirror.transform_points(rays.origins[unseen].astype(float))
+            hidden = self._count_hits(one.number, placed.get(one.number), starts, ways[unseen])
             # In view by pixels between those that are cast: nothing is known to be hidden.
-            own = hidden + num_visible
+            own = hidden + len(pixels) - len(unseen)
             fractions[one.number] = hidden / own if own else 0.0
         return fractions
 
     def _count_hits(
-        self, number: int, placed: Mapping[int, DynamicObject], starts: Floats, ways: Floats
+        self,
+        number: int,
+        robot: DynamicObject | None,
+        starts: Floats,
+        ways: npt.NDArray[np.float32],
     ) -> int:
-        """Number of rays in the world that meet an object."""
-        robot = placed.get(number)
+        """Number of rays in the world, of one origin or of one each, that meet an object."""
         if not len(ways):
             return 0
         if robot is None:
-            return int(self._find_static(number)(starts, ways).sum())
-        inverse = robot.world_from_object.inverse()
-        meets = self._find(robot.mesh)
-        return int(meets(inverse.transform_points(starts), inverse.rotate_directions(ways)).sum())
+            meets = self._find_static(number)
+        else:
+            meets, inverse = self._find(robot.mesh), robot.world_from_object.inverse()
+            ways = inverse.rotate_directions(ways.astype(np.float64)).astype(np.float32)
+            starts = inverse.transform_points(starts)
+        return int(np.count_nonzero(meets(np.broadcast_to(starts, ways.shape), ways)))
 
     def _find_static(self, number: int) -> _RayTest:
         if number not in self._static:
@@ -416,7 +429,7 @@ class _OcclusionMeter:
             caster = KernelMeshCaster(corners, centre, threads=1)
         except KernelUnavailableError:
             search = TriangleSearch(corners)
-            return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0
+            return lambda origins, ways: search.first_hits(origins, ways.astype(float))[1] >= 0
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
 
 
