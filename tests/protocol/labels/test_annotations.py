@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels import GroundTruth, LabelledObject
-from catoptra_protocol.labels.annotations import annotate_objects, project_box
+from catoptra_protocol.labels.annotations import annotate_objects, project_boxes
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.mirrors import SphericalMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from helpers.labelled_rooms import CAMERAS
@@ -31,9 +32,16 @@ BOX = LabelledObject(
 POSE = Pose.from_rpy((0.1, 0.0, -0.6), (0.02, 0.01, 0.3))
 
 
+def project_one(
+    box: LabelledObject, camera: OmniCamera | PerspectiveCamera, pose: Pose
+) -> tuple[np.ndarray, np.ndarray]:
+    pixels, valid = project_boxes([box], camera, pose)
+    return pixels[0], valid[0]
+
+
 def test_rays_of_the_pixels_pass_through_the_corners() -> None:
     for camera in CAMERAS.values():
-        pixels, valid = project_box(BOX, camera, POSE)
+        pixels, valid = project_one(BOX, camera, POSE)
         assert valid.all()
         origins, directions, _ = ray_from_pixel(camera, pixels)
         to_corner = POSE.inverse().transform_points(BOX.corners()) - origins
@@ -52,7 +60,7 @@ def test_corners_near_a_ball_are_valid_where_a_ray_of_the_ball_meets_them(rim_de
     for half_m in (0.002, 0.01, 0.03):
         for place in rng.uniform(-0.08, 0.08, (10, 3)):
             box = replace(BOX, world_from_box=Pose.from_rpy(place), half_size_m=np.full(3, half_m))
-            _, valid = project_box(box, camera, Pose.identity())
+            _, valid = project_one(box, camera, Pose.identity())
             corners = box.corners()
             aside = np.hypot(corners[:, 0], corners[:, 1])[:, None] - r
             ahead = corners[:, 2][:, None] - z
@@ -69,11 +77,11 @@ def test_corners_near_a_ball_are_valid_where_a_ray_of_the_ball_meets_them(rim_de
 def test_corners_outside_the_image_are_invalid() -> None:
     camera = PerspectiveCamera(64, 48, 1.0)
     behind = Pose.from_rpy((3.0, 0.4, -0.2))
-    pixels, valid = project_box(BOX, camera, behind)
+    pixels, valid = project_one(BOX, camera, behind)
     assert not valid.any()
     assert np.isnan(pixels).all()
     # From within the box some corners are ahead, others behind.
-    _, partly = project_box(BOX, camera, Pose.from_rpy((1.25, 0.3, -0.2), (0.0, 0.0, 0.5)))
+    _, partly = project_one(BOX, camera, Pose.from_rpy((1.25, 0.3, -0.2), (0.0, 0.0, 0.5)))
     assert not partly.all()
 
 

@@ -94,9 +94,9 @@ def enclose(
     (mask,) = find_masks(ids)
     sphere = PixelSphere(camera, level_from_camera)
     random = np.random.default_rng(5)
-    points = np.column_stack((mask.columns, mask.rows))[:, None] + random.random((1, 12, 2))
+    points = np.argwhere(mask.to_array())[:, None, ::-1] + random.random((1, 12, 2))
     _, directions, valid = ray_from_pixel(camera, points.reshape(-1, 2))
-    return sphere.enclose(ids, mask), directions[valid] @ level_from_camera.T
+    return sphere.enclose(ids)[mask.number], directions[valid] @ level_from_camera.T
 
 
 def assert_tight(box: SphericalBox, directions: np.ndarray) -> None:

@@ -20,7 +20,7 @@ from catoptra_server.datasets.sample import (
     wants_annotations,
 )
 from catoptra_server.datasets.sample_renderer import SampleRenderer
-from helpers.dataset_recipes import render_samples, stage_recipe, write_drive, write_recipe
+from helpers.dataset_recipes import FISHEYE, render_samples, stage_recipe, write_drive, write_recipe
 from helpers.run_lengths import mask_from_string
 
 
@@ -45,11 +45,23 @@ def test_noise_differs_between_samples(tmp_path: Path) -> None:
     assert len({describer.describe_sample(index).state.noise_seed for index in range(6)}) == 6
 
 
-def test_robot_is_seen_by_its_own_mirror_alone(tmp_path: Path) -> None:
-    describer = SampleDescriber(stage_recipe(write_drive(tmp_path)))
-    mirror, lens = describer.describe_sample(0), describer.describe_sample(2)
-    assert mirror.state.ego_body is not None
-    assert lens.state.ego_body is None
+@pytest.mark.parametrize("model", ["", "paper", "spherical", "equidistant_220"])
+def test_robot_is_seen_by_its_own_mirror_and_by_every_camera_in_its_place(
+    model: str, tmp_path: Path
+) -> None:
+    camera = f'Cameras=(Robot="p2at_omni",Model="{model}",Width=64,Height=64)'
+    path = write_recipe(tmp_path, cameras=(camera,), lines=("Channels=ids",))
+    (sample,) = render_samples(path, 0)
+    (robot,) = (one for one in sample.metadata["objects"] if one["class"] == "robot")
+    assert robot["area_px"] > 20
+
+
+def test_robot_is_not_seen_where_the_recipe_leaves_it_out(tmp_path: Path) -> None:
+    effects = "[Catoptra.Effects]\nSelfView=never"
+    camera = 'Cameras=(Robot="p2at_omni",Model="paper",Width=64,Height=64)'
+    path = write_recipe(tmp_path, effects, cameras=(camera, FISHEYE), lines=("Channels=ids",))
+    for sample in render_samples(path, 0, 1):
+        assert all(one["class"] != "robot" for one in sample.metadata["objects"])
 
 
 def test_every_object_in_view_has_a_record_with_its_pixels(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ validity. Masks and boxes on the sphere come from `masks` and `spherical_box`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,9 @@ from catoptra_protocol.labels.masks import (
     Polygon,
     find_masks,
     find_objects_at_border,
-    string_from_run_lengths,
     trace_outlines,
 )
-from catoptra_protocol.labels.spherical_box import PixelSphere, SphericalBox
+from catoptra_protocol.labels.spherical_box import ANYWHERE, PixelSphere, SphericalBox
 from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -29,22 +28,25 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
-def project_box(
-    labelled: LabelledObject, camera: OmniCamera | PerspectiveCamera, world_from_camera: Pose
+def project_boxes(
+    labelled: Sequence[LabelledObject],
+    camera: OmniCamera | PerspectiveCamera,
+    world_from_camera: Pose,
 ) -> tuple[Floats, Bools]:
-    """(8, 2) pixels of a box's corners, nan where invalid, and (8,) validity.
+    """(n, 8, 2) pixels of the corners of n boxes, nan where invalid, and (n, 8) validity.
 
     A corner is valid if the camera's domain and image hold its pixel; other things may hide it. The
     order is that of `LabelledObject.corners`.
     """
-    in_camera = world_from_camera.inverse().transform_points(labelled.corners())
+    corners = np.array([one.corners() for one in labelled]).reshape(-1, 8, 3)
+    in_camera = world_from_camera.inverse().transform_points(corners)
     if isinstance(camera, PerspectiveCamera):
         pixels, valid = camera.pixel_from_direction(in_camera)
     else:
         pixels, valid = pixel_from_point(camera, in_camera)
     size = (camera.width_px, camera.height_px)
     valid = valid & ((pixels >= 0.0) & (pixels <= size)).all(axis=-1)
-    return np.where(valid[:, None], pixels, np.nan), valid
+    return np.where(valid[..., None], pixels, np.nan), valid
 
 
 _UNKNOWN: Mapping[int, float] = {}
@@ -56,7 +58,7 @@ class ObjectAnnotation:
 
     labelled: LabelledObject
     mask: ObjectMask
-    polygons: tuple[Polygon, ...]
+    polygons: Sequence[Polygon]
     """Outlines of the mask and of its holes, corners (column, row) of pixels' edges."""
     spherical_box: SphericalBox
     corners_px: Floats
@@ -80,9 +82,9 @@ class ObjectAnnotation:
             "box_px": list(self.mask.box_px),
             "mask": {
                 "size": [self.mask.height_px, self.mask.width_px],
-                "counts": string_from_run_lengths(self.mask.run_lengths),
+                "counts": self.mask.counts,
             },
-            "polygons": [[list(corner) for corner in polygon] for polygon in self.polygons],
+            "polygons": [polygon.tolist() for polygon in self.polygons],
             "spherical_box": {
                 "azimuth_from_rad": box.azimuth_from_rad,
                 "azimuth_width_rad": box.azimuth_width_rad,
@@ -99,8 +101,10 @@ class ObjectAnnotation:
                 "half_size_m": labelled.half_size_m.tolist(),
                 # JSON has no nan.
                 "corners_px": [
-                    corner.tolist() if valid else None
-                    for corner, valid in zip(self.corners_px, self.corners_valid, strict=True)
+                    corner if valid else None
+                    for corner, valid in zip(
+                        self.corners_px.tolist(), self.corners_valid.tolist(), strict=True
+                    )
                 ],
             },
             "truncated": self.is_truncated,
@@ -126,21 +130,22 @@ def annotate_objects(
     """
     ids = truth.channels["ids"]
     objects = {one.number: one for one in truth.objects}
+    masks = find_masks(ids)
+    in_view = [objects[mask.number] for mask in masks]
+    corners_px, corners_valid = project_boxes(in_view, camera, world_from_camera)
     truncated = find_objects_at_border(ids, truth.channels["valid"].astype(bool))
-    annotations = []
-    for mask in find_masks(ids):
-        labelled = objects[mask.number]
-        corners_px, corners_valid = project_box(labelled, camera, world_from_camera)
-        annotations.append(
-            ObjectAnnotation(
-                labelled,
-                mask,
-                trace_outlines(mask),
-                sphere.enclose(ids, mask),
-                corners_px,
-                corners_valid,
-                mask.number in truncated,
-                occluded_fractions.get(mask.number),
-            )
+    outlines, boxes = trace_outlines(ids), sphere.enclose(ids)
+    return tuple(
+        ObjectAnnotation(
+            one,
+            mask,
+            outlines[mask.number],
+            # Of pixels of a displaced camera that the exact one does not show.
+            boxes.get(mask.number, ANYWHERE),
+            corners_px[row],
+            corners_valid[row],
+            mask.number in truncated,
+            occluded_fractions.get(mask.number),
         )
-    return tuple(annotations)
+        for row, (one, mask) in enumerate(zip(in_view, masks, strict=True))
+    )

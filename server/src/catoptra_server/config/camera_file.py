@@ -84,12 +84,16 @@ def read_camera_files(names: Sequence[str]) -> tuple[CameraFile, ...]:
 
 
 def carry_camera(
-    camera: CameraFile, path: Path, *, size_px: int | None = None, base_robot: str = _BASE_ROBOT
+    camera: CameraFile,
+    path: Path,
+    *,
+    size_px: int | None = None,
+    base_robot: str = _BASE_ROBOT,
+    shows_robot: bool = False,
 ) -> OmniCameraDescription:
     """Write a robot file in which a robot carries the camera in place of the mirror.
 
-    A lens hangs where the mirror's viewpoint was and looks down. No camera sees the robot itself,
-    so that all are compared by what their optics show.
+    A lens hangs where the mirror's viewpoint was and looks down.
 
     Args:
         camera: Camera to carry.
@@ -97,6 +101,8 @@ def carry_camera(
         size_px: Width and height of the image; None, and cameras whose parameters are in pixels,
             keep the size of the camera file.
         base_robot: Robot with the paper's camera elements: a path or a bundled name.
+        shows_robot: Whether a mirror shows the robot itself as the base robot's does; no mirror
+            does otherwise, so that cameras are compared by what their optics show.
 
     Returns:
         The camera as a server reads the file.
@@ -117,7 +123,7 @@ def carry_camera(
         f"[{robot.class_name}]",
         *(_lens_items(camera, base) if camera.is_lens else _mirror_items(camera)),
         f"[{camera.item_class if camera.is_lens else _CAPTURE_CLASS}]",
-        *([] if camera.is_lens else ["SelfView=never"]),
+        *([] if camera.is_lens or shows_robot else ["SelfView=never"]),
     ]
     if size_px is not None and not camera.keeps_size:
         lines += [f"ResolutionX={size_px}", f"ResolutionY={size_px}"]

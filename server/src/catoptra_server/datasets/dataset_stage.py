@@ -109,7 +109,7 @@ class DatasetStage:
 
     def _read_cameras(self) -> Iterator[RecipeCamera]:
         for choice in self.recipe.cameras:
-            robot, name = self._read_robot(choice)
+            robot, base, name = self._read_robot(choice)
             try:
                 omni = find_camera(robot, choice.camera)
             except CatoptraError as error:
@@ -127,23 +127,24 @@ class DatasetStage:
                 omni=omni,
                 sensor=sensor,
                 spec=sensor.camera_spec(Tile(0, 0, *choice.size_px) if choice.size_px else None),
-                ego_mesh=build_ego_mesh(robot),
+                ego_mesh=build_ego_mesh(base),
             )
             yield camera
 
-    def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, str]:
-        """Robot of a choice, and the camera's name where a camera file has one."""
+    def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, RobotDescription, str]:
+        """Robot of a choice, the one of its file, and the name that a camera file has."""
         robot, file = read_robot(choice.robot_file)
         report_unknown_names(file.unknown_names())
         self._note_files(file)
         if choice.model_file is None:
-            return robot, ""
+            return robot, robot, ""
         camera_file = read_camera_file(choice.model_file)
         self._note_files(IniFile(choice.model_file))
         with tempfile.TemporaryDirectory(prefix="catoptra-") as folder:
             path = Path(folder, "robot.ini")
-            carry_camera(camera_file, path, base_robot=str(choice.robot_file))
-            return read_robot(path)[0], camera_file.name
+            base_file = str(choice.robot_file)
+            carry_camera(camera_file, path, base_robot=base_file, shows_robot=True)
+            return read_robot(path)[0], robot, camera_file.name
 
     def _read_world(self, choice: WorldChoice) -> RecipeWorld:
         world, file = read_world(choice.file)

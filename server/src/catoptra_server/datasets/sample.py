@@ -130,11 +130,17 @@ class SampleDescriber:
                 name=camera.robot.model_name,
                 number=1,
             )
+        # A lens has no effect that adds the body: one that a robot carries in place of its mirror
+        # shows it like any object.
+        is_object = ego_body is not None and not camera.spec.camera.has_mirror
+        if dict(self._stage.recipe.effects.modes).get("SelfView") == "never":
+            is_object, ego_body = False, None
         return mounted_camera_state(
             motion.world_from_robot,
             camera.sensor.robot_from_camera({}),
             twist=motion.twist,
-            ego_body=ego_body,
+            objects=(ego_body,) if is_object and ego_body is not None else (),
+            ego_body=None if is_object else ego_body,
             noise_seed=seed_noise(self._stage, place),
         )
 

@@ -110,6 +110,8 @@ class SceneMesh:
     """(n,) index into `objects`."""
     objects: tuple[SceneObject, ...]
     """Objects in the order of their first items, landmarks last."""
+    item_rotations: Floats | None = None
+    """(k, 3, 3) world from each item's own axes; None: those of the world."""
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
@@ -315,6 +317,9 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         samplings=tuple(sampling for _, sampling in textures),
         item_index=_repeat([part.item for part in parts], counts),
         item_names=tuple(item.name for item in items),
+        item_rotations=np.array([item.world_from_item.rotation for item in items]).reshape(
+            -1, 3, 3
+        ),
         casts_shadows=np.repeat(np.array(casts_shadows), counts),
         object_index=_repeat([numbers[owner] for owner in owners] or [-1], counts),
         objects=objects,

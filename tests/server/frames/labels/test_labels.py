@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.annotations import project_boxes
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames import labels as scene_labels
@@ -101,6 +103,23 @@ def test_box_of_a_turned_thing_turns_with_it() -> None:
     np.testing.assert_allclose(one.world_from_box.translation, expected.translation, atol=1e-9)
     heading = math.atan2(*one.world_from_box.rotation[(1, 0), (0, 0)])
     assert heading % (0.5 * math.pi) == pytest.approx(0.4, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_box_of_a_tipped_thing_has_the_corners_of_the_thing(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    pose = Pose.from_rpy(random.uniform((1, -1, -1), (3, 1, 1)), random.uniform(-3, 3, 3))
+    size = random.uniform(0.1, 1.0, 3)
+    item = Item("crate", Box((float(size[0]), float(size[1]), float(size[2]))), pose, GREY)
+    found = SceneLabels(build_scene(World("w", (item,)))).describe(())
+    signs = np.array([[(row >> axis & 1) - 0.5 for axis in range(3)] for row in range(8)])
+    truth = pose.transform_points(signs * size)
+    camera = CAMERAS["fish-eye"]
+    expected, valid = pixel_from_point(camera, truth)
+    pixels, _ = project_boxes(found, camera, Pose.identity())
+    assert valid.any()
+    # Upright hulls were 3.7 px off.
+    np.testing.assert_allclose(pixels[0][valid], expected[valid], atol=1e-6)
 
 
 def test_landmarks_are_one_object_each() -> None:

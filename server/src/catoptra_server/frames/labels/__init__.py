@@ -128,6 +128,8 @@ _MAX_OBJECTS = 65000
 _MAX_NUMBER = 65535
 # Headings that a box may have: of the object's largest walls.
 _MAX_HEADINGS = 16
+# A round thing has an upright box that is smaller by some percent, along no axis of its own.
+_MUCH_SMALLER = 0.9
 
 
 class SceneLabels:
@@ -201,7 +203,7 @@ class SceneLabels:
 
     @cached_property
     def _extents(self) -> tuple[_Extent, ...]:
-        """Upright boxes around the objects of the static scene."""
+        """Boxes around the objects of the static scene."""
         scene = self._scene
         order = np.argsort(scene.object_index, kind="stable")
         bounds = np.searchsorted(
@@ -267,12 +269,25 @@ def _extent_of(placed: DynamicObject) -> _Extent:
 
 
 def _enclose(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> _Extent:
-    """Smallest upright box around triangles, by the headings of their walls."""
+    """Smallest box around triangles, along the axes of their items; an upright one by the headings
+    of their walls where that is much smaller, as of a file with a turned mesh."""
     corners = scene.corners[triangles].reshape(-1, 3)
     if not len(corners):
         return _Extent(Pose.identity(), np.zeros(3))
-    boxes = [_box_at(corners, heading) for heading in _headings(scene, triangles)]
-    return min(boxes, key=lambda box: float(np.prod(box.half_size_m[:2])))
+    items = np.unique(scene.item_index[triangles])[:_MAX_HEADINGS]
+    axes = [np.eye(3)] if scene.item_rotations is None else [*scene.item_rotations[items]]
+    turns = [Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, one)) for one in _headings(scene, triangles)]
+    own, upright = (
+        min((_box_along(corners, one) for one in rotations), key=_area)
+        for rotations in (axes, [turn.rotation for turn in turns])
+    )
+    return upright if _area(upright) < _MUCH_SMALLER * _area(own) else own
+
+
+def _area(box: _Extent) -> float:
+    """A quarter of a box's surface, which also compares flat ones."""
+    a, b, c = box.half_size_m.tolist()
+    return float(a * b + b * c + c * a)
 
 
 def _headings(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> list[float]:
@@ -289,10 +304,9 @@ def _headings(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> list[float]:
     return sorted({0.0, *np.round(np.mod(azimuth, 0.5 * math.pi), 6).tolist()})
 
 
-def _box_at(corners: Floats, heading_rad: float) -> _Extent:
-    """Box of a heading around (n, 3) points."""
-    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, heading_rad))
-    turned = matmul(corners, turn.rotation)
+def _box_along(corners: Floats, rotation: Floats) -> _Extent:
+    """Box around (n, 3) points along the axes of a rotation."""
+    turned = matmul(corners, rotation)
     low, high = turned.min(axis=0), turned.max(axis=0)
-    centre = matmul(turn.rotation, 0.5 * (low + high))
-    return _Extent(Pose(turn.rotation, centre), 0.5 * (high - low))
+    centre = matmul(rotation, 0.5 * (low + high))
+    return _Extent(Pose(rotation, centre), 0.5 * (high - low))

@@ -14,8 +14,7 @@ Belongs to the thread of the renderers. The rays of a camera are kept as long as
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, lru_cache
 
@@ -69,7 +68,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedRays,
     assemble_grid,
 )
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
 # Rays of labels take 13 bytes a sample besides the pictures': two cameras of 2048 px stay.
@@ -276,26 +275,70 @@ class _PreparedRays:
 
 
 class _PixelRayGrid:
-    """Rays of the pixels' centres in the mirror frame."""
+    """Rays of the pixels' centres in the mirror frame, in blocks of neighbours."""
 
     def __init__(self, table: RayTable) -> None:
         """Arrange the rays of a table of one sample a pixel."""
         fill = np.float32(0.0)
-        self.directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
-        """(h, w, 3) unit; +z where invalid."""
-        self.origins = np.zeros_like(self.directions)
-        """(h, w, 3) metres."""
+        directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
+        self._axes = np.ascontiguousarray(directions.reshape(-1, 3).T)
+        self.origins: npt.NDArray[np.float32] | None = None
+        """(h * w, 3) metres; None: all at the viewpoint."""
+        self._max_miss_m = 0.0
         if table.origins is not None:
-            self.origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
-        self.valid = find_valid_pixels(table)
-        """(h, w) mask."""
-        self.max_miss_m = float(np.linalg.norm(self.origins, axis=-1).max(initial=0.0))
-        """Largest distance of an origin from the viewpoint."""
+            origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
+            self.origins = origins.reshape(-1, 3)
+            self._max_miss_m = float(np.linalg.norm(origins, axis=-1).max(initial=0.0))
+        rows, columns = np.nonzero(find_valid_pixels(table))
+        blocks = rows // _BLOCK_PX * (table.width_px // _BLOCK_PX + 1) + columns // _BLOCK_PX
+        order = np.argsort(blocks, kind="stable")
+        # Pixels block by block, and the place of each block's first.
+        self._pixels = (rows * table.width_px + columns)[order]
+        self._firsts = np.flatnonzero(np.diff(blocks[order], prepend=-1))
+        self._counts = np.diff(self._firsts, append=len(order))
+        of_blocks = self._axes.T[self._pixels].astype(np.float64)
+        self._middles = of_blocks[self._firsts + self._counts // 2]
+        offsets = of_blocks - np.repeat(self._middles, self._counts, axis=0)
+        lengths = hypot(offsets[:, 0], offsets[:, 1], offsets[:, 2])
+        # Largest chord from a block's middle to its directions.
+        self._chords = np.maximum.reduceat(lengths, self._firsts) if len(order) else lengths
+
+    def find_candidates(self, centres: Floats, half_m: Floats) -> Iterator[npt.NDArray[np.intp]]:
+        """Yield the numbers of at most _MAX_RAYS pixels for each of n boxes, evenly spread over the
+        blocks whose rays may meet the sphere around the box.
+
+        Args:
+            centres: (n, 3) in the mirror frame.
+            half_m: (n, 3) half lengths of the edges.
+        """
+        distance = hypot(centres[:, 0], centres[:, 1], centres[:, 2])
+        reach = hypot(half_m[:, 0], half_m[:, 1], half_m[:, 2]) + self._max_miss_m
+        is_outside = distance > reach
+        angle = arcsin(np.where(is_outside, reach, 0.0) / np.where(is_outside, distance, 1.0))
+        chord = np.where(is_outside, 2.0 * sin(0.5 * angle + 5e-4), 2.0)
+        cosines = matmul(centres / np.maximum(distance, _MIN_PLACE)[:, None], self._middles.T)
+        for possible in 2.0 - 2.0 * cosines <= np.square(chord[:, None] + self._chords):
+            counts = self._counts[possible]
+            ends = np.cumsum(counts)
+            firsts = self._firsts[possible] + counts - ends
+            total = int(ends[-1]) if len(ends) else 0
+            num = min(total, _MAX_RAYS)
+            # Of the places i * total // num the first ceil(end * num / total) are below an end.
+            upto = -(-ends * num // max(total, 1))
+            places = np.arange(num) * total // max(num, 1)
+            yield self._pixels[places + np.repeat(firsts, np.diff(upto, prepend=0))]
+
+    def turn_directions(self, world_from_mirror: Pose) -> npt.NDArray[np.float32]:
+        """(h * w, 3) directions in the world."""
+        x, y, z = self._axes
+        rows = world_from_mirror.rotation.astype(np.float32)
+        return np.stack([row[0] * x + row[1] * y + row[2] * z for row in rows], axis=-1)
 
 
 _MAX_RAYS = 4096
+_BLOCK_PX = 8
 # Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
-_RayTest = Callable[[Floats, Floats], Bools]
+_RayTest = Callable[[Floats, npt.NDArray[np.float32]], Bools]
 
 
 class _OcclusionMeter:
@@ -330,22 +373,43 @@ class _OcclusionMeter:
         """
         placed = {self._labels.number_of(one): one for one in camera_state.objects}
         in_view = np.bincount(ids.reshape(-1), minlength=2**16) > 0
+        seen = [one for one in objects if in_view[one.number]]
+        world_from_mirror = camera_state.world_from_mirror
+        centres = np.array([one.world_from_box.translation for one in seen]).reshape(-1, 3)
+        candidates = rays.find_candidates(
+            world_from_mirror.inverse().transform_points(centres),
+            np.array([one.half_size_m for one in seen]).reshape(-1, 3),
+        )
+        ways, numbers = rays.turn_directions(world_from_mirror), ids.reshape(-1)
         fractions = {}
-        for one in objects:
-            if not in_view[one.number]:
-                continue
-            robot = placed.get(one.number)
-            mesh = self._find_static(one.number) if robot is None else self._find(robot.mesh)
-            pose = Pose.identity() if robot is None else robot.world_from_object
-            object_from_mirror = pose.inverse() @ camera_state.world_from_mirror
-            centre = camera_state.world_from_mirror.inverse().transform_points(
-                one.world_from_box.translation
-            )
-            pixels = _candidates(rays, centre, hypot(*one.half_size_m))
-            fractions[one.number] = _hidden_fraction(
-                mesh, rays, pixels, object_from_mirror, ids.reshape(-1)[pixels] == one.number
-            )
+        for one, pixels in zip(seen, candidates, strict=True):
+            unseen = pixels[numbers[pixels] != one.number]
+            starts = world_from_mirror.translation[None]
+            if rays.origins is not None:
+                starts = world_from_mirror.transform_points(rays.origins[unseen].astype(float))
+            hidden = self._count_hits(one.number, placed.get(one.number), starts, ways[unseen])
+            # In view by pixels between those that are cast: nothing is known to be hidden.
+            own = hidden + len(pixels) - len(unseen)
+            fractions[one.number] = hidden / own if own else 0.0
         return fractions
+
+    def _count_hits(
+        self,
+        number: int,
+        robot: DynamicObject | None,
+        starts: Floats,
+        ways: npt.NDArray[np.float32],
+    ) -> int:
+        """Number of rays in the world, of one origin or of one each, that meet an object."""
+        if not len(ways):
+            return 0
+        if robot is None:
+            meets = self._find_static(number)
+        else:
+            meets, inverse = self._find(robot.mesh), robot.world_from_object.inverse()
+            ways = inverse.rotate_directions(ways.astype(np.float64)).astype(np.float32)
+            starts = inverse.transform_points(starts)
+        return int(np.count_nonzero(meets(np.broadcast_to(starts, ways.shape), ways)))
 
     def _find_static(self, number: int) -> _RayTest:
         if number not in self._static:
@@ -365,40 +429,8 @@ class _OcclusionMeter:
             caster = KernelMeshCaster(corners, centre, threads=1)
         except KernelUnavailableError:
             search = TriangleSearch(corners)
-            return lambda origins, ways: search.first_hits(origins, ways)[1] >= 0
+            return lambda origins, ways: search.first_hits(origins, ways.astype(float))[1] >= 0
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
-
-
-def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
-    """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
-    possible = rays.valid.reshape(-1)
-    distance = hypot(*centre)
-    reach = radius_m + rays.max_miss_m
-    if distance > reach:
-        cosine = cos(min(math.pi, arcsin(reach / distance) + 1e-3))
-        along = matmul(rays.directions.reshape(-1, 3), (centre / distance).astype(np.float32))
-        possible = possible & (along >= cosine)
-    pixels = np.flatnonzero(possible)
-    step = len(pixels) / _MAX_RAYS
-    return pixels if step <= 1.0 else pixels[(np.arange(_MAX_RAYS) * step).astype(np.intp)]
-
-
-def _hidden_fraction(
-    meets: _RayTest,
-    rays: _PixelRayGrid,
-    pixels: npt.NDArray[np.intp],
-    object_from_mirror: Pose,
-    is_visible: Bools,
-) -> float:
-    """Fraction of the pixels whose rays meet a mesh that is not shown there."""
-    starts, ways = (
-        grid.reshape(-1, 3)[pixels].astype(np.float64) for grid in (rays.origins, rays.directions)
-    )
-    origins = object_from_mirror.transform_points(starts)
-    directions = object_from_mirror.rotate_directions(ways)
-    own = meets(origins, directions) | is_visible
-    # In view by pixels between those that are cast: nothing is known to be hidden.
-    return 1.0 - float(is_visible.sum() / own.sum()) if own.any() else 0.0
 
 
 _Flow = npt.NDArray[np.float32]

@@ -104,7 +104,7 @@ class KernelMeshCaster:
         return cls(scene.corners, scene.centre, arrays=arrays)
 
     def closest_triangles(
-        self, origins: Floats, directions: Floats
+        self, origins: Floats, directions: Floats | npt.NDArray[np.float32]
     ) -> tuple[Floats, npt.NDArray[np.int32]]:
         """(n,) distances and triangles; infinite and -1 without a hit."""
         starts = np.ascontiguousarray(origins - self._centre)
