@@ -13,6 +13,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
 from catoptra_server.render.projection.frustum import LensProjection
@@ -102,6 +103,15 @@ class FacePass(Generic[_LayoutT]):
 
     def draw(self, camera_state: CameraState) -> None:
         """Render the faces from the viewpoint of a camera state."""
+        viewpoint = camera_state.world_from_mirror.translation - self._scene.origin
+        self._scene.textures.refine(viewpoint, self._spacing)
+        self._draw(camera_state)
+
+    def compile(self) -> None:
+        """Let the driver compile all programs, by a frame of no content at the scene's centre."""
+        self._draw(CameraState(Pose.from_rpy(self._scene.origin)))
+
+    def _draw(self, camera_state: CameraState) -> None:
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         scene = self._scene.with_lighting(camera_state)

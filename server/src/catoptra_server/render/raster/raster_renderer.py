@@ -108,8 +108,8 @@ class RasterRenderer:
                 context, self._programs, camera, plan.surface, faces.atlas, plan.samples
             )
             undo.callback(lookup_map.release)
-            # Compiles the programs of the scene now: the first frame must not wait for the driver.
-            faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
+            # Now: the first frame must not wait for the driver.
+            faces.compile()
             # All built: from here on the view frees these resources.
             undo.pop_all()
 
