@@ -70,6 +70,9 @@ class FacePass(Generic[_LayoutT]):
         self._context = context
         self._scene = scene
         self._spacing = spacing
+        self._least_rad = 0.0 if spacing is None else spacing.least_rad
+        if isinstance(atlas, LensProjection):
+            self._least_rad = atlas.least_spacing_rad
         self.atlas = atlas
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
         self._texels = sum(cell.width * cell.height for cell in atlas.cells)
@@ -104,7 +107,7 @@ class FacePass(Generic[_LayoutT]):
     def draw(self, camera_state: CameraState) -> None:
         """Render the faces from the viewpoint of a camera state."""
         viewpoint = camera_state.world_from_mirror.translation - self._scene.origin
-        self._scene.textures.refine(viewpoint, self._spacing)
+        self._scene.textures.refine(viewpoint, self._least_rad)
         self._draw(camera_state)
 
     def compile(self) -> None:

@@ -154,18 +154,15 @@ class SceneTextures:
             sizes = _texel_sizes(scene)[clusters.order]
             self._texel_m = np.maximum.reduceat(sizes, clusters.offsets[:-1])
 
-    def refine(self, viewpoint: Floats, spacing: SampleSpacing | None) -> None:
+    def refine(self, viewpoint: Floats, least_rad: float) -> None:
         """Upload the levels that a frame may read and that are not there.
 
         Args:
             viewpoint: (3,) position in the scene's frame.
-            spacing: Samples of the image; None: of any distance.
+            least_rad: Smallest angle between two samples of the image, rad; 0: unknown.
         """
         if not self._first.any():
             return
-        least_rad = 0.0
-        if spacing is not None:
-            least_rad = float(spacing.at(np.linspace(*spacing.cosine_limits, 64)).min())
         footprints = least_rad * self._clusters.distances(viewpoint) / self._texel_m
         by_group = np.full(len(self.images) + 1, np.inf)
         np.minimum.at(by_group, self._clusters.groups, footprints)
